@@ -332,7 +332,9 @@ class PathDiffuser:
         assert isinstance(model, TrajectoryDenoiser)
         rows = scenario.agents.rows(ids)
         kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
-        task = self._task(lasting(scenario, kept.difference(ids)), rows, model)
+        known = lasting(scenario, kept.difference(ids))
+        # Guided agents keep clear of all others.
+        task = self._task(known, rows, model, sees_all=bool(request.terms))
         options = _options(request, stage)
         continuation = None
         if request.before_edit is not None:
@@ -383,16 +385,19 @@ class PathDiffuser:
         scenario: Scenario,
         rows: Int[np.ndarray, "G"],
         model: TrajectoryDenoiser,
+        *,
+        sees_all: bool,
     ) -> TrajectoryTask:
         """The network's input, which edits of the guidance alone do not change."""
         newest = self._newest_task
-        task = None if newest is None else newest.of_edited(scenario, rows)
+        task = newest and newest.of_edited(scenario, rows, sees_all=sees_all)
         if task is None:
             task = TrajectoryTask.of(
                 scenario,
                 rows,
                 model.decoder.basis,
-                knows_leaders=model.config.knows_leaders,
+                config=model.config,
+                sees_all=sees_all,
             ).to(self._device)
         self._newest_task = task
         return task

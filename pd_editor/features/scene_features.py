@@ -45,6 +45,7 @@ __all__ = [
     "SceneFeatures",
     "scene_center",
     "scene_features",
+    "seen_agents",
 ]
 
 AGENT_KINDS: Final = (
@@ -147,6 +148,33 @@ def scene_features(
         future_m=future,
         has_future=has_future,
     )
+
+
+def seen_agents(
+    scenario: Scenario,
+    rows: Int[np.ndarray, "G"],
+    is_open: Bool[np.ndarray, "A"],
+    *,
+    num_near: int,
+    num_layers: int,
+) -> tuple[Int[np.ndarray, "K"], Int[np.ndarray, "U"]]:
+    """Rows of the agents that trajectories at ``rows`` depend on, and of all road users.
+
+    In each layer of a network an agent sees its ``num_near`` neighbours. ``is_open`` are
+    agents without a known trajectory: theirs is sampled as well, and depends on others.
+    """
+    users = _rows(scenario, None)
+    position = scenario.agents.position_m[users, scenario.current_step]
+    sampled = np.isin(users, rows)
+    while True:
+        seen = sampled.copy()
+        for _ in range(0 if seen.all() else num_layers):
+            # Each is nearest to itself; -1 (none) is the last of so few that all are seen.
+            seen[_nearest(position[seen], position, num_near + 1)] = True
+        more = seen & is_open[users] & ~sampled
+        if not more.any():
+            return users[seen], users
+        sampled |= more
 
 
 def scene_center(scenario: Scenario) -> Float[np.ndarray, "2"]:

@@ -165,6 +165,7 @@ class TrajectorySampling:
             known_noise=known_noise,
             context=self.task.context(self.model),
             keep=self.keep,
+            rows=self.task.kept_rows,
         )
 
     def threatened(

@@ -39,7 +39,7 @@ class PresentTrajectories:
             scenario,
             np.array(rows, int),
             model.decoder.basis,
-            knows_leaders=model.config.knows_leaders,
+            config=model.config,
         ).to(next(model.parameters()).device)
         self._task = task
         scene = task.scene

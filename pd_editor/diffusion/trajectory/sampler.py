@@ -4,8 +4,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.diffusion.core.config_limits import check_settings
@@ -63,6 +64,7 @@ def sample_trajectories(
     known_noise: KnownNoise | None = None,
     context: TrajectoryContext | None = None,
     keep: Callable[[Tensor], Tensor] | None = None,
+    rows: tuple[int, Int[np.ndarray, "A"]] | None = None,
     num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Sample trajectories of all agents of B scenes that are not given.
@@ -85,10 +87,12 @@ def sample_trajectories(
         known_noise: Initial noise of some agents in the first of the samples.
         context: The encoded scenes, if known already.
         keep: Moves them to those of locked beginnings, after the guide.
+        rows: Number of agents of the whole scene, and which of them ``scene`` keeps; None:
+            all.
         num_gradient_steps: Number of last steps that are differentiable.
     """
     config = TrajectorySamplerConfig() if config is None else config
-    streams = RandomStreams(seed, "futures", samples)
+    streams = RandomStreams(seed, "futures", samples, rows)
     if is_given is not None and not bool(is_given.any()):
         is_given = None
     has_gradient = True if num_gradient_steps else None

@@ -25,13 +25,17 @@ from pd_editor.diffusion.trajectory.network.decoding import (
     motion_of,
     turned_as_vehicles,
 )
-from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.diffusion.trajectory.network.denoiser import (
+    TrajectoryConfig,
+    TrajectoryDenoiser,
+)
 from pd_editor.features.encoded_scene import packed
 from pd_editor.features.scene_features import (
     NUM_FUTURE_STEPS,
     STEP_S,
     SceneFeatures,
     scene_features,
+    seen_agents,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.roles.late_agents import LateAgents
@@ -57,6 +61,8 @@ class TrajectoryTask:
     late: Int[np.ndarray, "L"]
     """Rows of the scenario's agents that enter later and are to be avoided."""
     kept: KeptBeginning
+    kept_rows: tuple[int, Int[np.ndarray, "A"]]
+    """Number of road users, and which of them are the agents of the features."""
     _contexts: dict[TrajectoryDenoiser, TrajectoryContext] = field(
         default_factory=dict, repr=False
     )
@@ -68,16 +74,29 @@ class TrajectoryTask:
         rows: Int[np.ndarray, "G"],
         basis: TrajectoryBasis,
         *,
-        knows_leaders: bool = True,
+        config: TrajectoryConfig | None = None,
+        sees_all: bool = False,
     ) -> "TrajectoryTask":
-        """Make a task of all road users at the current step and those that enter soon.
+        """Make a task of road users at the current step and those that enter soon.
 
-        Agents that are not sampled are given if their trajectories are known. With
-        ``knows_leaders`` some candidates follow the agent ahead.
+        Agents that are not sampled are given if their trajectories are known. Those on
+        which results of a network of some ``config`` do not depend are left out, unless
+        the task ``sees_all``.
         """
+        config = TrajectoryConfig() if config is None else config
         late = LateAgents.of(scenario).but_continuing(rows)
         known = _with_late_agents(scenario, late)
-        features = scene_features(known, knows_leaders=knows_leaders)
+        num_known = _known_steps(known, np.arange(len(known.agents)), basis).sum(axis=1)
+        seen, users = seen_agents(
+            known,
+            np.arange(len(known.agents)) if sees_all else rows,
+            num_known < _LEAST_KNOWN_STEPS,
+            num_near=config.num_near_agents,
+            num_layers=config.num_blocks,
+        )
+        features = scene_features(
+            known, knows_leaders=config.knows_leaders, agents=seen
+        )
         scene = _without_gaps(batch_of([packed(features, basis.encode)]))
         is_sampled = np.isin(features.agent_row, rows)
         is_given = ~is_sampled & features.has_future
@@ -93,12 +112,15 @@ class TrajectoryTask:
             is_sampled=is_sampled,
             late=late.row,
             kept=KeptBeginning.of(scenario, features.agent_row, is_sampled),
+            kept_rows=(len(users), np.searchsorted(users, seen)),
         )
 
     def of_edited(
-        self, scenario: Scenario, rows: Int[np.ndarray, "G"]
+        self, scenario: Scenario, rows: Int[np.ndarray, "G"], *, sees_all: bool
     ) -> "TrajectoryTask | None":
         """The same task of a scenario whose guidance alone differs, else None."""
+        if sees_all and len(self.kept_rows[1]) < self.kept_rows[0]:
+            return None
         mine = self.scenario
         names = ("road_map", "agents", "time_axis", "applied_warp", "locks")
         is_same = all(getattr(mine, one) is getattr(scenario, one) for one in names)
@@ -238,6 +260,17 @@ def _with_late_agents(scenario: Scenario, late: LateAgents) -> Scenario:
     return replace(scenario, agents=soon.extended_backwards(scenario))
 
 
+def _known_steps(
+    scenario: Scenario, rows: Int[np.ndarray, "N"], basis: TrajectoryBasis
+) -> Bool[np.ndarray, "N H"]:
+    """At which steps of the basis trajectories are known; none on another time axis."""
+    agents, now = scenario.agents, scenario.current_step
+    steps = slice(now + 1, now + 1 + basis.num_steps)
+    exists = agents.is_valid[rows, steps]
+    exists = exists & np.isfinite(agents.position_m[rows, steps]).all(axis=-1)
+    return exists & (abs(scenario.time_axis.step_s - basis.step_s) <= _SAME_STEP_S)
+
+
 def _completed(
     scenario: Scenario,
     features: SceneFeatures,
@@ -245,15 +278,13 @@ def _completed(
     basis: TrajectoryBasis,
 ) -> tuple[Float[np.ndarray, "M 10"], Bool[np.ndarray, "N"]]:
     """Latents of context agents with partly known trajectories, and their mask."""
-    agents, axis = scenario.agents, scenario.time_axis
-    is_known = np.zeros(len(partly), bool)
-    if abs(axis.step_s - basis.step_s) > 1e-6 or not len(partly):
-        return np.zeros((0, 10)), is_known
-    now, rows = scenario.current_step, features.agent_row[partly]
-    steps = slice(now + 1, now + 1 + basis.num_steps)
-    exists = agents.is_valid[rows, steps]
-    exists = exists & np.isfinite(agents.position_m[rows, steps]).all(axis=-1)
+    agents, now = scenario.agents, scenario.current_step
+    rows = features.agent_row[partly]
+    exists = _known_steps(scenario, rows, basis)
     is_known = exists.sum(axis=1) >= _LEAST_KNOWN_STEPS
+    if not is_known.any():
+        return np.zeros((0, 10)), is_known
+    steps = slice(now + 1, now + 1 + basis.num_steps)
     rows, exists = rows[is_known], exists[is_known]
     gap = agents.position_m[rows, steps] - agents.position_m[rows, now][:, None]
     turn = np.exp(-1j * agents.heading_rad[rows, now])[:, None]
