@@ -1,6 +1,5 @@
 """Attention over padded sets: a masked key has a weight of exactly 0."""
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
@@ -51,7 +50,7 @@ def grouped(masks: Sequence[Mask], numbers: Sequence[int], like: Tensor) -> Mask
     """
     if len(masks) == 1:
         return masks[0]
-    own = _own_group(tuple(numbers), like.device)
+    own = _own_group(numbers, like)
     if all(one.added is None for one in masks):
         return Mask(own, None)
     shape = next(one.added.shape for one in masks if one.added is not None)[:-1]
@@ -67,15 +66,14 @@ def grouped(masks: Sequence[Mask], numbers: Sequence[int], like: Tensor) -> Mask
     return Mask(torch.cat(added, dim=-1) + own, sees_any)
 
 
-@functools.lru_cache
-def _own_group(
-    numbers: tuple[int, ...], device: torch.device
-) -> Float[Tensor, "1 1 1 G M"]:
+def _own_group(numbers: Sequence[int], like: Tensor) -> Float[Tensor, "1 1 1 G M"]:
     """0 where a key is of the row's group, else minus infinity."""
-    with torch.inference_mode(mode=False):
-        group = torch.arange(len(numbers)).repeat_interleave(torch.tensor(numbers))
-        is_own = group == torch.arange(len(numbers))[:, None]
-        return minus_infinity_unless(is_own)[None, None, None].to(device)
+    group = [index for index, number in enumerate(numbers) for _ in range(number)]
+    rows = [
+        [0.0 if one == own else -math.inf for one in group]
+        for own in range(len(numbers))
+    ]
+    return like.new_tensor(rows)[None, None, None]
 
 
 def softmax(logits: Float[Tensor, "*b K"]) -> Float[Tensor, "*b K"]:
@@ -91,14 +89,6 @@ def minus_infinity_unless(exists: Bool[Tensor, "*shape"]) -> Float[Tensor, "*sha
     """Term for logits: 0 where something exists, minus infinity elsewhere."""
     added = torch.zeros(exists.shape, device=exists.device)
     return added.masked_fill_(~exists, -math.inf)
-
-
-def batched_product(
-    left: Float[Tensor, "A B M K"], right: Float[Tensor, "A B K N"]
-) -> Float[Tensor, "A B M N"]:
-    """``left @ right`` without broadcasting, whose overhead dominates small products."""
-    found = torch.bmm(left.flatten(0, 1), right.flatten(0, 1))
-    return found.view(*left.shape[:-1], right.shape[-1])
 
 
 def scale_query_rows(
@@ -118,8 +108,8 @@ def scale_query_rows(
 class KeysValues(NamedTuple):
     """Keys and values of B sets of K tokens, for H heads with N maps each."""
 
-    keys: Float[Tensor, "B HN K C"]
-    values: Float[Tensor, "B H K C"]
+    keys: Float[Tensor, "BHN C K"]
+    values: Float[Tensor, "BH K C"]
     mask: Mask
     """Mask of shape [B 1 1 K]."""
     second_share: Float[Tensor, ""] | None
@@ -163,8 +153,8 @@ class DifferentialAttention(nn.Module):
         keys = self.to_keys(tokens).unflatten(-1, (self.num_heads * self.num_maps, -1))
         values = self.to_values(tokens).unflatten(-1, (self.num_heads, -1))
         return KeysValues(
-            keys=keys.transpose(1, 2).contiguous(),
-            values=values.transpose(1, 2).contiguous(),
+            keys=keys.transpose(1, 2).flatten(0, 1).contiguous().mT,
+            values=values.transpose(1, 2).flatten(0, 1).contiguous(),
             mask=mask,
             second_share=-self.lambda_() if self.num_maps == 2 else None,
         )
@@ -174,18 +164,20 @@ class DifferentialAttention(nn.Module):
     ) -> Float[Tensor, "B Q D"]:
         """Attend from Q tokens to a set."""
         weights, _ = self.scores(tokens, seen)
-        found = batched_product(weights.to(seen.values.dtype), seen.values)
+        found = torch.bmm(weights.flatten(0, 1), seen.values)
         if self.num_maps == 2:
             found = _normed(found.float()).to(found.dtype)
+        found = found.view(*weights.shape[:3], -1)
         return self.to_output(found.transpose(1, 2).flatten(2))
 
     def scores(
         self, tokens: Float[Tensor, "B Q D"], seen: KeysValues
     ) -> tuple[Float[Tensor, "B H Q K"], Mask]:
         """Weights of the K tokens of the set, and their mask."""
-        queries = self.to_queries(tokens).unflatten(-1, (seen.keys.shape[1], -1))
-        logits = batched_product(queries.transpose(1, 2), seen.keys.mT)
-        weights = seen.mask.weights(logits)
+        num_rows = self.num_heads * self.num_maps
+        queries = self.to_queries(tokens).unflatten(-1, (num_rows, -1)).transpose(1, 2)
+        logits = torch.bmm(queries.flatten(0, 1), seen.keys)
+        weights = seen.mask.weights(logits.unflatten(0, (-1, num_rows)))
         if seen.second_share is not None:
             first, second = weights.unflatten(1, (self.num_heads, 2)).unbind(2)
             weights = torch.addcmul(first, seen.second_share, second)
@@ -230,8 +222,8 @@ class EdgeAttention(nn.Module):
         assert not (with_tokens and num_groups > 1)
         self.num_heads, self.num_groups = num_heads, num_groups
         to_edges = num_heads * edge_width
-        self.sizes = [to_edges * num_groups, *([width] * 3 if with_tokens else [])]
-        """Queries of edges; queries, keys and values of tokens."""
+        self.sizes = [to_edges * num_groups, *[3 * width] * with_tokens]
+        """Queries of edges; queries, keys and values of tokens together."""
         self.project = nn.Linear(width, sum(self.sizes), bias=False)
         scale_query_rows(self.project, self.sizes[0], edge_width)
         if with_tokens:
@@ -255,10 +247,11 @@ class EdgeAttention(nn.Module):
         a token without an edge, if there is one group only.
         """
         weights, values = self._weights(tokens, edges, mask)
-        weights = weights.to(edges.dtype)
-        seen = batched_product(weights, edges).flatten(2)
+        seen = torch.bmm(weights.flatten(0, 1), edges.flatten(0, 1))
+        seen = seen.view(*tokens.shape[:2], -1)
         if values is not None:
-            of_tokens = batched_product(weights.transpose(1, 2), values).transpose(1, 2)
+            of_tokens = torch.bmm(weights.transpose(1, 2).flatten(0, 1), values)
+            of_tokens = of_tokens.unflatten(0, (-1, self.num_heads)).transpose(1, 2)
             seen = torch.cat([seen, of_tokens.flatten(2)], dim=-1)
         found = self.to_output(seen)
         if self.num_groups > 1 or mask.sees_any is None:
@@ -279,19 +272,27 @@ class EdgeAttention(nn.Module):
         tokens: Float[Tensor, "N A D"],
         edges: Float[Tensor, "N A M R"],
         mask: Mask,
-    ) -> tuple[Float[Tensor, "N A H M"], Float[Tensor, "N H A C"] | None]:
+    ) -> tuple[Float[Tensor, "N A H M"], Float[Tensor, "NH A C"] | None]:
         """Weights of edges, and the values of tokens if they count."""
         to_edges, *to_tokens = self.project(tokens).split(self.sizes, dim=-1)
-        queries = to_edges.unflatten(-1, (self.num_groups * self.num_heads, -1))
-        logits = batched_product(queries, edges.mT)
-        values = None
+        num_rows = self.num_groups * self.num_heads
+        queries = to_edges.reshape(-1, num_rows, edges.shape[-1])
+        added, values = mask.added, None
         if to_tokens:
-            query, keys, values = (
-                part.unflatten(-1, (self.num_heads, -1)).transpose(1, 2)
-                for part in to_tokens
-            )
-            logits = logits + batched_product(query, keys.mT).transpose(1, 2)
-        return mask.weights(logits), values
+            parts = to_tokens[0].unflatten(-1, (3, self.num_heads, -1))
+            parts = parts.permute(2, 0, 3, 1, 4).flatten(1, 2)
+            query, keys, values = parts.unbind()
+            among = torch.bmm(query, keys.mT).unflatten(0, (-1, self.num_heads))
+            among = among.transpose(1, 2)
+            added = among if added is None else among + added
+        edges = edges.flatten(0, 1).mT
+        logits = (
+            torch.bmm(queries, edges)
+            if added is None
+            else torch.baddbmm(added.flatten(0, 1), queries, edges)
+        )
+        logits = logits.view(*tokens.shape[:2], num_rows, -1)
+        return mask._replace(added=None).weights(logits), values
 
 
 def visible_agents(

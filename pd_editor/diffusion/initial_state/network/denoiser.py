@@ -460,7 +460,9 @@ class InitialStateDenoiser(nn.Module):
             near=None if near_edges is None else near_edges.flatten(0, 1),
             near_mask=near_mask,
             pairs=pairs.flatten(0, 1),
-            pairs_mask=context.is_visible.mapped(
+            pairs_mask=context.is_visible
+            if num_versions == 1
+            else context.is_visible.mapped(
                 lambda one: one.repeat_interleave(num_versions, 0)
             ),
         )
@@ -584,7 +586,8 @@ class InitialStateLayer(nn.Module):
         """Apply the layer to the tokens of S versions of B scenes."""
         shape = token.shape
         # One row of agents per map, which several scenes may share.
-        token = token.reshape(len(seen.keys), -1, shape[-1])
+        num_maps = len(seen.values) // self.map_attention.num_heads
+        token = token.reshape(num_maps, -1, shape[-1])
         token = token + self.map_attention(self.norms[0](token), seen)
         token = token.view(shape).flatten(0, 1)
         if edges.near is not None and edges.near_mask is not None:

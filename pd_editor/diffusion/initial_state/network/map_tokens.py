@@ -32,10 +32,12 @@ class TokenGroup(NamedTuple):
     """Embeddings, which do not depend on poses."""
     exists: Bool[Tensor, "B P"] | None
     """Mask of tokens; None if there is no padding."""
+    least: int
+    """Least number of tokens of a scene."""
     is_crossing: Bool[Tensor, "B P"] | None = None
     """Crosswalks; None if there are none."""
     factors: Float[Tensor, "_ 1 A P"] | None = None
-    """Factors of distances between agents and tokens; None if all are 1."""
+    """Factors of squared distances between agents and tokens; None if all are 1."""
 
     @classmethod
     def of_lanes(
@@ -67,6 +69,7 @@ class TokenGroup(NamedTuple):
             axis=torch.complex(pose[..., 2].cos(), pose[..., 2].sin()),
             encoded=encoded,
             exists=None if bool(exists.all()) else exists,
+            least=int(exists.sum(dim=-1).min()),
         )
 
     def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "TokenGroup":
@@ -75,7 +78,7 @@ class TokenGroup(NamedTuple):
             return self
         is_walking = agent_kind == PEDESTRIAN
         factors = crossing_factors(is_walking, self.is_crossing)[:, None]
-        return self._replace(factors=factors)
+        return self._replace(factors=factors.square())
 
     def nearest(
         self, poses: NoisyPoses, number: int
@@ -86,12 +89,12 @@ class TokenGroup(NamedTuple):
         x, y = own_x - x, own_y - y
         square = torch.addcmul(x * x, y, y)
         if self.factors is not None:
-            square = square * self.factors.square()
+            square = square * self.factors
         if self.exists is not None:
             square = square.masked_fill(~self.exists[:, None, None], math.inf)
         number = min(number, self.middle_m.shape[1])
         index = square.topk(number, dim=-1, largest=False, sorted=False).indices
-        if self.exists is None:
+        if self.exists is None or number <= self.least:
             return index, Mask(None, None)
         scene = torch.arange(len(self.exists), device=index.device)
         is_token = self.exists[scene[:, None, None, None], index]

@@ -314,3 +314,27 @@ def test_the_activity_of_given_agents_counts_and_may_be_unknown():
     assert all(
         not torch.equal(one, two) for one in found for two in found if one is not two
     )
+
+
+class Step(torch.nn.Module):
+    """A denoising step as a function of noisy states alone."""
+
+    def __init__(self, model: InitialStateDenoiser, scene: SceneTensors) -> None:
+        super().__init__()
+        self.model = model
+        self.context = model.encode_context(scene, sampling_conditioning(scene))
+        self.level = model.encode_level(torch.full((1, 1), 0.4), self.context)
+
+    def forward(self, noisy: torch.Tensor) -> torch.Tensor:
+        return self.model.denoise(noisy, self.level, self.context)
+
+
+def test_a_step_can_be_exported():
+    scene, model = scene_batch(5), small_model()
+    noisy, other = (noisy_states(scene, 1, seed) for seed in (0, 1))
+    with torch.no_grad():
+        step = Step(model, scene).eval()
+        expected = step(other)
+        graph = torch.export.export(step, (noisy,), strict=False).module()
+        torch.testing.assert_close(graph(other), expected)
+        torch.testing.assert_close(step(other), expected)
