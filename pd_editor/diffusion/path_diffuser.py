@@ -333,7 +333,6 @@ class PathDiffuser:
         rows = scenario.agents.rows(ids)
         kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
         known = lasting(scenario, kept.difference(ids))
-        # Guided agents keep clear of all others.
         task = self._task(known, rows, model, sees_all=bool(request.terms))
         options = _options(request, stage)
         continuation = None

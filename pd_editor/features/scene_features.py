@@ -154,7 +154,6 @@ def seen_agents(
     scenario: Scenario,
     rows: Int[np.ndarray, "G"],
     is_open: Bool[np.ndarray, "A"],
-    *,
     num_near: int,
     num_layers: int,
 ) -> tuple[Int[np.ndarray, "K"], Int[np.ndarray, "U"]]:

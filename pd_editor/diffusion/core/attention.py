@@ -277,20 +277,15 @@ class EdgeAttention(nn.Module):
         to_edges, *to_tokens = self.project(tokens).split(self.sizes, dim=-1)
         num_rows = self.num_groups * self.num_heads
         queries = to_edges.reshape(-1, num_rows, edges.shape[-1])
-        added, values = mask.added, None
+        added = tokens.new_zeros((1,) * 4) if mask.added is None else mask.added
+        values = None
         if to_tokens:
             parts = to_tokens[0].unflatten(-1, (3, self.num_heads, -1))
             parts = parts.permute(2, 0, 3, 1, 4).flatten(1, 2)
             query, keys, values = parts.unbind()
             among = torch.bmm(query, keys.mT).unflatten(0, (-1, self.num_heads))
-            among = among.transpose(1, 2)
-            added = among if added is None else among + added
-        edges = edges.flatten(0, 1).mT
-        logits = (
-            torch.bmm(queries, edges)
-            if added is None
-            else torch.baddbmm(added.flatten(0, 1), queries, edges)
-        )
+            added = among.transpose(1, 2) + added
+        logits = torch.baddbmm(added.flatten(0, 1), queries, edges.flatten(0, 1).mT)
         logits = logits.view(*tokens.shape[:2], num_rows, -1)
         return mask._replace(added=None).weights(logits), values
 

@@ -10,7 +10,6 @@ from pd_editor.errors import GenerationError
 
 _MOST_KEPT: Final = 4_000_000
 """Numbers of four bytes; larger tensors are rare."""
-_FEW_OUTPUTS: Final = 16
 
 
 def sampling_device(name: DeviceName) -> torch.device:
@@ -41,8 +40,8 @@ def lay_out_weights(model: nn.Module) -> None:
     """Store the weights of linear layers input by input; values do not change.
 
     Products of few rows with weights that are not in the fastest cache then take 0.8 of
-    the time; those with few outputs would take twice the time.
+    the time.
     """
     for layer in model.modules():
-        if isinstance(layer, nn.Linear) and layer.out_features >= _FEW_OUTPUTS:
+        if isinstance(layer, nn.Linear):
             layer.weight.data = layer.weight.data.T.contiguous().T

@@ -1,7 +1,6 @@
 """Random numbers of each sample, independent of the batch that contains it."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -19,18 +18,11 @@ class RandomStreams:
 
     Numbers are generated on the CPU, so that they do not depend on the device. A sample's
     numbers depend on the seed, the stage and its index only, so sample k alone equals
-    sample k of a batch. ``kept`` are the number of agents of the whole scene, and which
-    of them there are.
+    sample k of a batch.
     """
 
-    def __init__(
-        self,
-        seed: int,
-        stage: str,
-        samples: Sequence[int],
-        kept: tuple[int, Int[np.ndarray, "_"]] | None = None,
-    ) -> None:
-        self._key, self._kept = [seed, int.from_bytes(stage.encode(), "little")], kept
+    def __init__(self, seed: int, stage: str, samples: Sequence[int]) -> None:
+        self._key = [seed, int.from_bytes(stage.encode(), "little")]
         self._samples = tuple(samples)
         self._generators = [
             _generator([*self._key, sample]) for sample in self._samples
@@ -39,7 +31,10 @@ class RandomStreams:
     def normal(self, *shape: int) -> Float[Tensor, "S ..."]:
         """Standard normal numbers of shape [S, *shape]."""
         return torch.stack(
-            [self._drawn(torch.randn, shape, each) for each in self._generators]
+            [
+                torch.randn(shape, generator=each, device="cpu")
+                for each in self._generators
+            ]
         )
 
     def spread_normal(self, *shape: int, num_tries: int = 1) -> Float[Tensor, "S ..."]:
@@ -54,10 +49,11 @@ class RandomStreams:
         """
         normal = self.normal(*shape)
         shifts = [
-            self._drawn(
-                partial(torch.rand, dtype=torch.float64),
+            torch.rand(
                 shape[:-1],
-                _generator([*self._key, *_SHIFT_KEY, attempt]),
+                generator=_generator([*self._key, *_SHIFT_KEY, attempt]),
+                dtype=torch.float64,
+                device="cpu",
             )
             for attempt in range(num_tries)
         ]
@@ -65,19 +61,6 @@ class RandomStreams:
             place = shifts[sample % num_tries] + sample // num_tries * _GOLDEN_RATIO
             row[..., 0] = torch.special.ndtri(place.frac().clamp(1e-12, 1 - 1e-12))
         return normal
-
-    def _drawn(
-        self,
-        draw: Callable[..., Tensor],
-        shape: tuple[int, ...],
-        generator: torch.Generator,
-    ) -> Tensor:
-        """Numbers of the kept agents, which do not depend on those that were left out."""
-        if self._kept is None:
-            return draw(shape, generator=generator, device="cpu")
-        count, kept = self._kept
-        whole = (shape[0], count, *shape[2:])
-        return draw(whole, generator=generator, device="cpu")[:, kept]
 
 
 class SceneStreams(RandomStreams):

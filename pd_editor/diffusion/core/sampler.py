@@ -11,7 +11,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pd_editor.diffusion.core.noise_schedule import NoiseSchedule
-from pd_editor.diffusion.core.random_streams import RandomStreams
 
 _ROWS_PER_THREAD: Final = 256
 
@@ -51,7 +50,7 @@ def sample_steps(
     schedule: NoiseSchedule,
     levels: Sequence[float],
     config: SamplerConfig,
-    streams: RandomStreams,
+    fresh_noise: Callable[[], Tensor],
     num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Denoise ``start``, which is at ``levels[0]``, once at each level.
@@ -87,7 +86,7 @@ def sample_steps(
                 noise = (noisy - alphas[index] * better) / sigmas[index]
                 noisy = alphas[index + 1] * better + kept[index] * noise
                 if has_fresh:
-                    normal = streams.normal(*start.shape[1:]).to(start)
+                    normal = fresh_noise().to(start)
                     noisy = torch.addcmul(noisy, fresh[index], normal)
                 last = clean
         yield SamplerStep(index=index, num_steps=len(levels), clean=clean)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, Final
 
 import numpy as np
@@ -159,7 +160,7 @@ def sample_initial_states(
             ),
             clean_variance=missing,
         ),
-        streams,
+        partial(streams.normal, *start.shape[1:]),
         num_gradient_steps,
     )
 

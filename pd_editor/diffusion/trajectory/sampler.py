@@ -22,6 +22,7 @@ from pd_editor.diffusion.defaults import NUM_STEPS
 from pd_editor.diffusion.inputs.scene_batch import SceneTensors
 from pd_editor.diffusion.trajectory.network.context import TrajectoryContext
 from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.features.encoded_scene import LATENT_SIZE
 from pd_editor.scene.thresholds import STANDING_MPS
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
@@ -87,12 +88,11 @@ def sample_trajectories(
         known_noise: Initial noise of some agents in the first of the samples.
         context: The encoded scenes, if known already.
         keep: Moves them to those of locked beginnings, after the guide.
-        rows: Number of agents of the whole scene, and which of them ``scene`` keeps; None:
-            all.
+        rows: Number of agents of the whole scene, and which of them are here.
         num_gradient_steps: Number of last steps that are differentiable.
     """
     config = TrajectorySamplerConfig() if config is None else config
-    streams = RandomStreams(seed, "futures", samples, rows)
+    streams = RandomStreams(seed, "futures", samples)
     if is_given is not None and not bool(is_given.any()):
         is_given = None
     has_gradient = True if num_gradient_steps else None
@@ -105,7 +105,10 @@ def sample_trajectories(
         if is_given is not None:
             table = torch.where(is_given, 0.0, table)
         encoded = model.encode_level(table)
-        start = starting_latents(scene, streams, num_tries, config.standing_noise)
+        num_agents, kept = rows or (scene.has_agent.shape[1], slice(None))
+        shape = len(scene.has_agent), num_agents, LATENT_SIZE
+        noise = streams.spread_normal(*shape, num_tries=num_tries)[:, :, kept]
+        start = starting_latents(scene, noise, config.standing_noise)
         if known_noise is not None:
             noise, exists = known_noise
             start[:1] = torch.where(exists[..., None], noise, start[:1])
@@ -128,15 +131,14 @@ def sample_trajectories(
         model.schedule,
         levels,
         SamplerConfig(eta=config.eta),
-        streams,
+        lambda: streams.normal(*shape)[:, :, kept],
         num_gradient_steps,
     )
 
 
 def starting_latents(
-    scene: SceneTensors, streams: RandomStreams, num_tries: int, standing_noise: float
+    scene: SceneTensors, noise: Float[Tensor, "S B A 10"], standing_noise: float
 ) -> Float[Tensor, "S B A 10"]:
-    """Sample the initial noise."""
-    noise = streams.spread_normal(*scene.future.shape, num_tries=num_tries)
+    """The initial noise, from a standard normal one."""
     stands = (scene.agent_speed < STANDING_MPS)[..., None]
     return noise.to(scene.future) * torch.where(stands, standing_noise, 1.0)

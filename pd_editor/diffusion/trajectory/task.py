@@ -86,14 +86,13 @@ class TrajectoryTask:
         config = TrajectoryConfig() if config is None else config
         late = LateAgents.of(scenario).but_continuing(rows)
         known = _with_late_agents(scenario, late)
-        num_known = _known_steps(known, np.arange(len(known.agents)), basis).sum(axis=1)
-        seen, users = seen_agents(
-            known,
-            np.arange(len(known.agents)) if sees_all else rows,
-            num_known < _LEAST_KNOWN_STEPS,
-            num_near=config.num_near_agents,
-            num_layers=config.num_blocks,
+        every = np.arange(len(known.agents))
+        is_open = _known_steps(known, every, basis).sum(axis=1) < _LEAST_KNOWN_STEPS
+        asked, reach = (
+            every if sees_all else rows,
+            (config.num_near_agents, config.num_blocks),
         )
+        seen, users = seen_agents(known, asked, is_open, *reach)
         features = scene_features(
             known, knows_leaders=config.knows_leaders, agents=seen
         )
@@ -119,12 +118,11 @@ class TrajectoryTask:
         self, scenario: Scenario, rows: Int[np.ndarray, "G"], *, sees_all: bool
     ) -> "TrajectoryTask | None":
         """The same task of a scenario whose guidance alone differs, else None."""
-        if sees_all and len(self.kept_rows[1]) < self.kept_rows[0]:
-            return None
         mine = self.scenario
         names = ("road_map", "agents", "time_axis", "applied_warp", "locks")
         is_same = all(getattr(mine, one) is getattr(scenario, one) for one in names)
         is_same = is_same and mine.focal_id == scenario.focal_id
+        is_same &= not sees_all or len(self.kept_rows[1]) == self.kept_rows[0]
         sampled = self.features.agent_row[self.is_sampled]
         if not is_same or not np.array_equal(sampled, np.sort(rows)):
             return None

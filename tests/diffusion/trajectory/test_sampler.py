@@ -91,7 +91,8 @@ def test_standing_agents_start_from_a_little_more_noise() -> None:
     scene = scene_batch(4)
     scene = replace(scene, agent_speed=torch.tensor([[8.0, 0.0, 3.0, 0.0]]))
     streams = RandomStreams(0, "futures", range(4000))
-    noise = starting_latents(scene, streams, 1, 1.08)
+    normal = streams.spread_normal(*scene.future.shape)
+    noise = starting_latents(scene, normal, 1.08)
     spread = noise[:, 0].std(dim=0)
     assert (spread[[0, 2]].mean() - 1).abs() < 0.02
     assert (spread[[1, 3]].mean() - 1.08).abs() < 0.02

@@ -460,9 +460,7 @@ class InitialStateDenoiser(nn.Module):
             near=None if near_edges is None else near_edges.flatten(0, 1),
             near_mask=near_mask,
             pairs=pairs.flatten(0, 1),
-            pairs_mask=context.is_visible
-            if num_versions == 1
-            else context.is_visible.mapped(
+            pairs_mask=context.is_visible.mapped(
                 lambda one: one.repeat_interleave(num_versions, 0)
             ),
         )

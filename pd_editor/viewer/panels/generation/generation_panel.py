@@ -41,7 +41,7 @@ from pd_editor.viewer.panels.generation.generation_run import (
     GenerationRun,
     LazyGenerator,
 )
-from pd_editor.viewer.panels.generation.live_switch import LiveSwitch
+from pd_editor.viewer.panels.generation.live_switch import LiveSwitch, nearest_to_edit
 from pd_editor.viewer.panels.kept_settings import KeptSettings
 from pd_editor.viewer.panels.panel_style import WITH_PAST
 from pd_editor.viewer.state.page_text import plain
@@ -585,9 +585,12 @@ class GenerationPanel:
             ),
             reports_cost=False,
         )
+        before = self._ui.session.committed_scenario
         return LiveRequests(
             generator=LazyGenerator(name=name, make=offer.make),
-            draft=lambda edited: replace(fast, scenario=edited),
+            draft=lambda edited: replace(
+                fast, scenario=edited, agent_ids=nearest_to_edit(before, edited, ids)
+            ),
             result=lambda edited: replace(usual, scenario=edited),
         )
 

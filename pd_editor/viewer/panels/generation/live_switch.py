@@ -4,16 +4,36 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from pd_editor.editor.commands.carried_trajectories import generated_agent_ids
 from pd_editor.errors import GenerationError
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 from pd_editor.viewer.state.view_memory import LiveAgents
+from pd_editor.viewer.views.original_view import changed_rows
 
 GENERATED: Final = "Generated ones"
 ALL: Final = "All agents"
+_NEAREST: Final = 16
+"""Number of agents that react during an edit if more than four times as many could."""
 _SCOPES: Final[dict[str, LiveAgents]] = {GENERATED: "generated", ALL: "all"}
+
+
+def nearest_to_edit(
+    before: Scenario, edited: Scenario, ids: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Of very many agents, those near the edited ones, if the road is as before."""
+    agents, now = edited.agents, edited.current_step
+    rows = changed_rows(agents, before.agents)
+    is_other = edited.road_map is not before.road_map
+    if len(ids) <= 4 * _NEAREST or is_other or not len(rows):
+        return ids
+    place = agents.position_m[:, now]
+    gap = np.hypot(*(place[agents.rows(ids), None] - place[rows]).T)
+    near = np.fmin.reduce(gap, axis=0).argsort(kind="stable")[:_NEAREST]
+    return tuple(ids[index] for index in np.sort(near))
 
 
 class LiveSwitch:

@@ -18,8 +18,16 @@ from pd_editor.generation import GeneratorSpec
 from pd_editor.generators import registry
 from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, TargetSpeed
 from pd_editor.scene.locks import TRAJECTORY_LOCK
-from pd_editor.viewer.panels.generation.live_switch import ALL, GENERATED
-from tests.builders import two_agents_that_pass
+from pd_editor.viewer.panels.generation.live_switch import (
+    ALL,
+    GENERATED,
+    nearest_to_edit,
+)
+from tests.builders import (
+    scenario_with,
+    straight_drivers,
+    two_agents_that_pass,
+)
 from tests.editor.fake_generators import DriftGenerator
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
@@ -233,3 +241,18 @@ def test_switched_off_nothing_reacts_and_the_workspace_remembers_it(tab: FakeTab
     tools = json.loads(tab.tab.overlay._shown["toolbar"])["tools"]
     (live,) = [one for one in tools if one["icon"] == "live"]
     assert live["isActive"] is False
+
+
+def test_of_very_many_agents_the_nearest_to_the_edit_react():
+    states = [(10.0 * row, 0.0, 0.0, 5.0) for row in range(100)]
+    before = scenario_with(straight_drivers(states))
+    ids = before.agents.ids
+    dragged = TransformAgents(agent_ids=(ids[50],), dx_m=1.0, dy_m=1.0)
+    edited = dragged.apply(before)
+    found = nearest_to_edit(before, edited, ids)
+    assert len(found) == 16
+    assert {ids[49], ids[50], ids[51]} < set(found) < set(ids[40:61])
+    assert nearest_to_edit(before, edited, ids[:60]) == ids[:60], "not so many"
+    assert nearest_to_edit(before, before, ids) == ids, "no agent was edited"
+    new_road = replace(edited, road_map=replace(edited.road_map))
+    assert nearest_to_edit(before, new_road, ids) == ids
