@@ -157,13 +157,13 @@ class TrackTable:
             )
         return first
 
-    def one_number(self, name: str) -> float:
-        """The number that all rows share."""
+    def one_number(self, name: str) -> int | float:
+        """The number that all rows share; of a column of integers it is exact."""
         values = self.numbers(name)
         is_bad = values != values[0]
         if is_bad.any():
             raise self.row_error(name, is_bad, f"{values[0]:g} as in the rows before")
-        return float(values[0])
+        return self.table[name][0].as_py()
 
     def type_error(self, name: str, expected: str) -> ScenarioFileError:
         """Error that names a column's type."""

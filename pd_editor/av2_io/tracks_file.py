@@ -299,8 +299,10 @@ def _agents(
     heading, notes = headings_in_radians(
         unfolded(heading), position, is_valid, axis.step_s
     )
-    outside = (heading <= -np.pi) | (heading > np.pi)
-    heading = np.where(outside & is_valid, wrap_angle(heading), heading)
+    outside = is_valid & ((heading <= -np.pi) | (heading > np.pi))
+    heading = np.where(outside, wrap_angle(heading), heading)
+    if outside.any() and not notes:
+        notes = ("Headings beyond half a turn are kept, and written, within it.",)
     agents = AgentTracks(
         ids=ids,
         kinds=kinds,

@@ -40,8 +40,8 @@ def tracks_bytes(scenario: Scenario) -> bytes:
     }
     same: dict[str, pa.Scalar] = {
         "scenario_id": pa.scalar(scenario.scenario_id),
-        "start_timestamp": pa.scalar(float(axis.start_timestamp_ns)),
-        "end_timestamp": pa.scalar(float(axis.end_timestamp_ns)),
+        "start_timestamp": _source_scalar(axis.start_timestamp_ns),
+        "end_timestamp": _source_scalar(axis.end_timestamp_ns),
         "num_timestamps": pa.scalar(axis.num_steps, pa.int64()),
         "focal_track_id": pa.scalar(scenario.focal_id),
         "city": pa.scalar(scenario.city),

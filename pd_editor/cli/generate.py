@@ -17,6 +17,7 @@ from pd_editor.cli.options.arguments import (
     ScenarioArgument,
     Switch,
     UntilOption,
+    several,
 )
 from pd_editor.cli.options.guide_option import guidance_terms_of
 from pd_editor.cli.options.kept_agents import (
@@ -73,15 +74,15 @@ from pd_editor.scene.roles.traffic_choice import (
 from pd_editor.scene.scenario import Scenario
 
 AgentsOption = Annotated[
-    tuple[str, ...],
+    str | tuple[str, ...],
     tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
 ]
 StandingOption = Annotated[
-    tuple[str, ...],
+    str | tuple[str, ...],
     tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(optional)"),
 ]
 NumAgentsOption = Annotated[
-    str | tuple[str, ...],
+    str | int | tuple[str, ...],
     tyro.conf.arg(metavar="N|KIND=N|fit", help_behavior_hint="(optional)"),
 ]
 GuideOption = Annotated[
@@ -93,11 +94,11 @@ RegionOption = Annotated[
     tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
 ]
 KindsOption = Annotated[
-    tuple[str, ...],
+    str | tuple[str, ...],
     tyro.conf.arg(metavar="KIND [KIND ...]", help_behavior_hint="(default: all)"),
 ]
 LocksOption = Annotated[
-    tuple[str, ...],
+    str | tuple[str, ...],
     tyro.conf.arg(metavar="ID=WHAT [...]", help_behavior_hint="(optional)"),
 ]
 StepsOption = Annotated[
@@ -198,22 +199,23 @@ def generate(
     terms = guidance_terms_of((guide,) if isinstance(guide, str) else guide)
     edits = (
         *([SetFocalAgent(agent_id=focal)] if focal else []),
-        *_activities(parked, waiting),
+        *_activities(several(parked), several(waiting)),
         *(AddGuidance(term=term) for term in terms),
-        *lock_commands(lock),
+        *lock_commands(several(lock)),
     )
-    kinds = wanted_kinds(only_kinds)
+    kinds = wanted_kinds(several(only_kinds))
     session = EditorSession(opened)
     for command in edits:
         session.apply(command)
     base = session.scenario
     asked_region = None if region is None else _region(opened, *region)
-    wanted, (counts, fits) = tuple(dict.fromkeys(agents)), _wanted_counts(num_agents)
+    wanted, asks_number = several(agents), num_agents != ()
+    counts, fits = _wanted_counts(num_agents)
     _refuse_contradictions(
-        bool(wanted), bool(num_agents), resample_states, add, replace_ego_and_focal
+        bool(wanted), asks_number, resample_states, add, replace_ego_and_focal
     )
     removed, driven = _roles(
-        base, wanted, bool(num_agents), add, replace_ego_and_focal, asked_region, kinds
+        base, wanted, asks_number, add, replace_ego_and_focal, asked_region, kinds
     )
     request = GenerationRequest(
         scenario=base.without_agents(removed),
@@ -226,7 +228,7 @@ def generate(
         moving_share=moving_share,
         only_on_road=only_on_road,
         back_casts=not no_past,
-        region=asked_region if resample_states or num_agents else None,
+        region=asked_region if resample_states or asks_number else None,
         quality=quality,
         num_samples=samples,
         num_denoising_steps=steps,
@@ -347,11 +349,13 @@ def _names(opened: Scenario, name: str, request: GenerationRequest) -> tuple[str
     return tuple(f"{name}-{number}" for number in range(1, count + 1))
 
 
-def _wanted_counts(texts: str | Sequence[str]) -> tuple[dict[AgentKind, int], bool]:
+def _wanted_counts(
+    asked: str | int | Sequence[str],
+) -> tuple[dict[AgentKind, int], bool]:
     """Number of new agents of each kind, and whether the model chooses it."""
-    if isinstance(texts, str):
-        texts = texts.split()
-    if tuple(texts) == ("fit",):
+    texts = str(asked).split() if isinstance(asked, str | int) else map(str, asked)
+    texts = tuple(texts)
+    if texts == ("fit",):
         return {}, True
     counts: dict[AgentKind, int] = {}
     for text in texts:

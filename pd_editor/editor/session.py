@@ -116,6 +116,8 @@ class EditorSession:
         self._exports: tuple[tuple[Scenario, ExportMark], ...] = ()
         self._replayed: tuple[str, tuple[Command, ...]] = ("", ())
         """Name that the program gave to the result of a recipe, with its commands."""
+        self.lost_edits = ""
+        """What of its journal could not be restored; empty: nothing is lost."""
         if journal is not None:
             journal.start(scenario, base_files)
 
@@ -261,7 +263,7 @@ class EditorSession:
         other.commit_gesture()
         before = self.state
         parts = ("_base", "_now", "_history", "_journal", "_variant", "_clock")
-        for name in (*parts, "_replayed", "_exports"):
+        for name in (*parts, "_replayed", "_exports", "lost_edits"):
             mine, theirs = getattr(self, name), getattr(other, name)
             setattr(self, name, theirs)
             setattr(other, name, mine)

@@ -1,5 +1,6 @@
 """Finds unfinished journals on disk, and restores their sessions."""
 
+import contextlib
 import logging
 import os
 import threading
@@ -41,6 +42,11 @@ __all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
 
 _logger: Final = logging.getLogger(__name__)
 _DOINGS: Final = ("commit", "go", "describe", "export")
+_NO_COMMITS: Final = tuple(f'{{"do": "{one}"'.encode() for one in _DOINGS[1:])
+"""How lines begin that commit nothing, also if the rest of them is damaged."""
+_MAX_DAMAGED: Final = 1000
+"""A file with more damaged lines is no journal."""
+DAMAGED_SUFFIX: Final = ".damaged"
 _looking: Final = threading.Lock()
 
 
@@ -107,17 +113,20 @@ def find_unfinished(folder: Path) -> list[UnfinishedWork]:
 def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
     """Summary of a journal; None without any edit."""
     header, entries = _read(path)
-    position, exports = _final_state(entries)
+    num_edits, exports = _final_state(entries)
     if all(entry.is_remark for entry in entries):
         return None
+    damaged = [entry.problem for entry in entries if entry.problem is not None]
+    if damaged and all(entry.problem or entry.is_remark for entry in entries):
+        raise damaged[0]
     beside = path.with_suffix(BASE_FILES_SUFFIX)
     described = [entry.variant for entry in entries if entry.variant is not None]
     return UnfinishedWork(
         path=path,
         base=header.base,
-        num_edits=position,
+        num_edits=num_edits,
         started_at=header.time_s,
-        last_time=entries[-1].time_s,
+        last_time=max(entry.time_s for entry in entries),
         variant=described[-1] if described else header.variant,
         exports=exports,
         base_files=tuple(sorted(beside.iterdir())) if os.path.isdir(beside) else (),
@@ -134,10 +143,12 @@ def restore(
     """Restore a session from its journal, which it continues.
 
     ``base`` is the scenario opened again, from ``work.base`` or ``work.base_files``.
+    Lines that are damaged or do not apply are passed over; ``session.lost_edits`` tells
+    of them, and a new journal takes the place of the damaged one, which is kept.
 
     Raises:
-        RecipeError: the base differs, a line does not apply, or another session has
-            resumed the work meanwhile.
+        RecipeError: the base differs, no edit applies, or another session has resumed
+            the work meanwhile.
     """
     base = checked_base(work.base, base)
     journal = Journal.resumed(work.path, clock=clock)
@@ -145,16 +156,61 @@ def restore(
         replay_clock = _ReplayClock(live=clock)
         session = EditorSession(base, clock=replay_clock, max_undo=max_undo)
         header, entries = _read(work.path)
-        session.describe(header.variant)
-        for entry in entries:
-            replay_clock.recorded_s = entry.time_s
-            _redo(session, entry)
-        replay_clock.recorded_s = None
+        lost = _replay(session, replay_clock, header, entries)
+        if lost and not session.entries:
+            raise lost[0]
     except PdEditorError:
         journal.close(discard=False)
         raise
-    session.continue_journal(journal)
+    if not lost:
+        session.continue_journal(journal)
+        return session
+    # Positions in the damaged journal count lines that are lost.
+    session = EditorSession(
+        base,
+        clock=replay_clock,
+        journal=Journal(work.path.parent, clock=clock),
+        max_undo=max_undo,
+        base_files={path.name: path.read_bytes() for path in work.base_files},
+    )
+    _replay(session, replay_clock, header, entries)
+    journal.close(discard=False)
+    kept = work.path.with_suffix(DAMAGED_SUFFIX)
+    with contextlib.suppress(OSError):
+        work.path.replace(kept)
+    session.lost_edits = (
+        f"{len(lost)} of the {len(entries)} lines of its journal could not be replayed,"
+        f" the first because: {lost[0]} The whole journal is kept as {kept.name}."
+    )
+    _logger.warning("Of %s: %s", work.scenario_id, session.lost_edits)
     return session
+
+
+def _replay(
+    session: EditorSession,
+    clock: "_ReplayClock",
+    header: "_Header",
+    entries: "list[_Entry]",
+) -> list[RecipeError]:
+    """Replay a journal, and return why lines of it are lost."""
+    session.describe(header.variant)
+    lost: list[RecipeError] = []
+    positions = [0]
+    """Position of the session after so many commits of the journal."""
+    now = 0
+    for entry in entries:
+        clock.recorded_s = entry.time_s
+        try:
+            _redo(session, entry, positions)
+        except RecipeError as error:
+            lost.append(error)
+        else:
+            now = now if entry.position is None else entry.position
+        if entry.is_commit:
+            now += 1
+            positions[now:] = [session.state.position]
+    clock.recorded_s = None
+    return lost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,17 +226,20 @@ class _Entry:
 
     number: int
     time_s: float
-    position: int | None
+    position: int | None = None
     """Position that the history was moved to; None for a commit."""
     selection: tuple[str, ...] = ()
     command: dict[str, Any] | None = None
     variant: Variant | None = None
     mark: ExportMark | None = None
+    problem: RecipeError | None = None
+    """What is wrong with a damaged line."""
+    is_commit: bool = False
 
     @property
     def is_remark(self) -> bool:
         """Whether it changes nothing of the scenario."""
-        return self.variant is not None or self.mark is not None
+        return not self.is_commit and self.position is None
 
 
 @dataclass
@@ -194,9 +253,11 @@ class _ReplayClock:
         return self.live() if self.recorded_s is None else self.recorded_s
 
 
-def _redo(session: EditorSession, entry: _Entry) -> None:
+def _redo(session: EditorSession, entry: _Entry, positions: list[int]) -> None:
     where = f"Line {entry.number} of the journal"
     try:
+        if entry.problem is not None:
+            raise entry.problem
         if entry.variant is not None:
             session.describe(entry.variant)
             return
@@ -204,7 +265,8 @@ def _redo(session: EditorSession, entry: _Entry) -> None:
             session.mark_exported(entry.mark)
             return
         if entry.position is not None:
-            session.jump_to(entry.position)
+            there = dict(enumerate(positions))
+            session.jump_to(there.get(entry.position, entry.position))
             return
         there = session.scenario.agents.row_of
         session.select(name for name in entry.selection if name in there)
@@ -241,9 +303,21 @@ def _read(path: Path) -> tuple[_Header, list[_Entry]]:
         time_s=from_json(float, head.get("time_s"), "The journal's time"),
         variant=variant_from_json(head.get("variant", {})),
     )
-    return header, [
-        _entry(number, line) for number, line in enumerate(lines[1:], start=2)
-    ]
+    entries: list[_Entry] = []
+    num_damaged = 0
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            entries.append(_entry(number, line))
+        except RecipeError as error:
+            num_damaged += 1
+            if num_damaged > _MAX_DAMAGED:
+                raise
+            time_s = entries[-1].time_s if entries else header.time_s
+            commits = not line.startswith(_NO_COMMITS)
+            entries.append(
+                _Entry(number=number, time_s=time_s, problem=error, is_commit=commits)
+            )
+    return header, entries
 
 
 def _entry(number: int, line: bytes) -> _Entry:
@@ -257,10 +331,10 @@ def _entry(number: int, line: bytes) -> _Entry:
         return _Entry(number=number, time_s=time_s, position=position)
     if data["do"] == "describe":
         variant = variant_from_json(data.get("variant"))
-        return _Entry(number=number, time_s=time_s, position=None, variant=variant)
+        return _Entry(number=number, time_s=time_s, variant=variant)
     if data["do"] == "export":
         mark = from_json(ExportMark, data.get("mark"), f"{where}: its export")
-        return _Entry(number=number, time_s=time_s, position=None, mark=mark)
+        return _Entry(number=number, time_s=time_s, mark=mark)
     names = from_json(tuple[str, ...], data.get("selection"), f"{where}: selection")
     command = {
         key: value
@@ -268,21 +342,27 @@ def _entry(number: int, line: bytes) -> _Entry:
         if key not in ("do", "time_s", "selection")
     }
     return _Entry(
-        number=number, time_s=time_s, position=None, selection=names, command=command
+        number=number,
+        time_s=time_s,
+        selection=names,
+        command=command,
+        is_commit=True,
     )
 
 
 def _final_state(entries: list[_Entry]) -> tuple[int, tuple[ExportMark, ...]]:
     """Number of edits in force at the end, and the exports of that state."""
-    position = 0
+    position, is_whole = 0, [True]
     exports: dict[int, list[ExportMark]] = {}
     for entry in entries:
         if entry.mark is not None:
             exports.setdefault(position, []).append(entry.mark)
         elif entry.position is not None:
             position = entry.position
-        elif not entry.is_remark:
+        elif entry.is_commit:
             position += 1
+            is_whole[position:] = [entry.problem is None]
             # Undone states from here on are gone for good.
             exports = {at: marks for at, marks in exports.items() if at < position}
-    return position, tuple(exports.get(position, ()))
+    num_edits = sum(is_whole[1 : position + 1])
+    return num_edits, tuple(exports.get(position, ()))

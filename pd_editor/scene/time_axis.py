@@ -18,9 +18,9 @@ class TimeAxis:
     Later steps are the future: 60 of them, 6.0 s.
     """
     step_s: float = 0.1
-    start_timestamp_ns: float = 0.0
+    start_timestamp_ns: int | float = 0.0
     """Time of the first step, as the source file has it."""
-    end_timestamp_ns: float = 10.9e9
+    end_timestamp_ns: int | float = 10.9e9
     """Time of the last step, as the source file has it."""
 
     def __post_init__(self) -> None:

@@ -52,7 +52,8 @@ def cut_scenario(scenario: Scenario, cut: TimeCut) -> Scenario:
         observed=is_valid & (np.arange(last + 1) <= now),
     ).taken(np.flatnonzero(is_valid.any(axis=1)))
     span = axis.end_timestamp_ns - axis.start_timestamp_ns
-    end = axis.start_timestamp_ns + span * last / max(axis.num_steps - 1, 1)
+    share = last / max(axis.num_steps - 1, 1)
+    end = axis.start_timestamp_ns + type(span)(span * share)
     origin = scenario.provenance
     # Edits of the cut recording do not fit the whole one.
     digest = hashlib.sha256(f"{origin.content_sha256} {now} {last}".encode())

@@ -15,8 +15,10 @@ from pd_editor.av2_io.tracks_writer import tracks_bytes
 from pd_editor.errors import ScenarioFileError
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
+from pd_editor.scene.time_cut import cut_scenario
 from tests.av2_io.small_files import (
     OFFICIAL_COLUMNS,
     SCENARIO,
@@ -226,6 +228,23 @@ def test_unknown_scenario_wide_columns_are_kept() -> None:
 def test_headings_are_wrapped_only_where_needed() -> None:
     found = read(with_cell("heading", 0, 7.0))
     assert found.agents.heading_rad[0, 0] == pytest.approx(7.0 - 2 * np.pi)
+    told = "Headings beyond half a turn are kept, and written, within it."
+    assert found.notes == (told,)
+
+
+def test_whole_numbers_of_nanoseconds_are_written_as_they_were() -> None:
+    """They became floats: ...789 ended in ...768 (public case 18)."""
+    count, start = table().num_rows, 1_700_000_000_123_456_789
+    end = start + 100_000_000 * (SCENARIO.time_axis.num_steps - 1) + 1
+    data = with_column("start_timestamp", np.full(count, start))
+    data = with_column("end_timestamp", np.full(count, end), data)
+    axis = read(data).time_axis
+    assert (axis.start_timestamp_ns, axis.end_timestamp_ns) == (start, end)
+    assert axis.step_s == 0.1
+    scenario = replace(SCENARIO, time_axis=axis)
+    assert reread(scenario).time_axis == axis
+    cut = cut_scenario(scenario, TimeCut(until_s=0.1)).time_axis
+    assert isinstance(cut.end_timestamp_ns, int)
 
 
 LAST = table().num_rows - 1

@@ -65,3 +65,20 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_edit
         expect(page.locator(".pd-lost")).to_have_count(0)
     finally:
         again.stop()
+
+
+def test_a_page_with_the_token_of_an_earlier_start_says_what_to_do(open_editor):
+    """It said "Reconnecting" for ever."""
+    editor = ready(open_editor(token=True))
+    app = editor.app
+    host, port = app.server.get_host(), app.server.get_port()
+    app.stop()
+    alert = editor.page.locator(".pd-connection-bar")
+    expect(alert).to_contain_text("Reconnecting")
+    again = ViewerApp(
+        reference="queue", host=host, port=port, library=app._library, token=True
+    )
+    try:
+        expect(alert).to_contain_text("open the one that it printed. Edits up to")
+    finally:
+        again.stop()

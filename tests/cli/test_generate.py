@@ -103,6 +103,20 @@ def test_only_the_named_agents_are_driven(shell: Shell, tmp_path: Path):
     assert entry["request"]["agent_ids"] == ["AV"]
 
 
+@pytest.mark.parametrize("asked", [3, "3", ("vehicle=1", "2")])
+def test_a_number_of_agents_may_be_a_number(tmp_path: Path, asked):
+    """An int gave a TypeError in Python."""
+    (made,) = generate(JUNCTION, out=tmp_path, num_agents=asked, add=True).scenarios
+    assert len(made.agents) == len(open_scenario(JUNCTION).agents) + 3
+    with pytest.raises(GenerationError, match="no agent to generate"):
+        generate(JUNCTION, out=tmp_path, num_agents=0)
+
+
+def test_one_agent_may_be_named_without_a_list(tmp_path: Path):
+    (made,) = generate(JUNCTION, out=tmp_path, agents="AV", lock="AV=1.0").scenarios
+    assert list(made.locks) == ["AV"]
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

@@ -258,8 +258,9 @@ def test_another_base_is_refused(tmp_path: Path):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ({"do": "commit", "time_s": 1, "selection": [], "command": "Fly"}, "Line 3 "),
+        ({"do": "commit", "time_s": 1, "selection": [], "command": "Fly"}, "Line 3 of"),
         ({"do": "go", "time_s": 1, "position": 9}, "Line 3 of the journal: There is"),
+        ({"do": "go", "time_s": 1, "position": -9}, "Line 3 of the journal: There is"),
         (
             {
                 "do": "commit",
@@ -277,9 +278,58 @@ def test_a_line_that_does_not_apply_is_named(tmp_path: Path, line, message):
     with path.open("a") as file:
         file.write(json.dumps(line) + "\n")
     (work,) = find_unfinished(tmp_path)
-    with pytest.raises(RecipeError, match=message):
+    session = restored(work, BASE)
+    assert message in session.lost_edits
+    assert session.scenario.agents.position_m[0, NOW, 0] == 1
+    assert path.with_suffix(".damaged").exists()
+
+
+def test_without_any_edit_that_applies_the_journal_stays(tmp_path: Path):
+    path = left_behind(tmp_path, shift(1.0))
+    path.write_text(path.read_text().replace('"100"', '"ghost"'))
+    (work,) = find_unfinished(tmp_path)
+    with pytest.raises(RecipeError, match="Line 2 of the journal"):
         restored(work, BASE)
     assert find_unfinished(tmp_path) == [work], "its lock is let go"
+
+
+@pytest.mark.parametrize("lost", [b"\xff\x00 torn", b'{"do": "commit", "time_s": 1}'])
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_what_stands_around_a_damaged_line_comes_back(tmp_path: Path, lost, number):
+    """One bad line in the middle stopped the restore of all other edits."""
+    session = session_in(tmp_path)
+    for dx in (1.0, 10.0, 100.0, 1000.0):
+        session.apply(shift(dx))
+    session.jump_to(3)
+    session.apply(shift(2000.0))
+    session.close()
+    (work,) = find_unfinished(tmp_path)
+    lines = work.path.read_bytes().splitlines(keepends=True)
+    lines[number] = lost + b"\n"
+    work.path.write_bytes(b"".join(lines))
+    (work,) = find_unfinished(tmp_path)
+    assert work.num_edits == 3
+    told: list[str] = []
+    came_back = 2111.0 - 10.0 ** (number - 1)
+    for _ in range(2):
+        (work,) = find_unfinished(tmp_path)
+        again = restored(work, BASE)
+        told.append(again.lost_edits)
+        assert again.scenario.agents.position_m[0, NOW, 0] == came_back
+        assert again.state.position == 3
+        again.undo()
+        again.redo()
+        again.close()
+    assert f"Line {number + 1} of the journal" in told[0]
+    assert not told[1], "the journal that was written anew is whole"
+    (damaged,) = tmp_path.glob("*.damaged")
+    assert damaged.read_bytes() == b"".join(lines)
+
+
+def test_a_journal_of_noise_is_no_journal(tmp_path: Path):
+    path = left_behind(tmp_path, shift(1.0))
+    path.write_bytes(path.read_bytes() + b"noise\n" * 2000)
+    assert find_unfinished(tmp_path) == []
 
 
 @pytest.mark.parametrize(

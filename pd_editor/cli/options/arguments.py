@@ -57,9 +57,9 @@ TimeLimitOption = Annotated[
 
 def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:
     """Convert one folder or several to a tuple without duplicates."""
-    return several(tuple(map(Path, value)) if isinstance(value, tuple) else Path(value))
+    return several(tuple(map(Path, several(value))))
 
 
 def several(value: One | tuple[One, ...]) -> tuple[One, ...]:
     """Convert one value or several to a tuple without duplicates."""
-    return tuple(dict.fromkeys(value)) if isinstance(value, tuple) else (value,)
+    return (value,) if isinstance(value, str | Path) else tuple(dict.fromkeys(value))

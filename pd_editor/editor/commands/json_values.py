@@ -23,6 +23,8 @@ _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
 _MAX_INTEGER: Final = 2**63 - 1
 FORMER_NAME: Final = "former_name"
 """Metadata of a dataclass field: its name in files of earlier versions."""
+FORMER_VALUE: Final = "former_value"
+"""Metadata of a dataclass field: its value in files of earlier versions, which lack it."""
 OMIT_NONE: Final = "omit_none"
 """Metadata of a dataclass field that is written only if it is not None."""
 _TAG: Final = "kind"
@@ -190,6 +192,8 @@ def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
             hint = _hints(cls)[name]
             values[name] = from_json(hint, data[name], f"{where}.{name}")
             _check_axes(hint, values[name], sizes, f"{where}.{name}")
+        elif FORMER_VALUE in item.metadata:
+            values[name] = item.metadata[FORMER_VALUE]
         elif item.default is MISSING and item.default_factory is MISSING:
             raise RecipeError(f"{where} lacks the field {name!r}.")
     return _built(cls, values, where)

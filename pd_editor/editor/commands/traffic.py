@@ -14,7 +14,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     check_velocities,
 )
-from pd_editor.editor.commands.json_values import FORMER_NAME
+from pd_editor.editor.commands.json_values import FORMER_NAME, FORMER_VALUE
 from pd_editor.editor.commands.locks import locked_agents_error
 from pd_editor.editor.commands.motion import agents_with_trajectory
 from pd_editor.errors import EditError, GenerationError
@@ -70,6 +70,8 @@ class RequestSummary:
     guidance: tuple[GuidanceTerm | GuidanceSetting, ...] = ()
     is_unguided: bool = False
     """Whether the sample is the one without guidance, which a guided run also makes."""
+    may_reuse_ids: bool = field(default=False, metadata={FORMER_VALUE: True})
+    """Whether new agents may have ids of agents that were removed earlier."""
 
     def request(self, scenario: Scenario, seed: int) -> GenerationRequest:
         """The request for a scenario that still contains the removed agents."""
@@ -193,8 +195,8 @@ class ReplaceTraffic(Command):
         )
         new = [name for name in sample.ids if name not in there]
         for name in new:
-            # Earlier versions gave ids of removed agents to generated ones.
-            check_new_id(scenario, name, may_be_retired=True)
+            reuses = self.request.may_reuse_ids or name in self.request.removed_ids
+            check_new_id(scenario, name, may_be_retired=reuses)
         check_number_of_agents(len(there) + len(new))
         old = np.array([name in there for name in sample.ids])
         agents = scenario.agents
@@ -266,10 +268,12 @@ def traffic_command(
     sample_index: int = 0,
     *,
     removed_ids: tuple[str, ...] = (),
+    edited: Scenario | None = None,
 ) -> ReplaceTraffic:
     """Make the command that applies one generated sample.
 
-    ``removed_ids`` are the agents that were removed for the request.
+    ``removed_ids`` are the agents that were removed for the request; ``edited`` is the
+    scenario that it is applied to, if that was edited since the request.
 
     Raises:
         GenerationError: there is no such sample, its shape is wrong, or it has agents
@@ -297,7 +301,7 @@ def traffic_command(
             )
     check_kept(sample, request)
     command = ReplaceTraffic(
-        sample=_with_unused_ids(sample, request),
+        sample=_with_unused_ids(sample, request, edited or request.scenario),
         generator=traffic.generator,
         model_sha256=traffic.model_sha256,
         seed=request.seed,
@@ -321,17 +325,17 @@ def traffic_command(
 
 
 def _with_unused_ids(
-    sample: TrafficSample, request: GenerationRequest
+    sample: TrafficSample, request: GenerationRequest, scenario: Scenario
 ) -> TrafficSample:
     """Give the new agents of a sample ids that are unused in the whole history."""
     driven = set(request.agent_ids)
     is_new = [name not in driven for name in sample.ids]
     if not any(
-        new and request.scenario.has_ever_had(name)
+        new and scenario.has_ever_had(name)
         for new, name in zip(is_new, sample.ids, strict=True)
     ):
         return sample
-    fresh = iter(new_agent_ids(request.scenario, sum(is_new), NEW_PREFIX))
+    fresh = iter(new_agent_ids(scenario, sum(is_new), NEW_PREFIX))
     ids = tuple(
         next(fresh) if new else name
         for new, name in zip(is_new, sample.ids, strict=True)

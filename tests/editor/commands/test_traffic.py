@@ -14,6 +14,8 @@ from pd_editor.editor.commands import (
     RequestSummary,
     SetAgentActivity,
     SetAgentSpeed,
+    command_from_json,
+    command_to_json,
     new_agent_id,
     new_agent_ids,
     traffic_command,
@@ -171,6 +173,35 @@ def test_an_id_is_never_given_twice_in_a_history():
         )
         session.apply(DeleteAgents(agent_ids=(name, *copies)))
     assert replay(session.recipe(), BASE).retired_ids == had
+
+
+def test_a_result_takes_no_id_of_an_agent_that_was_removed_meanwhile():
+    """A run that ended after other edits gave the id of a deleted agent to another."""
+    request = GenerationRequest(
+        scenario=BASE, agent_ids=(), num_new_agents={AgentKind.VEHICLE: 2}
+    )
+    result = run_to_end(PlacingGenerator().generate(request))
+    early = traffic_command(request, result)
+    once = early.apply(BASE)
+    left = DeleteAgents(agent_ids=("new-1", "new-2")).apply(once)
+    with pytest.raises(EditError, match="'new-1' was the id of an agent"):
+        early.apply(left)
+    late = traffic_command(request, result, edited=left)
+    assert late.sample.ids == ("new-3", "new-4")
+    assert late.apply(left).agents.ids == (*left.agents.ids, "new-3", "new-4")
+
+
+def test_files_of_earlier_versions_may_use_an_id_again():
+    request = GenerationRequest(
+        scenario=BASE, agent_ids=(), num_new_agents={AgentKind.VEHICLE: 2}
+    )
+    result = run_to_end(PlacingGenerator().generate(request))
+    stored = command_to_json(traffic_command(request, result))
+    del stored["request"]["may_reuse_ids"]
+    command = command_from_json(stored, "It")
+    once = command.apply(BASE)
+    left = DeleteAgents(agent_ids=("new-1", "new-2")).apply(once)
+    assert command.apply(left).agents.ids == once.agents.ids
 
 
 def test_recipes_that_use_an_id_again_still_open_and_their_focal_agent_is_one():

@@ -1,6 +1,8 @@
 // A lost connection: the picture and the controls stay, but nothing answers any more.
 pdOverlay.define("connection", (api) => {
   const TOLD_MS = 6000;
+  const ASKS_MS = 2000;
+  const FORBIDDEN = 403;
   const bar = api.make("div", "pd-solid pd-banner-bar pd-connection-bar", { role: "alert" });
   const words = api.make("span", "pd-banner-text");
   bar.append(words);
@@ -9,12 +11,25 @@ pdOverlay.define("connection", (api) => {
   // viser gives the page another function for each connection, and for none.
   const { sendMessage } = api.viewer() ?? {};
 
+  // A server that was started anew has another token, with which nothing connects again.
+  async function ask(saved) {
+    const request = new AbortController();
+    api.onDispose(() => request.abort());
+    const answer = await fetch(location.href, { cache: "no-store", signal: request.signal })
+      .catch(() => null);
+    request.abort();
+    if (answer?.status === FORBIDDEN) {
+      words.textContent = "The editor was started anew, with another address: "
+        + `open the one that it printed. ${saved}`;
+    } else setTimeout(() => { if (pdOverlay.picture) ask(saved); }, ASKS_MS);
+  }
   function lose() {
     const time = new Date(pdOverlay.heardAt()).toLocaleTimeString();
     const isUnsaved = api.root.querySelector(".pd-unsaved:not([hidden])");
-    words.textContent = isUnsaved
-      ? "Connection lost. The newest edits are not saved. Reconnecting \u2026"
-      : `Connection lost. Edits up to ${time} are saved. Reconnecting \u2026`;
+    const saved = isUnsaved
+      ? "The newest edits are not saved."
+      : `Edits up to ${time} are saved.`;
+    words.textContent = `Connection lost. ${saved} Reconnecting \u2026`;
     bar.classList.remove("pd-good");
     bar.hidden = false;
     api.root.classList.add("pd-lost");
@@ -26,6 +41,7 @@ pdOverlay.define("connection", (api) => {
     picture.style.cssText = `width:${api.canvas().clientWidth}px;height:${api.canvas().clientHeight}px`;
     api.box.prepend(picture);
     pdOverlay.picture = picture;
+    ask(saved);
   }
   const watch = setInterval(() => {
     if (api.viewer()?.sendMessage !== sendMessage && !pdOverlay.picture) lose();

@@ -309,7 +309,13 @@ class GenerationRun:
         self._ui.commit_gesture()
         before, done = self._ui.session.scenario, self._ui.session.commands_in_force
         self._ui.apply(
-            traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
+            traffic_command(
+                task.request,
+                traffic,
+                index,
+                removed_ids=task.removed_ids,
+                edited=before,
+            )
         )
         self._applied, self._index = self._ui.session.scenario, index
         if before is not self._before:
@@ -337,7 +343,13 @@ class GenerationRun:
         if not _differ(traffic.samples):
             return
         commands = tuple(
-            traffic_command(task.request, traffic, index, removed_ids=task.removed_ids)
+            traffic_command(
+                task.request,
+                traffic,
+                index,
+                removed_ids=task.removed_ids,
+                edited=before,
+            )
             for index in range(len(traffic.samples))
         )
         self._strip.open(
