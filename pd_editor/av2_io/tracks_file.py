@@ -301,8 +301,6 @@ def _agents(
     )
     outside = is_valid & ((heading <= -np.pi) | (heading > np.pi))
     heading = np.where(outside, wrap_angle(heading), heading)
-    if outside.any() and not notes:
-        notes = ("Headings beyond half a turn are kept, and written, within it.",)
     agents = AgentTracks(
         ids=ids,
         kinds=kinds,

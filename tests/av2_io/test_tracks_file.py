@@ -228,8 +228,6 @@ def test_unknown_scenario_wide_columns_are_kept() -> None:
 def test_headings_are_wrapped_only_where_needed() -> None:
     found = read(with_cell("heading", 0, 7.0))
     assert found.agents.heading_rad[0, 0] == pytest.approx(7.0 - 2 * np.pi)
-    told = "Headings beyond half a turn are kept, and written, within it."
-    assert found.notes == (told,)
 
 
 def test_whole_numbers_of_nanoseconds_are_written_as_they_were() -> None:
