@@ -9,11 +9,9 @@ from pd_editor.errors import GenerationError
 from pd_editor.generation import LANE_GUIDANCE, GenerationRequest
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import FUTURE_S, is_long
 
 MOST_AGENTS: Final = 500
-
-_LONGEST_S: Final = 6.05
-"""Trajectories are 5.9 s long; one more step is extrapolated at the last velocity."""
 
 
 def check_request(request: GenerationRequest) -> None:
@@ -45,10 +43,11 @@ def check_request(request: GenerationRequest) -> None:
             f"The scene has {count} agents; the model takes {MOST_AGENTS}."
         )
     axis = scenario.time_axis
-    if axis.num_future_steps * axis.step_s > _LONGEST_S:
+    if is_long(scenario):
         raise GenerationError(
             f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
-            "the model samples 6 s. Open it cut to --until 6 (open_scenario: until_s=6)."
+            f"the model samples {FUTURE_S:g} s. Open it cut: in the browser with the "
+            "button under Scene, else with --until 6 (open_scenario: until_s=6)."
         )
     if not scenario.road_map.lanes:
         raise GenerationError("The scenario has no lanes; the model needs a road.")

@@ -23,6 +23,7 @@ from pd_editor.metrics.values import MetricValues
 from pd_editor.scene.agent_kind import GROUP_KINDS
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.scene.time_cut import without_late_future
 from pd_editor.work_engine.time_limit import time_limit
 
 LISTS: Final = ("local_density", "surroundings")
@@ -103,7 +104,7 @@ def evaluate_scene(item: SceneItem) -> SceneRows:
         EditError: it has no focal agent ahead of which the road is warped.
         GenerationError: it has no road user at its current step.
     """
-    recorded = read_scenario(item.folder)
+    recorded = without_late_future(read_scenario(item.folder))
     later = recorded.agents.is_valid[:, recorded.current_step + 1 :]
     if not later.any():
         return SceneRows(table=ROW_SCHEMA.empty_table(), has_future=False)

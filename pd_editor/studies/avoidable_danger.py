@@ -21,6 +21,7 @@ from pd_editor.metrics.collisions.path_collision import first_collisions
 from pd_editor.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.time_cut import without_late_future
 
 REACH_M: Final = 60.0
 """Agents farther from the ego at the current step are not searched."""
@@ -84,7 +85,7 @@ def dangers_of_scene(folder: Path) -> tuple[AvoidableDanger, ...]:
         InputError: the scenario cannot be read.
         EditError: there is no ego.
     """
-    return avoidable_dangers(read_scenario(folder))
+    return avoidable_dangers(without_late_future(read_scenario(folder)))
 
 
 def _near_vehicles(scenario: Scenario, ego_row: int) -> Int[np.ndarray, "N"]:

@@ -27,6 +27,7 @@ from pd_editor.evaluation.road_condition import (
 from pd_editor.generation import GeneratedTraffic, TrafficSample
 from pd_editor.metrics.traffic_view import TrafficView
 from pd_editor.scenario_store import export_into, open_scenario
+from pd_editor.scene.time_cut import FUTURE_S
 from pd_editor.studies.avoidable_danger import AvoidableDanger
 from pd_editor.studies.variant_rows import StudyItem
 from pd_editor.studies.worst_case import WorstCase
@@ -67,7 +68,7 @@ def export_case(
         PdEditorError: the method fails, or the folder cannot be written.
     """
     (condition,) = road_conditions([case.condition])
-    session = EditorSession(open_scenario(item.folder))
+    session = EditorSession(open_scenario(item.folder, until_s=FUTURE_S))
     road = [f"{kind}-{power_name(power)}" for kind, power in condition.terms]
     at = () if condition.anchor == DEFAULT_ANCHOR else (condition.anchor,)
     name = " ".join((short_id(case.scenario), case.method, *road, *at, f"s{case.seed}"))
@@ -115,7 +116,7 @@ def export_danger(danger: AvoidableDanger, source: Path, out: Path) -> GalleryEn
     Raises:
         PdEditorError: the folder cannot be written.
     """
-    session = EditorSession(open_scenario(source))
+    session = EditorSession(open_scenario(source, until_s=FUTURE_S))
     name = f"{short_id(session.scenario.scenario_id)} danger {danger.agent_id}"
     escape = (
         f"{danger.num_avoiding} trajectories of {danger.ego_id} avoid the collision."

@@ -25,6 +25,7 @@ from pd_editor.metrics.road.off_lane import off_lane
 from pd_editor.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.metrics.values import MetricValues
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import without_late_future
 from pd_editor.work_engine.time_limit import time_limit
 
 STUDY_METRICS: Final = (
@@ -119,7 +120,7 @@ def study_scene(item: StudyItem) -> pa.Table:
 @lru_cache(maxsize=2)
 def recorded_scenario(folder: Path) -> Scenario:
     """Scenario that several items of a worker share."""
-    return read_scenario(folder)
+    return without_late_future(read_scenario(folder))
 
 
 @dataclass(frozen=True, kw_only=True)

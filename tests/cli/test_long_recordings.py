@@ -37,3 +37,19 @@ def test_long_recordings_are_cut_and_replayed(
     assert again.code == 0, again.err
     for path in Path(made.lines[0]).iterdir():
         assert (Path(again.lines[0]) / path.name).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("command", ["study", "evaluate"])
+def test_studies_and_evaluations_take_what_models_sample_of_them(
+    command: str, shell: Shell, tmp_path: Path
+):
+    """They failed on every such scene (public case 8)."""
+    data, out = tmp_path / "data" / "val" / "long", tmp_path / "out"
+    write_files(scenario_files(long_recording()), data, forbidden=None)
+    options = ("--methods", "path-diffuser", "--kinds", "ripple-road", "--powers", "4")
+    if command == "evaluate":
+        options = ("--methods", "path-diffuser")
+    made = shell.run(command, "--data", tmp_path / "data", "--out", out, *options)
+    assert made.code == 0, made.err
+    assert "failed" not in made.err
+    assert "lasts" not in (out / "report.md").read_text()

@@ -18,6 +18,7 @@ from pd_editor.editor.recipe import is_recipe
 from pd_editor.errors import ArchiveError, InputError
 from pd_editor.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.panels.panel_style import FixedText, PictureRows
 from pd_editor.viewer.server.server_guard import limit_uploads
 from pd_editor.viewer.state.page_text import plain
@@ -43,6 +44,8 @@ class ScenarioPanel:
         gui = ui.client.gui
         self._rows = PictureRows(gui)
         self._card = FixedText(gui, CARD_LINES)
+        self._cut = gui.add_button("", color="gray", visible=False)
+        ui.on_click(self._cut, self._workspace.open_cut)
         with gui.add_folder("Open"):
             self._demo = gui.add_dropdown("Demo", (NO_DEMO, *demo_names()))
             self._shows = FixedText(gui, 2)
@@ -83,6 +86,7 @@ class ScenarioPanel:
             set_value(self._demo, name)
             self._tell_demo(name)
             self._ui.post(self._offer_continuation)
+            self._offer_cut(self._base)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
         size = f"{scenario.city} · {len(agents)} agents · {len(road.lanes)} lanes"
@@ -92,6 +96,18 @@ class ScenarioPanel:
         notes = list(reversed(scenario.provenance.notes))
         card = (scenario.scenario_id, size, *notes)
         self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
+
+    def _offer_cut(self, base: Scenario) -> None:
+        """A button for recordings that are longer than models sample."""
+        whole = f"Keep {FUTURE_S:g} s after t = 0"
+        label = whole if is_long(base) else "Open the whole recording"
+        set_property(self._cut, "label", label)
+        set_property(self._cut, "visible", self._workspace.can_cut)
+        if is_long(base):
+            self._ui.notify(
+                "A long recording",
+                f"Models sample {FUTURE_S:g} s; '{whole}' under Scene leaves out the rest.",
+            )
 
     def _offer_continuation(self) -> None:
         """If an opened export's base is available, let the user choose between both."""

@@ -38,6 +38,7 @@ from pd_editor.scenario_store import (
 )
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import FUTURE_S, cut_scenario, is_long
 from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.server_folders import ServerFolders
@@ -147,6 +148,8 @@ class Workspace:
         """What is used of each recording that is opened."""
         self._opened: tuple[Scenario, Path] | None = None
         """Base of the scenario that was opened from the dataset last, and its folder."""
+        self._uploaded: tuple[Scenario, Mapping[str, bytes]] | None = None
+        """Base of the scenario that was uploaded last, and its files."""
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
     @property
@@ -175,9 +178,37 @@ class Workspace:
         Raises:
             InputError: they cannot be read; what was open stays open.
         """
-        scenario, recipe = _from_upload(files)
+        scenario, recipe = _from_upload(files, self.cut)
+        self._uploaded = scenario, files
         self._open(scenario, files)
         self._offer(recipe)
+
+    @property
+    def can_cut(self) -> bool:
+        """Whether the open recording is longer than models sample, or was cut to that."""
+        base = self.session.base
+        is_cut = base.provenance.cut == replace(self.cut, until_s=FUTURE_S)
+        is_there = base.provenance.source or self._is_uploaded(base)
+        return bool((is_cut or is_long(base)) and is_there)
+
+    def _is_uploaded(self, base: Scenario) -> bool:
+        return self._uploaded is not None and is_same_base(self._uploaded[0], base)
+
+    def open_cut(self) -> None:
+        """Open a long recording again, cut to what models sample; or a cut one whole.
+
+        So are those that are opened later.
+
+        Raises:
+            InputError: it cannot be read any more.
+        """
+        base = self.session.base
+        until_s = FUTURE_S if is_long(base) else None
+        self.cut = replace(self.cut, until_s=until_s)
+        if self._uploaded is not None and self._is_uploaded(base):
+            self.open_upload(self._uploaded[1])
+        else:
+            self.open_reference(base.provenance.source)
 
     def open_edits(self, content: bytes) -> None:
         """Open the base of a recipe, with the recipe's edits as its history.
@@ -509,16 +540,17 @@ def base_of(work: UnfinishedWork) -> Scenario:
         raise InputError(
             f"The uploaded files of {work.scenario_id} are gone."
         ) from error
-    return _from_upload(files)[0]
+    return _from_upload(files, work.base.cut or TimeCut())[0]
 
 
-def _from_upload(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | None]:
-    """The scenario in an upload, and the recipe that made it if it is an export."""
+def _from_upload(
+    files: Mapping[str, bytes], cut: TimeCut
+) -> tuple[Scenario, Recipe | None]:
+    """The scenario in an upload, cut, and the recipe that made it if it is an export."""
     scenario, recipe = scenario_and_recipe(files)
-    if recipe is None:
-        return scenario, None
-    made = made_by(scenario, recipe)
-    return made, None if made is scenario else recipe
+    made = scenario if recipe is None else made_by(scenario, recipe)
+    recipe = None if made is scenario else recipe
+    return made if cut == TimeCut() else cut_scenario(made, cut), recipe
 
 
 def _edits(count: int) -> str:
