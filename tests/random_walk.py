@@ -1,13 +1,17 @@
 """Random editor commands over several scenarios, and what must hold afterwards."""
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from pd_editor.av2_io.official import check_with_official_loaders
+from pd_editor.cli.replay import read_recipe
 from pd_editor.editor.commands import (
     Command,
+    PlaceAgent,
     RemoveAllAgents,
     SetAgentActivity,
     SetAgentKind,
@@ -15,13 +19,19 @@ from pd_editor.editor.commands import (
     SetFocalAgent,
     SetRoadWarp,
     SnapToLane,
+    TransformAgents,
+    new_agent_id,
     traffic_command,
 )
 from pd_editor.editor.recipe import replay
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import find_unfinished, restore
+from pd_editor.editor.variant import Variant, name_from_text
 from pd_editor.errors import PdEditorError
 from pd_editor.exporters.bundle import write_files
 from pd_editor.generation import GenerationRequest, run_to_end
 from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.plain_text import is_plain
 from pd_editor.scenario_store import (
     exported_files,
     has_same_content,
@@ -71,6 +81,9 @@ def walk(
                 break
             counts.commands += 1
             try:
+                if rng.random() < 0.05:
+                    session.describe(_variant(rng))
+                    continue
                 session.apply(_command(session.scenario, rng))
             except PdEditorError:
                 counts.refused += 1
@@ -82,6 +95,7 @@ def walk(
     for folder in folders:
         workspace.open_reference(str(folder))
         check(workspace, out)
+        check_journal(session, out / "journals")
         counts.checked += 1
     return counts
 
@@ -112,6 +126,8 @@ def check(workspace: Workspace, out: Path) -> None:
         return
     target = out / recipe.result_id
     write_files(exported_files(last, recipe), target, forbidden=None, overwrite=True)
+    check_with_official_loaders(target)
+    assert read_recipe(target)[0].variant == recipe.variant
     again = open_scenario(target)
     check_focal(again)
     # A track without any step is not written.
@@ -120,6 +136,56 @@ def check(workspace: Workspace, out: Path) -> None:
     assert has_same_content(
         again.with_agents(again.agents.taken(order)),
         last.with_agents(last.agents.taken(written)),
+    )
+
+
+def check_journal(session: EditorSession, folder: Path) -> None:
+    """What stands on disk comes back as the session is."""
+    if session.journal_path is None:
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    shutil.copy(session.journal_path, folder)
+    (work,) = find_unfinished(folder)
+    back = restore(work, session.base)
+    assert not back.lost_edits
+    assert same_scenario(back.scenario, session.scenario)
+    assert back.state.position == session.state.position
+    assert back.commands_in_force == session.commands_in_force
+    assert back.variant == session.variant
+    back.close()
+
+
+def any_text(rng: np.random.Generator) -> str:
+    """A text of all of Unicode, most of it of characters that make trouble."""
+    odd = "\x00\n\t\r\x7f\x85\u2028\u200b\u202e\ufeff\ud800\udfff\ufffe\U0010ffff'\"\\/:%{}<&é漢🚗"
+    many = [chr(one) for one in rng.integers(32, 0x110000, 8)]
+    letters = [*odd, *many, *"abc 019_-."]
+    count = int(rng.choice([0, 1, 3, 20, 255, 300]))
+    spoiled = "".join(rng.choice(letters, count)) if count else ""
+    # Most are kept only without what no text may have.
+    return spoiled if rng.random() < 0.3 else "".join(filter(is_plain, spoiled))
+
+
+def _variant(rng: np.random.Generator) -> Variant:
+    texts = [any_text(rng) for _ in range(4)]
+    name = name_from_text(texts[0]) if rng.random() < 0.7 else texts[0]
+    return Variant(name=name, tags=tuple(texts[1:3]), note=texts[3])
+
+
+def _far(rng: np.random.Generator) -> float:
+    """A coordinate: near, far, or beyond what a scene may have."""
+    return float(rng.choice([1.0, 1e2, 1e3, 1e4, 1e7]) * rng.normal())
+
+
+def _placed(scenario: Scenario, rng: np.random.Generator) -> Command:
+    return PlaceAgent(
+        agent_id=any_text(rng) or new_agent_id(scenario),
+        kind=AgentKind.VEHICLE,
+        x_m=_far(rng),
+        y_m=_far(rng),
+        heading_rad=_far(rng),
+        speed_mps=float(rng.uniform(0, 70)),
     )
 
 
@@ -148,7 +214,11 @@ def _command(scenario: Scenario, rng: np.random.Generator) -> Command:
         return SetAgentSize(agent_ids=(name,), length_m=length, width_m=width)
     if chance < 0.30:
         return SnapToLane(agent_ids=(name,))
-    if chance < 0.33:
+    if chance < 0.31:
+        return TransformAgents(agent_ids=(name,), dx_m=_far(rng), dy_m=_far(rng))
+    if chance < 0.34:
+        return _placed(scenario, rng)
+    if chance < 0.37:
         activity = list(Activity)[rng.integers(len(Activity))]
         return SetAgentActivity(agent_ids=(name,), activity=activity)
     return random_command(scenario, rng)
@@ -160,9 +230,10 @@ def _warp(rng: np.random.Generator) -> Command:
     term = WarpTerm(
         kind=WARP_KINDS[rng.integers(len(WARP_KINDS))],
         power=float(rng.uniform(-10, 10)),
-        length_m=float(rng.uniform(10, 60)),
+        length_m=float(rng.choice([0.5, 2.0, 10.0, 60.0, 500.0]) * rng.uniform(1, 2)),
+        border_m=float(rng.choice([0.0, 0.0, 5.0, 100.0])),
     )
-    x, y = rng.uniform(-20, 20, 2)
+    x, y = rng.uniform(-20, 20, 2) * rng.choice([1.0, 1.0, 10.0, 1e4])
     anchor = RigidMotion(x_m=x, y_m=y, rotation_rad=float(rng.uniform(-3, 3)))
     friction = float(rng.uniform(0.2, 1.0)) if rng.random() < 0.3 else None
     return SetRoadWarp(
