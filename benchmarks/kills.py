@@ -108,9 +108,8 @@ def one_kill(folder: Path, seed: int) -> dict[str, int]:
     out.mkdir(parents=True)
     readable, writable = os.pipe()
     context = multiprocessing.get_context("fork")
-    process = context.Process(
-        target=serve, args=(library, writable, folder / "log"), daemon=True
-    )
+    # No daemon: those may not start the processes of a study.
+    process = context.Process(target=serve, args=(library, writable, folder / "log"))
     process.start()
     os.close(writable)
     told = Told(readable)

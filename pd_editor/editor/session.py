@@ -117,7 +117,7 @@ class EditorSession:
         self._replayed: tuple[str, tuple[Command, ...]] = ("", ())
         """Name that the program gave to the result of a recipe, with its commands."""
         self.lost_edits = ""
-        """What of its journal could not be restored; empty: nothing is lost."""
+        """What of its journal could not be restored, after a space; empty: nothing."""
         if journal is not None:
             journal.start(scenario, base_files)
 

@@ -179,10 +179,10 @@ def restore(
     with contextlib.suppress(OSError):
         work.path.replace(kept)
     session.lost_edits = (
-        f"{len(lost)} of the {len(entries)} lines of its journal could not be replayed,"
+        f" {len(lost)} of the {len(entries)} lines of its journal could not be replayed,"
         f" the first because: {lost[0]} The whole journal is kept as {kept.name}."
     )
-    _logger.warning("Of %s: %s", work.scenario_id, session.lost_edits)
+    _logger.warning("Of %s:%s", work.scenario_id, session.lost_edits)
     return session
 
 

@@ -52,7 +52,9 @@ class PossibleEncounter:
         if isinstance(self.term, YieldTo):
             return f"lets {self.term.other_id} pass at {self.at_s:.1f} s"
         how = f"{self.gap_m:.1f} m" if self.gap_m else "contact"
-        return f"{_DOES[self.term.approach]}: {how} at {self.at_s:.1f} s"
+        # The plan is feasible, but trajectories of the model bend less than it may.
+        doubt = " (may miss)" if self.term.approach == "side" else ""
+        return f"{_DOES[self.term.approach]}: {how} at {self.at_s:.1f} s{doubt}"
 
 
 def endangered_id(scenario: Scenario, selection: tuple[str, ...] = ()) -> str | None:

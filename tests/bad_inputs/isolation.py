@@ -89,6 +89,8 @@ def _verdict(code: int, said: str, elapsed_s: float, peak_bytes: int) -> Verdict
         return "crash"
     if code == 0:
         return "accepted"
+    # A reader goes on without a bad note, and may then meet what it refuses.
+    said = re.sub("WARNING A part of the description is left out: .*\n(?=.)", "", said)
     is_sentence = re.fullmatch(r"(pd-editor: |WARNING ).*\.\)?\n", said) is not None
     return "refused" if is_sentence and len(said) < 1000 else "unclear"
 

@@ -109,7 +109,7 @@ def test_a_number_of_agents_may_be_a_number(tmp_path: Path, asked):
     (made,) = generate(JUNCTION, out=tmp_path, num_agents=asked, add=True).scenarios
     assert len(made.agents) == len(open_scenario(JUNCTION).agents) + 3
     with pytest.raises(GenerationError, match="no agent to generate"):
-        generate(JUNCTION, out=tmp_path, num_agents=0)
+        generate(JUNCTION, out=tmp_path / "none", num_agents=0)
 
 
 def test_one_agent_may_be_named_without_a_list(tmp_path: Path):

@@ -320,8 +320,8 @@ class Workspace:
         if self.session.entries:
             self.tell(
                 f"Back to {short_id(self.session.base.scenario_id)}",
-                f"It goes on with its {_edits(self.session.state.position)}. "
-                f"{self.session.lost_edits}",
+                f"It goes on with its {_edits(self.session.state.position)}."
+                + self.session.lost_edits,
             )
 
     @property
