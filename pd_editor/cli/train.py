@@ -219,12 +219,7 @@ def _both_trained(
     for stage, run in runs.items():
         found.append(
             _trained(
-                requests[stage],
-                hardware,
-                monitoring,
-                run,
-                cache,
-                resume=stage in begun,
+                requests[stage], hardware, monitoring, run, cache, resume=stage in begun
             )
         )
         if found[-1].is_stopped:

@@ -16,11 +16,7 @@ from pd_editor.editor.commands.regenerated_edit import carried_to
 from pd_editor.editor.newest_run import NewestRun
 from pd_editor.editor.session import EditorSession
 from pd_editor.errors import PdEditorError
-from pd_editor.generation import (
-    GeneratedTraffic,
-    GenerationRequest,
-    ScenarioGenerator,
-)
+from pd_editor.generation import GeneratedTraffic, GenerationRequest, ScenarioGenerator
 from pd_editor.scene.scenario import Scenario
 
 CLOSE_WAIT_S: Final = 2.0

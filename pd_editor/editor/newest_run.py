@@ -63,10 +63,7 @@ class NewestRun:
             if self._is_closed:
                 return
             self._waiting = _Run(
-                generator=generator,
-                request=request,
-                on_done=on_done,
-                on_error=on_error,
+                generator=generator, request=request, on_done=on_done, on_error=on_error
             )
             if self._thread is None:
                 self._thread = threading.Thread(

@@ -226,9 +226,7 @@ class RegeneratedEntry:
 
 
 def regenerate(
-    recipe: Recipe,
-    base: Scenario,
-    generator: ScenarioGenerator,
+    recipe: Recipe, base: Scenario, generator: ScenarioGenerator
 ) -> tuple[Scenario, tuple[RegeneratedEntry, ...]]:
     """Apply a recipe, regenerate its generated traffic, and compare both.
 

@@ -435,8 +435,7 @@ class EditorSession:
         wanted = start.selection if command.selects is None else command.selects
         there = scenario.agents.row_of
         return Snapshot(
-            scenario=scenario,
-            selection=tuple(name for name in wanted if name in there),
+            scenario=scenario, selection=tuple(name for name in wanted if name in there)
         )
 
     def _commit(

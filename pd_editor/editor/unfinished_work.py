@@ -342,11 +342,7 @@ def _entry(number: int, line: bytes) -> _Entry:
         if key not in ("do", "time_s", "selection")
     }
     return _Entry(
-        number=number,
-        time_s=time_s,
-        selection=names,
-        command=command,
-        is_commit=True,
+        number=number, time_s=time_s, selection=names, command=command, is_commit=True
     )
 
 

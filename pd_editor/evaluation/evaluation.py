@@ -15,11 +15,7 @@ from pd_editor.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.evaluation.method import Method
 from pd_editor.evaluation.results_folder import EvaluationFolder, RunSettings
 from pd_editor.evaluation.road_condition import RoadCondition
-from pd_editor.evaluation.scene_rows import (
-    ROW_SCHEMA,
-    SceneItem,
-    evaluate_scene,
-)
+from pd_editor.evaluation.scene_rows import ROW_SCHEMA, SceneItem, evaluate_scene
 from pd_editor.installed_files import data_root
 from pd_editor.regular_file import unwritable
 from pd_editor.work_engine import WorkEngine, run_items

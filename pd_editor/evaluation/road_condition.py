@@ -96,9 +96,7 @@ class RoadCondition:
         if self.is_plain:
             return scenario
         return warp_scenario(
-            scenario,
-            self.warp_of(scenario),
-            friction_coefficient=friction_coefficient,
+            scenario, self.warp_of(scenario), friction_coefficient=friction_coefficient
         )
 
 

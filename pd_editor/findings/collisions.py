@@ -12,12 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.findings.finding import (
-    Finding,
-    agent_name,
-    at_time,
-    capitalised,
-)
+from pd_editor.findings.finding import Finding, agent_name, at_time, capitalised
 from pd_editor.geometry.oriented_box import BoxStates, overlap_area
 from pd_editor.metrics.collisions.box_tests import (
     MIN_OVERLAP_M2,

@@ -16,12 +16,7 @@ from pd_editor.metrics.motion.kinematics import (
     derivative_operators,
     whole_windows,
 )
-from pd_editor.paths.retiming import (
-    fill_gaps,
-    fill_heading_gaps,
-    retime,
-    travelled_m,
-)
+from pd_editor.paths.retiming import fill_gaps, fill_heading_gaps, retime, travelled_m
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION, GRAVITY_MPS2
 from pd_editor.repair.friction_pass import drivable_speed, slowed_distance
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS

@@ -86,10 +86,7 @@ def _beyond_limits(
     return found
 
 
-_THAN: Final = {
-    "harsh-motion": "is comfortable",
-    "impossible-motion": "a vehicle can",
-}
+_THAN: Final = {"harsh-motion": "is comfortable", "impossible-motion": "a vehicle can"}
 
 
 def against_traffic(view: TrafficView) -> list[Finding]:

@@ -173,9 +173,7 @@ def spread_pick(
     return tuple(picked)
 
 
-def distances_m(
-    samples: Sequence[TrafficSample],
-) -> Float[np.ndarray, "S S"]:
+def distances_m(samples: Sequence[TrafficSample]) -> Float[np.ndarray, "S S"]:
     """Mean distance between the agents of each two samples, over all steps.
 
     Agents are matched by id; one that only one sample has is ``MOST_APART_M`` away.

@@ -238,13 +238,9 @@ def usual_ranges() -> Mapping[str, UsualRange]:
     path = Path(__file__).with_name("usual_values.csv")
     with path.open(encoding="utf-8", newline="") as file:
         return {
-            row["name"]: UsualRange(
-                low=float(row["low"]),
-                quarter=float(row["quarter"]),
-                median=float(row["median"]),
-                three_quarters=float(row["three_quarters"]),
-                high=float(row["high"]),
-                num_scenes=int(row["num_scenes"]),
+            row.pop("name"): UsualRange(
+                num_scenes=int(row.pop("num_scenes")),
+                **{name: float(value) for name, value in row.items()},
             )
             for row in csv.DictReader(file)
         }

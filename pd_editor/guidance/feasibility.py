@@ -13,10 +13,7 @@ from jaxtyping import Float
 
 from pd_editor.guidance.agent_now import AgentNow
 from pd_editor.guidance.blocked_way import blocking_rows
-from pd_editor.guidance.limits import (
-    MAX_ACCELERATION_MPS2,
-    MAX_BRAKING_MPS2,
-)
+from pd_editor.guidance.limits import MAX_ACCELERATION_MPS2, MAX_BRAKING_MPS2
 from pd_editor.guidance.pair_checks import (
     Found,
     gap_problems,

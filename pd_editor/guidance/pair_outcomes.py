@@ -15,12 +15,7 @@ from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.metrics.traffic_view import generated_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.agent_states import AgentStates
-from pd_editor.scene.guidance_terms import (
-    AvoidCollisions,
-    KeepGap,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import AvoidCollisions, KeepGap, Threaten, YieldTo
 from pd_editor.threats.encounter import Track, encounter
 from pd_editor.threats.threat_feasibility import recorded_track, threat_obstacle
 from pd_editor.threats.threat_outcome import obstacle_in_words, threat_in_words

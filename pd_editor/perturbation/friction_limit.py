@@ -35,8 +35,7 @@ def road_curvature(
 
 
 def friction_limited_speed(
-    curvature_per_m: Float[np.ndarray, "*s"],
-    friction_coefficient: float,
+    curvature_per_m: Float[np.ndarray, "*s"], friction_coefficient: float
 ) -> Float[np.ndarray, "*s"]:
     """Highest speed, m/s, within the friction limit of a curvature; infinite if straight."""
     bend = np.abs(curvature_per_m)

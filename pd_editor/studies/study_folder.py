@@ -107,12 +107,7 @@ def run_study(
         on_rows(rows)
 
     failures = run_items(
-        engine,
-        study_scene,
-        items,
-        on_value=store,
-        on_progress=on_progress,
-        done=done,
+        engine, study_scene, items, on_value=store, on_progress=on_progress, done=done
     )
     reasons = {key: failure.reason for key, failure in failures.items()}
     target = folder.path / VARIANTS_NAME

@@ -16,11 +16,7 @@ from pd_editor.studies.study_plan import StudyPlan, study_command
 from pd_editor.studies.variant_rows import VARIANT_SCHEMA
 from pd_editor.studies.whole_study import Study, StudyExtras, run_whole_study
 from pd_editor.work_engine import WorkEngine
-from pd_editor.work_engine.work_engine import (
-    WorkProgress,
-    minutes_left,
-    rate_in_words,
-)
+from pd_editor.work_engine.work_engine import WorkProgress, minutes_left, rate_in_words
 
 _logger: Final = logging.getLogger(__name__)
 

@@ -12,11 +12,7 @@ from typing import Final
 from pd_editor.errors import InputError
 from pd_editor.evaluation.evaluation import Scene
 from pd_editor.evaluation.method import Method
-from pd_editor.evaluation.road_condition import (
-    ANCHORS,
-    DEFAULT_ANCHOR,
-    RoadCondition,
-)
+from pd_editor.evaluation.road_condition import ANCHORS, DEFAULT_ANCHOR, RoadCondition
 from pd_editor.generation import MAX_SEED
 from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind

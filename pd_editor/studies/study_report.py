@@ -7,11 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.errors import PdEditorError
-from pd_editor.evaluation.report.figures import (
-    COLORS,
-    FIGURE_STYLE,
-    Figure,
-)
+from pd_editor.evaluation.report.figures import COLORS, FIGURE_STYLE, Figure
 from pd_editor.evaluation.report.sections import FIGURES_TITLE, Report, Section
 from pd_editor.evaluation.report.tables import ReportTable, cell, named, unit_of
 from pd_editor.studies.avoidable_danger import AvoidableDanger

@@ -26,11 +26,7 @@ from pd_editor.studies.study_folder import (
     run_study,
 )
 from pd_editor.studies.study_plan import StudyPlan, study_items
-from pd_editor.studies.study_report import (
-    StudyFindings,
-    severity_figures,
-    study_report,
-)
+from pd_editor.studies.study_report import StudyFindings, severity_figures, study_report
 from pd_editor.studies.variant_rows import StudyItem
 from pd_editor.studies.worst_case import (
     SearchItem,

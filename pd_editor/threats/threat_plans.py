@@ -180,7 +180,7 @@ def threat_plans(
         attacker.step_s,
         until=at if aim.is_contact else None,
     )
-    cost = used.effort + 0.1 * (meetings.deviation_m / 10.0) ** 2
+    cost = used.effort + 0.1 * (meetings.offset_m**2).sum(axis=1) / 10.0**2
     late_s = np.maximum(at * attacker.step_s - _LATE_S, 0)
     cost += 0.05 * late_s**2
     if reference_m is not None:
@@ -336,10 +336,6 @@ class _Meetings:
     least_demand: float
     """Least share of the limits that leads to a meeting, such as are left out included;
     infinite if no candidate has the course."""
-
-    @property
-    def deviation_m(self) -> Float[np.ndarray, "N"]:
-        return np.hypot(self.offset_m[:, 0], self.offset_m[:, 1])
 
 
 def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
@@ -509,7 +505,8 @@ def _in_line(
     fast = aim.approach in ("brakes", "pulls-out")
     closing = _FAST_CLOSING_MPS if fast else _CLOSING_MPS
     closing = closing if aim.is_contact else (0.0,)
-    reach = (other.size_m[0] + attacker.size_m[0]) / 2 + _planned_gap_m(aim)
+    gap_m = -_CONTACT_DEPTH_M if aim.is_contact else aim.gap_m
+    reach = (other.size_m[0] + attacker.size_m[0]) / 2 + gap_m
     position = other.position_m[step] + end * reach * forward
     speeds = np.stack([velocity - end * rate * forward for rate in closing])
     comes = _course_cos(attacker, other, step) > _CROSSING_COS
@@ -543,15 +540,13 @@ def _beside(
     crosses = np.abs(along) < _CROSSING_COS
     length, width = attacker.size_m
     half = (np.abs(across) * length + np.abs(along) * width) / 2
-    positions, velocities = [], []
+    spots: list[tuple[np.ndarray, float]] = []
     if aim.is_contact:
         depth = other.size_m[1] / 2 + half - _CONTACT_DEPTH_M
-        for place in (-0.25, 0.0, 0.25):
+        for place, hurry in product((-0.25, 0.0, 0.25), (1.0, 2.0)):
             middle = other.position_m[step] + place * other.size_m[0] * forward
             spot = middle - (np.sign(across) * depth)[..., None] * left
-            for rate in (1.0, 2.0):
-                positions.append(spot)
-                velocities.append((spot - attacker.candidate_m[:, step], rate))
+            spots.append((spot, hurry))
     else:
         wide = (np.abs(along) * length + np.abs(across) * width) / 2
         # The boxes are nearest before or after the centres are on one line.
@@ -564,12 +559,11 @@ def _beside(
         ):
             reach = other.size_m[0] / 2 + wide + extra * aim.gap_m + share * lead
             spot = other.position_m[step] + (end * reach)[..., None] * forward
-            positions.append(spot)
-            velocities.append((spot - attacker.candidate_m[:, step], hurry))
-    time = (step * attacker.step_s)[:, None]
-    speeds = [candidate + rate * offset / time for offset, rate in velocities]
-    counts = np.broadcast_to(crosses, (len(positions), *crosses.shape))
-    return np.stack(positions), np.stack(speeds), counts
+            spots.append((spot, hurry))
+    start, time = attacker.candidate_m[:, step], (step * attacker.step_s)[:, None]
+    speeds = [candidate + hurry * (spot - start) / time for spot, hurry in spots]
+    counts = np.broadcast_to(crosses, (len(spots), *crosses.shape))
+    return np.stack([spot for spot, _ in spots]), np.stack(speeds), counts
 
 
 def _opposite(
@@ -581,25 +575,16 @@ def _opposite(
     pace = np.linalg.norm(attacker.candidate_mps[:, step], axis=-1, keepdims=True)
     comes = _course_cos(attacker, other, step) < -_CROSSING_COS
     comes = comes & (pace[..., 0] > 0.3)
-    length = (other.size_m[0] + attacker.size_m[0]) / 2
-    width = (other.size_m[1] + attacker.size_m[1]) / 2
-    spots = []
+    length, width = (other.size_m + attacker.size_m) / 2
+    ahead_m, asides_m = 0.0, (width + aim.gap_m) * np.array([-1.0, 1.0])
     if aim.is_contact:
-        for share in (-0.5, 0.0, 0.5):
-            aside = share * width * left
-            ahead = (length - _CONTACT_DEPTH_M) * forward
-            spots.append(other.position_m[step] + ahead + aside)
-    else:
-        for side in (-1.0, 1.0):
-            aside = side * (width + aim.gap_m) * left
-            spots.append(other.position_m[step] + aside)
-    positions = np.stack(spots)[:, None]
+        ahead_m, asides_m = (
+            length - _CONTACT_DEPTH_M,
+            width * np.array([-0.5, 0.0, 0.5]),
+        )
+    spots = other.position_m[step] + ahead_m * forward + asides_m[:, None, None] * left
     speeds = np.broadcast_to(-pace * forward, (len(spots), *comes.shape, 2))
-    return positions, speeds, np.broadcast_to(comes, (len(spots), *comes.shape))
-
-
-def _planned_gap_m(aim: ThreatAim) -> float:
-    return -_CONTACT_DEPTH_M if aim.is_contact else aim.gap_m
+    return spots[:, None], speeds, np.broadcast_to(comes, (len(spots), *comes.shape))
 
 
 def _courses(

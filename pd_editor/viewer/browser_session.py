@@ -211,12 +211,7 @@ class BrowserSession:
             ),
         )
         self._selecting = Selecting(ui, lambda: self.picture.poses)
-        Hover(
-            ui,
-            overlay,
-            lambda: self.picture.poses,
-            lambda: self.modes.is_any_active,
-        )
+        Hover(ui, overlay, lambda: self.picture.poses, lambda: self.modes.is_any_active)
         overlay.on("fan", self._fan_pointed)
         overlay.on("theme", self._theme_asked)
         self._hints = Hints(overlay)

@@ -13,12 +13,7 @@ from typing import Any, Final, TypeVar
 from pd_editor.errors import InputError
 from pd_editor.work_engine.local_processes import ONE_THREAD, PROCESS_DIED
 from pd_editor.work_engine.time_limit import WORKER_MARK
-from pd_editor.work_engine.work_engine import (
-    WAIT_S,
-    WorkResult,
-    failure_of,
-    result_of,
-)
+from pd_editor.work_engine.work_engine import WAIT_S, WorkResult, failure_of, result_of
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")

@@ -7,11 +7,7 @@ from functools import cache
 from typing import Final
 
 from pd_editor.generation import GeneratedTraffic, GenerationProgress, run_to_end
-from pd_editor.work_engine.work_engine import (
-    WorkProgress,
-    minutes_left,
-    rate_in_words,
-)
+from pd_editor.work_engine.work_engine import WorkProgress, minutes_left, rate_in_words
 
 _SECONDS_BETWEEN_LINES: Final = 30.0
 _WIDTH: Final = 78

@@ -371,10 +371,7 @@ def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTra
 
 
 def _with_activity(
-    agents: AgentTracks,
-    rows: np.ndarray,
-    is_sampled: np.ndarray,
-    sample: TrafficSample,
+    agents: AgentTracks, rows: np.ndarray, is_sampled: np.ndarray, sample: TrafficSample
 ) -> AgentTracks:
     """Set the activities that were sampled together with states.
 

@@ -143,9 +143,7 @@ class PictureBook:
         draw_paths(axes[0], list(paths))
         axes[0].plot(*paths[0, 0], "o", color="#333333", markersize=4)
         return _saved(
-            drawing,
-            name,
-            f"The {len(paths)} Frenet candidates of one agent.",
+            drawing, name, f"The {len(paths)} Frenet candidates of one agent."
         )
 
     def _trajectories(self, name: str) -> PaperPicture | None:

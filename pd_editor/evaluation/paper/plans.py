@@ -8,12 +8,7 @@ from typing import Final, Literal
 from pd_editor.evaluation.evaluation import EvaluationPlan
 from pd_editor.evaluation.evaluation_task import EvaluationTask
 from pd_editor.evaluation.method import Method
-from pd_editor.evaluation.paper.systems import (
-    REFERENCES,
-    STATES,
-    TRAJECTORIES,
-    Trained,
-)
+from pd_editor.evaluation.paper.systems import REFERENCES, STATES, TRAJECTORIES, Trained
 from pd_editor.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.evaluation.road_condition import RoadCondition
 from pd_editor.generation import ScenarioGenerator

@@ -92,10 +92,7 @@ class _Rows:
 
 
 def distance_tables(
-    rows_file: Path,
-    methods: Sequence[str],
-    task: EvaluationTask,
-    splits: Sequence[str],
+    rows_file: Path, methods: Sequence[str], task: EvaluationTask, splits: Sequence[str]
 ) -> list[ReportTable]:
     """Jensen-Shannon distances to the log, for motor vehicles of some splits."""
     rows = _Rows(rows_file, task, splits)

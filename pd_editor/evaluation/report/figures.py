@@ -57,9 +57,7 @@ class Figure:
 
 
 def figures_of(
-    summary: Summary,
-    conditions: Sequence[RoadCondition],
-    shown: Sequence[str] = SHOWN,
+    summary: Summary, conditions: Sequence[RoadCondition], shown: Sequence[str] = SHOWN
 ) -> tuple[Figure, ...]:
     """Figures that the road conditions allow, with a panel for each shown metric."""
     if not summary.num_agents[:, :, summary.groups.index(_GROUP)].any():

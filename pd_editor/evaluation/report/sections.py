@@ -10,11 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
-from pd_editor.evaluation.evaluation import (
-    EvaluationPlan,
-    EvaluationSplits,
-    RunRecord,
-)
+from pd_editor.evaluation.evaluation import EvaluationPlan, EvaluationSplits, RunRecord
 from pd_editor.evaluation.evaluation_task import SAMPLED_HALF_SIDE_M, EvaluationTask
 from pd_editor.evaluation.report.tables import (
     HEADLINES,

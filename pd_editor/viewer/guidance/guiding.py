@@ -49,9 +49,7 @@ class Tool:
 
 TOOLS: Final[Mapping[str, Tool]] = {
     GoalPoint.kind: Tool(
-        title="Goal",
-        banner="click where it should drive to.",
-        gesture="click",
+        title="Goal", banner="click where it should drive to.", gesture="click"
     ),
     FollowPath.kind: Tool(
         title="Path",
@@ -59,9 +57,7 @@ TOOLS: Final[Mapping[str, Tool]] = {
         gesture="draw",
     ),
     FollowLane.kind: Tool(
-        title="Lanes",
-        banner="click the lane that it should reach.",
-        gesture="click",
+        title="Lanes", banner="click the lane that it should reach.", gesture="click"
     ),
     StopAtLine.kind: Tool(
         title="Stop line",
@@ -69,14 +65,10 @@ TOOLS: Final[Mapping[str, Tool]] = {
         gesture="click",
     ),
     YieldTo.kind: Tool(
-        title="Yield to",
-        banner="click the agent that passes first.",
-        gesture="pick",
+        title="Yield to", banner="click the agent that passes first.", gesture="pick"
     ),
     Threaten.kind: Tool(
-        title="Threaten",
-        banner="click the agent that it threatens.",
-        gesture="pick",
+        title="Threaten", banner="click the agent that it threatens.", gesture="pick"
     ),
 }
 

@@ -64,11 +64,7 @@ class ContextMenu:
                 "at": [ray.x_px, ray.y_px],
                 "title": "" if menu is None else menu.title,
                 "items": [
-                    {
-                        "label": item.label,
-                        "key": item.key,
-                        "isEnabled": item.is_enabled,
-                    }
+                    {"label": item.label, "key": item.key, "isEnabled": item.is_enabled}
                     for item in self._items
                 ],
             },

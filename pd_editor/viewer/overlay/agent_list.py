@@ -153,12 +153,7 @@ class AgentList:
 
 
 def listed_agents(
-    scenario: Scenario,
-    base: Scenario,
-    palette: Palette,
-    *,
-    problems: Ids,
-    stale: Ids,
+    scenario: Scenario, base: Scenario, palette: Palette, *, problems: Ids, stale: Ids
 ) -> dict[str, Any]:
     """Kinds and rows of the list, as the page takes them.
 

@@ -26,11 +26,7 @@ MAX_CHARTED: Final = 3
 """Number of selected agents with lines in the charts."""
 MAX_LISTED: Final = 6
 """Number of findings that an open row lists."""
-_TONE: Final[dict[Level, str]] = {
-    "usual": "good",
-    "unusual": "warn",
-    "extreme": "bad",
-}
+_TONE: Final[dict[Level, str]] = {"usual": "good", "unusual": "warn", "extreme": "bad"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -98,9 +98,7 @@ class AgentPanel:
                 hint="Driven up to here along its lane; the export says so.",
             )
             self._place = gui.add_button(
-                PLACE,
-                icon=viser.Icon.CROSSHAIR,
-                hint="P, then click the road",
+                PLACE, icon=viser.Icon.CROSSHAIR, hint="P, then click the road"
             )
         self._listen()
 
@@ -242,9 +240,7 @@ class AgentPanel:
             return
         try:
             self._apply(
-                SetAgentActivity,
-                agent_ids=self._selection(),
-                activity=ACTIVITIES[name],
+                SetAgentActivity, agent_ids=self._selection(), activity=ACTIVITIES[name]
             )
         finally:
             session = self._ui.session

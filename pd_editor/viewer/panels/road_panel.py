@@ -54,11 +54,7 @@ _LENGTH_TITLE: Final[dict[WarpKind, str]] = {
     "double-turn": "Length of the S (m)",
     "ripple-road": "Wave length (m)",
 }
-_POWER_MARKS: Final = (
-    (-MAX_POWER, "right -"),
-    (0.0, "0"),
-    (MAX_POWER, "left +"),
-)
+_POWER_MARKS: Final = ((-MAX_POWER, "right -"), (0.0, "0"), (MAX_POWER, "left +"))
 DEFAULT_BORDER_M: Final = 5.0
 DEFAULT_EXPONENT: Final = 3.0
 MAX_SLOWED_NAMED: Final = 3

@@ -22,11 +22,7 @@ from pd_editor.generation import GeneratorSpec, ScenarioGenerator
 from pd_editor.installed_files import ALL_DEMOS
 from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
 from pd_editor.studies.study_folder import StudyFolder
-from pd_editor.studies.study_plan import (
-    GRID_POWERS,
-    StudyPlan,
-    grid_conditions,
-)
+from pd_editor.studies.study_plan import GRID_POWERS, StudyPlan, grid_conditions
 from pd_editor.studies.study_report import SHOWN
 from pd_editor.studies.whole_study import REPORT_PAGE, Study, StudyExtras
 from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings, WorstCase
@@ -267,9 +263,7 @@ class StudyPanel:
         if not kinds and not sums:
             raise InputError("Tick a kind of warp, or name a sum of warps.")
         grid = grid_conditions(
-            kinds,
-            POWERS[self._powers.value],
-            ANCHOR_CHOICES[self._anchors.value],
+            kinds, POWERS[self._powers.value], ANCHOR_CHOICES[self._anchors.value]
         )
         extra = road_conditions(sums) if sums else ()
         return tuple(dict.fromkeys((*grid, *extra)))

@@ -183,9 +183,7 @@ def _is_within(handle: Any, value: Any) -> bool:
 
 
 def limit_uploads(
-    client: viser.ClientHandle,
-    max_bytes: int,
-    on_refused: Callable[[str, int], None],
+    client: viser.ClientHandle, max_bytes: int, on_refused: Callable[[str, int], None]
 ) -> None:
     """Refuse uploads of more than ``max_bytes`` before they are stored.
 

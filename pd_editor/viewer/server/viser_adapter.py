@@ -68,10 +68,7 @@ class GuardedServer(viser.ViserServer):
 
         def guarded(*args: Any, **options: Any) -> "_GuardedWebsockServer":
             return _GuardedWebsockServer(
-                *args,
-                admission=admission,
-                max_connections=max_connections,
-                **options,
+                *args, admission=admission, max_connections=max_connections, **options
             )
 
         infra = types.SimpleNamespace(

@@ -108,9 +108,7 @@ class FindingWatch:
 
 
 def _kept(
-    found: tuple[Finding, ...],
-    former: tuple[Finding, ...],
-    there: dict[str, int],
+    found: tuple[Finding, ...], former: tuple[Finding, ...], there: dict[str, int]
 ) -> tuple[Finding, ...]:
     """New results on the current step, with former results on the future."""
     known = {problem.key for problem in found}

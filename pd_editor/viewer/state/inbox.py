@@ -29,10 +29,7 @@ class Inbox:
     """A queue whose worker also ticks, as often as ``tick`` asks for."""
 
     def __init__(
-        self,
-        *,
-        tick: Callable[[], float | None],
-        on_error: Callable[[Exception], None],
+        self, *, tick: Callable[[], float | None], on_error: Callable[[Exception], None]
     ) -> None:
         """Create the queue; ``start`` runs its worker.
 

@@ -15,12 +15,7 @@ from pd_editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
-from pd_editor.editor.variant import (
-    ExportMark,
-    free_name,
-    name_from_text,
-    short_id,
-)
+from pd_editor.editor.variant import ExportMark, free_name, name_from_text, short_id
 from pd_editor.errors import InputError, RecipeError
 from pd_editor.exporters.bundle import zip_files
 from pd_editor.findings.finding import FindingKey
@@ -42,11 +37,7 @@ from pd_editor.scene.time_cut import FUTURE_S, cut_scenario, is_long
 from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.server_folders import ServerFolders
-from pd_editor.viewer.state.session_shelf import (
-    KeptWork,
-    SessionShelf,
-    is_same_base,
-)
+from pd_editor.viewer.state.session_shelf import KeptWork, SessionShelf, is_same_base
 from pd_editor.viewer.state.study_run import StudyRun
 from pd_editor.viewer.state.view_memory import ViewMemory
 

@@ -37,12 +37,7 @@ def add_hot_keys(
     key("Undo", panels.history.undo, "Z", "cmd/ctrl")
     key("Redo", panels.history.redo, "Z", "cmd/ctrl+shift")
     key("Redo (Ctrl+Y)", panels.history.redo, "Y", "cmd/ctrl")
-    key(
-        "Delete selection",
-        panels.agent.delete,
-        "delete",
-        failure="Not deleted",
-    )
+    key("Delete selection", panels.agent.delete, "delete", failure="Not deleted")
     key(
         "Delete selection (Backspace)",
         panels.agent.delete,
@@ -56,12 +51,7 @@ def add_hot_keys(
         "cmd/ctrl",
         failure="Not duplicated",
     )
-    key(
-        "Snap to lane",
-        panels.agent.snap,
-        "L",
-        failure="Not snapped to a lane",
-    )
+    key("Snap to lane", panels.agent.snap, "L", failure="Not snapped to a lane")
     key(
         "Lock or unlock the selection",
         panels.agent.locks.toggle,
