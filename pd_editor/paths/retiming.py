@@ -105,7 +105,7 @@ def retime(
     onward = _direction_at_end(curve, heading, along)
     position = reached[..., :2] + beyond[..., None] * onward[:, None]
     if speed_mps is None:
-        speed_mps = _rate(distance_m[..., None], step_s)[..., 0]
+        speed_mps = rate(distance_m, step_s)
     velocity = speed_mps[..., None] * _tangent(position, reached[..., 2])
     mask = is_valid[..., None]
     return (
@@ -164,9 +164,9 @@ def _direction_at_end(
     return unit_vector(np.where(short, heading_rad[:, -1], heading_of(chord)))
 
 
-def _rate(
-    values: Float[np.ndarray, "G H D"], step_s: float
-) -> Float[np.ndarray, "G H D"]:
+def rate(
+    values: Float[np.ndarray, "G H *d"], step_s: float
+) -> Float[np.ndarray, "G H *d"]:
     """Rate of change along each row; zero if there is only one step."""
     if values.shape[1] < 2:
         return np.zeros_like(values)
@@ -177,7 +177,7 @@ def _tangent(
     position_m: Float[np.ndarray, "G H 2"], heading_rad: Float[np.ndarray, "G H"]
 ) -> Float[np.ndarray, "G H 2"]:
     """Unit vectors of motion; of the heading where the agent does not move."""
-    change = _rate(position_m, 1.0)
+    change = rate(position_m, 1.0)
     norm = np.hypot(change[..., 0], change[..., 1])[..., None]
     moving = norm > 1e-3
     return np.where(

@@ -1,6 +1,7 @@
 """Slows warped agents to the friction limit of their curves."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,7 @@ from pd_editor.paths.retiming import (
     fill_gaps,
     fill_heading_gaps,
     interpolate_rows,
+    rate,
     travelled_m,
 )
 from pd_editor.perturbation.friction_limit import friction_limited_speed
@@ -42,30 +44,27 @@ _STRAIGHT_PER_M: Final = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class _Nodes:
-    """Points along each track, several per time step; G agents, K nodes."""
+    """Points along each track before the warp, several per time step; G agents, K nodes."""
 
+    row: Int[np.ndarray, "G"]
     time_s: Float[np.ndarray, "K"]
     """Logged time, zero at the current step."""
     original_m: Float[np.ndarray, "G K 2"]
     heading_rad: Float[np.ndarray, "G K"]
-    """Unwrapped heading before the warp."""
-    logged_speed_mps: Float[np.ndarray, "G K"]
-    """Speed before the warp."""
-    along_m: Float[np.ndarray, "G K"]
-    """Distance along the warped track."""
+    """Unwrapped."""
     speed_mps: Float[np.ndarray, "G K"]
-    """Rate of ``along_m``; above the logged speed where the warp lengthens the track."""
+    curvature_per_m: Float[np.ndarray, "G K"]
     exists: Bool[np.ndarray, "G K"]
 
     def taken(self, rows: Bool[np.ndarray, "G"]) -> "_Nodes":
         """Nodes of some of the agents."""
         return _Nodes(
+            row=self.row[rows],
             time_s=self.time_s,
             original_m=self.original_m[rows],
             heading_rad=self.heading_rad[rows],
-            logged_speed_mps=self.logged_speed_mps[rows],
-            along_m=self.along_m[rows],
             speed_mps=self.speed_mps[rows],
+            curvature_per_m=self.curvature_per_m[rows],
             exists=self.exists[rows],
         )
 
@@ -126,43 +125,49 @@ def slowed_to_friction_limit(
     far as the braking needs. Times at rest are kept. Only curvature that the warp
     itself causes is limited; logged turns elsewhere are unchanged.
     """
-    follows = original.kind_mask(LANE_FOLLOWER_KINDS)
-    ahead = warp.distance_ahead(original.position_m) > warp.border_m()
-    rows = np.flatnonzero(follows & (ahead & original.is_valid).any(axis=1))
-    if len(rows) == 0:
+    nodes = _nodes(original, time_axis)
+    bend = warp.derivative(warp.distance_ahead(nodes.original_m), 2)
+    bends = nodes.exists & (np.abs(bend) > _STRAIGHT_PER_M)
+    is_bent = np.any(bends, axis=1)
+    if not is_bent.any():
         return warped
-    nodes = _nodes(original, rows, warp, time_axis)
-    limit = _limit(nodes, warp, friction_coefficient)
-    too_fast = np.any(nodes.speed_mps > _TOLERANCE * limit, axis=1)
+    nodes, bends = nodes.taken(is_bent), bends[is_bent]
+    along = travelled_m(warp.apply(nodes.original_m))
+    # Above the logged speed where the warp lengthens the track.
+    speed = _at_nodes(rate(along[:, ::_NODES_PER_STEP], time_axis.step_s))
+    limit = np.full(speed.shape, np.inf)
+    limit[bends] = friction_limited_speed(
+        warped_curvature(
+            nodes.curvature_per_m[bends],
+            nodes.heading_rad[bends],
+            nodes.original_m[bends],
+            warp,
+        ),
+        friction_coefficient,
+    )
+    too_fast = np.any(speed > _TOLERANCE * limit, axis=1)
     if not too_fast.any():
         return warped
-    rows, nodes = rows[too_fast], nodes.taken(too_fast)
-    is_valid = original.is_valid[rows]
+    nodes = nodes.taken(too_fast)
+    agents = original.taken(nodes.row)
     logged_time = _slowed_time(
         nodes,
+        along[too_fast],
+        speed[too_fast],
         limit[too_fast],
-        _anchor_step(is_valid, time_axis.current_step),
+        _anchor_step(agents.is_valid, time_axis.current_step),
     )
-    slowed = _at_times(original.taken(rows), nodes, logged_time, warp, time_axis.step_s)
+    slowed = _at_times(agents, nodes, logged_time, warp, time_axis.step_s)
     return warped.with_rows(
-        rows,
+        nodes.row,
         position_m=slowed.position_m,
         heading_rad=slowed.heading_rad,
         velocity_mps=slowed.velocity_mps,
     )
 
 
-def path_curvature(
-    path_m: Float[np.ndarray, "G K 2"],
-    heading_rad: Float[np.ndarray, "G K"],
-    warp: RoadWarp,
-) -> Float[np.ndarray, "G K"]:
-    """Signed curvature, 1/m, of warped paths, evaluated at points of the original paths.
-
-    With t the unit tangent in the anchor's frame and k the original curvature, the
-    warped path has curvature (k + f'' tx^3) / |J t|^3. Only k is estimated (over
-    chords); the contribution of the warp is exact.
-    """
+def path_curvature(path_m: Float[np.ndarray, "G K 2"]) -> Float[np.ndarray, "G K"]:
+    """Signed curvature, 1/m, of paths, estimated over chords; zero of short ones."""
     along = travelled_m(path_m)
     middle = np.minimum(np.maximum(along, CHORD_M), along[:, -1:] - CHORD_M)
     back, here, on = (
@@ -173,58 +178,64 @@ def path_curvature(
     sides = np.linalg.norm(np.stack([first, second, chord]), axis=-1)
     cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     is_path = (sides.min(axis=0) > CHORD_M / 2) & (along[:, -1:] > 2 * CHORD_M)
-    before = np.where(is_path, 2 * cross / np.where(is_path, sides.prod(axis=0), 1), 0)
+    return np.where(is_path, 2 * cross / np.where(is_path, sides.prod(axis=0), 1), 0)
 
+
+def warped_curvature(
+    curvature_per_m: Float[np.ndarray, "*s"],
+    heading_rad: Float[np.ndarray, "*s"],
+    path_m: Float[np.ndarray, "*s 2"],
+    warp: RoadWarp,
+) -> Float[np.ndarray, "*s"]:
+    """Signed curvature, 1/m, of warped paths, from that at points of the original paths.
+
+    With t the unit tangent in the anchor's frame and k the original curvature, the
+    warped path has curvature (k + f'' tx^3) / |J t|^3, which is exact.
+    """
     tangent = unit_vector(heading_rad)
     forward = warp.anchor.turn(np.array([1.0, 0.0]))
     ahead, aside = tangent @ forward, tangent @ left_of(forward)
     x = warp.distance_ahead(path_m)
     scale = np.hypot(ahead, aside + warp.derivative(x, 1) * ahead)
-    return (before + warp.derivative(x, 2) * ahead**3) / scale**3
+    return (curvature_per_m + warp.derivative(x, 2) * ahead**3) / scale**3
 
 
-def _nodes(
-    original: AgentTracks, rows: np.ndarray, warp: RoadWarp, time_axis: TimeAxis
-) -> _Nodes:
-    """Tracks resampled finely enough for the curves of a warp."""
+@lru_cache(maxsize=4)
+def _nodes(original: AgentTracks, time_axis: TimeAxis) -> _Nodes:
+    """Tracks of lane followers, sampled finely enough for the curves of any warp.
+
+    Kept, since each frame of a drag warps the same tracks.
+    """
+    rows = np.flatnonzero(
+        original.kind_mask(LANE_FOLLOWER_KINDS) & original.is_valid.any(axis=1)
+    )
     is_valid = original.is_valid[rows]
-    last = time_axis.num_steps - 1
-    step = np.linspace(0, last, _NODES_PER_STEP * last + 1)
-    before = np.floor(step).astype(int)
-    after = np.minimum(before + 1, last)
-    share = (step - before)[:, None]
-
-    def sampled(values: Float[np.ndarray, "G T D"]) -> Float[np.ndarray, "G K D"]:
-        return values[:, before] + share * (values[:, after] - values[:, before])
-
     position = fill_gaps(original.position_m[rows], is_valid)
-
-    def rate(along_m: Float[np.ndarray, "G T"]) -> Float[np.ndarray, "G K"]:
-        speed = np.gradient(along_m, time_axis.step_s, axis=1)
-        return sampled(speed[..., None])[..., 0]
-
     heading = fill_heading_gaps(original.heading_rad[rows], is_valid)
-    original_m = sampled(position)
-    along = travelled_m(warp.apply(original_m))
+    original_m = _at_nodes(position)
+    step = np.arange(original_m.shape[1]) / _NODES_PER_STEP
+    exists = is_valid[:, :-1] & is_valid[:, 1:]
     return _Nodes(
+        row=rows,
         time_s=(step - time_axis.current_step) * time_axis.step_s,
         original_m=original_m,
-        heading_rad=sampled(heading[..., None])[..., 0],
-        logged_speed_mps=rate(travelled_m(position)),
-        along_m=along,
-        speed_mps=rate(along[:, ::_NODES_PER_STEP]),
-        exists=is_valid[:, before] & is_valid[:, after],
+        heading_rad=_at_nodes(heading),
+        speed_mps=_at_nodes(rate(travelled_m(position), time_axis.step_s)),
+        curvature_per_m=path_curvature(original_m),
+        exists=np.append(
+            exists.repeat(_NODES_PER_STEP, axis=1), is_valid[:, -1:], axis=1
+        ),
     )
 
 
-def _limit(
-    nodes: _Nodes, warp: RoadWarp, friction_coefficient: float
-) -> Float[np.ndarray, "G K"]:
-    """Friction-limited speed where the warp bends the road; infinite elsewhere."""
-    bend = np.abs(warp.derivative(warp.distance_ahead(nodes.original_m), 2))
-    bends = nodes.exists & (bend > _STRAIGHT_PER_M)
-    curvature = path_curvature(nodes.original_m, nodes.heading_rad, warp)
-    return friction_limited_speed(np.where(bends, curvature, 0.0), friction_coefficient)
+def _at_nodes(values: Float[np.ndarray, "G T *d"]) -> Float[np.ndarray, "G K *d"]:
+    """Values at all nodes, linear between the steps."""
+    num_rows, num_steps, *size = values.shape
+    share = np.arange(_NODES_PER_STEP) / _NODES_PER_STEP
+    change = np.diff(values, axis=1)[:, :, None]
+    between = values[:, :-1, None] + share.reshape(-1, *[1] * len(size)) * change
+    flat = between.reshape(num_rows, (num_steps - 1) * _NODES_PER_STEP, *size)
+    return np.concatenate([flat, values[:, -1:]], axis=1)
 
 
 def _anchor_step(
@@ -237,6 +248,8 @@ def _anchor_step(
 
 def _slowed_time(
     nodes: _Nodes,
+    along: Float[np.ndarray, "G K"],
+    speed: Float[np.ndarray, "G K"],
     limit_mps: Float[np.ndarray, "G K"],
     anchor_step: Int[np.ndarray, "G"],
 ) -> Float[np.ndarray, "G T"]:
@@ -245,13 +258,12 @@ def _slowed_time(
     Speed is a function of position. Where it is lowered, an agent takes longer; the
     accumulated delays make all later points later and all earlier points earlier.
     """
-    along, speed = nodes.along_m, nodes.speed_mps
     squared = np.where(limit_mps < speed, limit_mps, np.inf) ** 2
     braking, gaining = 2 * BRAKING_MPS2 * along, 2 * ACCELERATION_MPS2 * along
     ahead = np.minimum.accumulate((squared + braking)[:, ::-1], axis=1)[:, ::-1]
     behind = np.minimum.accumulate(squared - gaining, axis=1)
     allowed = np.sqrt(np.maximum(np.minimum(ahead - braking, behind + gaining), 0.0))
-    allowed = np.minimum(nodes.logged_speed_mps, allowed)
+    allowed = np.minimum(nodes.speed_mps, allowed)
 
     def middle(values: Float[np.ndarray, "G K"]) -> Float[np.ndarray, "G K-1"]:
         return np.maximum((values[:, 1:] + values[:, :-1]) / 2, _SLOWEST_MPS)

@@ -89,11 +89,11 @@ class WarpTerm:
             )
             return there - back
         wave = 2 * np.pi / self.length_m
-        value = {
-            0: 1 - np.cos(wave * u),
-            1: wave * np.sin(wave * u),
-            2: wave**2 * np.cos(wave * u),
-        }[order]
+        if order == 1:
+            value = wave * np.sin(wave * u)
+        else:
+            value = np.cos(wave * u)
+            value = wave**2 * value if order else 1 - value
         return np.where(u >= 0, self.power * value, 0.0)
 
 

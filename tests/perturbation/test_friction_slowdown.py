@@ -6,7 +6,11 @@ from hypothesis import strategies as st
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.friction_limit import summarise
-from pd_editor.perturbation.friction_slowdown import BRAKING_MPS2, path_curvature
+from pd_editor.perturbation.friction_slowdown import (
+    BRAKING_MPS2,
+    path_curvature,
+    warped_curvature,
+)
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
@@ -92,7 +96,8 @@ def test_curvature_of_warped_arcs_agrees_with_finite_differences(heading, power,
     change = np.gradient(driven, axis=0)
     turned = np.gradient(np.unwrap(np.arctan2(change[:, 1], change[:, 0])))
     numeric = turned / np.hypot(change[:, 0], change[:, 1])
-    found = path_curvature(path[None], angle[None], warp)[0]
+    own = path_curvature(path[None])[0]
+    found = warped_curvature(own, angle, path, warp)
     np.testing.assert_allclose(found[120:-120], numeric[120:-120], atol=4e-3)
 
 
