@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.geometry.lines import Lines
+
 
 def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
     """Distance along the line from its first point to each of its points."""
@@ -56,18 +58,8 @@ def densify_all(
     """Densify several lines in one pass; see ``densify``."""
     if not sum(map(len, lines)):
         return list(lines)
-    points = np.concatenate(lines)
-    ends = np.cumsum([len(line) for line in lines])
-    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=-1)
-    pieces = np.append(np.maximum(np.ceil(step / max_spacing_m).astype(int), 1), 1)
-    # The difference after the last point of a line belongs to no line.
-    pieces[ends - 1] = 1
-    segment = np.repeat(np.arange(len(points)), pieces)
-    first = np.concatenate([[0], np.cumsum(pieces)])
-    fraction = ((np.arange(len(segment)) - first[segment]) / pieces[segment])[:, None]
-    start, after = points[segment], points[np.minimum(segment + 1, len(points) - 1)]
-    dense = start + fraction * (after - start)
-    return np.split(dense, first[ends[:-1]])
+    dense = Lines.of(lines).densified(max_spacing_m)
+    return np.split(dense.points_m, dense.ends[0][1:])
 
 
 def smoothed(
@@ -90,12 +82,4 @@ def offset_line(
 
     The mitre is limited to twice the distance, so that sharp corners have no spikes.
     """
-    direction = np.diff(points_m, axis=0)
-    norm = np.linalg.norm(direction, axis=-1, keepdims=True)
-    direction = direction / np.maximum(norm, 1e-12)
-    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
-    before = np.concatenate([normal[:1], normal])
-    after = np.concatenate([normal, normal[-1:]])
-    middle = before + after
-    scale = np.sum(middle * middle, axis=-1, keepdims=True) / 2
-    return points_m + distance_m * middle / np.maximum(scale, 0.5)
+    return Lines.of([points_m]).offset(distance_m).points_m

@@ -1,6 +1,6 @@
 """Zebra stripes of crosswalks, as flat meshes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 import numpy as np
@@ -10,7 +10,6 @@ from shapely.geometry.base import BaseGeometry
 from shapely.validation import make_valid
 
 from pd_editor.scene.road_map import Crosswalk, RoadMap
-from pd_editor.viewer.meshes.flat_mesh import FlatMesh, triangulated
 
 STRIPE_M: Final = 0.5
 """Width of the stripes and of the gaps between them."""
@@ -20,7 +19,7 @@ _PIECE_M: Final = 2.0
 """Stripes bend with a warp in pieces of this length."""
 
 
-def crosswalk_stripes(road_map: RoadMap) -> Iterator[FlatMesh]:
+def crosswalk_stripes(road_map: RoadMap) -> Iterator[shapely.Polygon]:
     """Parallel stripes of every crossing, on the drivable area only.
 
     Where two crossings overlap, the larger one has the ground, so that stripes of
@@ -54,9 +53,11 @@ def _direction(crossing: Crosswalk) -> Float[np.ndarray, "2"]:
     return along / max(float(np.linalg.norm(along)), 1e-9)
 
 
-def _stripes(region: BaseGeometry, along: Float[np.ndarray, "2"]) -> Iterator[FlatMesh]:
+def _stripes(
+    region: BaseGeometry, along: Float[np.ndarray, "2"]
+) -> Iterable[shapely.Polygon]:
     if region.is_empty or region.area < MIN_STRIPE_AREA_M2:
-        return
+        return ()
     across = np.array([-along[1], along[0]])
     corners = shapely.get_coordinates(region)
     (low, high), (start, end) = (
@@ -71,6 +72,6 @@ def _stripes(region: BaseGeometry, along: Float[np.ndarray, "2"]) -> Iterator[Fl
         [(offset + v)[:, None] * across + u * along for v, u in box], axis=1
     )
     pieces = shapely.get_parts(shapely.intersection(shapely.polygons(bands), region))
-    for piece in pieces:
-        if piece.geom_type == "Polygon" and piece.area >= MIN_STRIPE_AREA_M2:
-            yield triangulated(shapely.segmentize(piece, _PIECE_M))
+    is_stripe = shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON
+    is_stripe &= shapely.area(pieces) >= MIN_STRIPE_AREA_M2
+    return shapely.segmentize(pieces[is_stripe], _PIECE_M)

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
-from pd_editor.geometry.polyline import offset_line
+from pd_editor.geometry.lines import Lines
 
 _FLOAT, _UNSIGNED_SHORT, _UNSIGNED_INT = 5126, 5123, 5125
 
@@ -52,19 +52,17 @@ def merged(meshes: Sequence[FlatMesh]) -> FlatMesh:
     )
 
 
-def strip(
-    left_m: Float[np.ndarray, "N 2"], right_m: Float[np.ndarray, "N 2"]
-) -> FlatMesh:
-    """The band between two lines with equally many points."""
-    count = len(left_m)
-    near = np.arange(count - 1)
+def strips(left: Lines, right_m: Float[np.ndarray, "P 2"]) -> FlatMesh:
+    """The bands between pairs of lines with equally many points."""
+    count = len(right_m)
+    near = np.delete(np.arange(count), left.ends[1])
     faces = np.concatenate(
         [
             np.stack([near, near + count, near + 1], axis=-1),
             np.stack([near + 1, near + count, near + count + 1], axis=-1),
         ]
     )
-    return FlatMesh(points_m=np.concatenate([left_m, right_m]), faces=faces)
+    return FlatMesh(points_m=np.concatenate([left.points_m, right_m]), faces=faces)
 
 
 def facing_up(mesh: FlatMesh) -> FlatMesh:
@@ -76,21 +74,31 @@ def facing_up(mesh: FlatMesh) -> FlatMesh:
     return FlatMesh(points_m=mesh.points_m, faces=faces)
 
 
-def ribbon(line_m: Float[np.ndarray, "N 2"], width_m: float) -> FlatMesh:
-    """A line drawn with a width."""
+def ribbons(lines: Lines, width_m: float) -> FlatMesh:
+    """Lines drawn with a width."""
     half = width_m / 2
-    return strip(offset_line(line_m, half), offset_line(line_m, -half))
+    return strips(lines.offset(half), lines.offset(-half).points_m)
 
 
-def triangulated(polygon: shapely.Polygon) -> FlatMesh:
-    """A polygon, holes and all, cut into triangles."""
-    oriented = shapely.orient_polygons(polygon)
-    rings = [oriented.exterior, *oriented.interiors]
-    points = [np.asarray(ring.coords)[:-1] for ring in rings]
-    ends = np.cumsum([len(ring) for ring in points]).astype(np.uint32)
-    flat = np.concatenate(points)
-    faces = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(int)
-    return facing_up(FlatMesh(points_m=flat, faces=faces))
+def triangulated(polygons: Sequence[shapely.Polygon]) -> FlatMesh:
+    """Polygons, holes and all, cut into triangles."""
+    if not len(polygons):
+        return merged([])
+    rings, owner = shapely.get_rings(
+        shapely.orient_polygons(polygons), return_index=True
+    )
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    # The last point of a ring is its first one again.
+    is_new = np.append(np.diff(ring) == 0, False)
+    points, count = points[is_new], np.bincount(ring[is_new])
+    faces, first = [], 0
+    for ends in np.split(np.cumsum(count), np.flatnonzero(np.diff(owner)) + 1):
+        triangles = mapbox_earcut.triangulate_float64(
+            points[first : ends[-1]], (ends - first).astype(np.uint32)
+        )
+        faces.append(first + triangles.reshape(-1, 3).astype(int))
+        first = ends[-1]
+    return facing_up(FlatMesh(points_m=points, faces=np.concatenate(faces)))
 
 
 def glb_of(primitives: Sequence[Primitive]) -> bytes:

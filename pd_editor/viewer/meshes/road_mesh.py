@@ -4,7 +4,7 @@ Meshes are made once per original map, finely enough to follow any warp; a warp 
 moves their vertices.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -14,21 +14,16 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 from shapely.validation import make_valid
 
-from pd_editor.geometry.polyline import (
-    arc_length,
-    densify,
-    offset_line,
-    point_at,
-    resample,
-    without_repeats,
-)
+from pd_editor.geometry.angles import left_of
+from pd_editor.geometry.lines import Lines, numbered
+from pd_editor.geometry.polyline import densify
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
 from pd_editor.viewer.meshes.crosswalk_stripes import crosswalk_stripes
 from pd_editor.viewer.meshes.flat_mesh import (
     FlatMesh,
     merged,
-    ribbon,
-    strip,
+    ribbons,
+    strips,
     triangulated,
 )
 
@@ -75,74 +70,76 @@ def road_parts(road_map: RoadMap) -> tuple[RoadPart, ...]:
         )
 
     def lanes_where(*kinds: LaneKind, is_inside: bool = False) -> Iterator[FlatMesh]:
-        for lane in road_map.lanes:
-            if lane.kind in kinds and lane.is_intersection is is_inside:
-                yield _lane_surface(lane)
+        yield _lane_surfaces(
+            [
+                lane
+                for lane in road_map.lanes
+                if lane.kind in kinds and lane.is_intersection is is_inside
+            ]
+        )
 
-    markings = list(_marked_lines(road_map))
+    markings = _markings(road_map)
+    stripes = triangulated(list(crosswalk_stripes(road_map)))
     return (
-        part("road", "road", 0.0, _area_meshes(road_map)),
+        part("road", "road", 0.0, [cells(_areas(road_map))]),
         # Connectors cover a junction from all sides; tinted, they would fill all of it.
         part("lanes", "intersection", 0.01, lanes_where(*LaneKind, is_inside=True)),
         part("lanes", "lane", 0.012, lanes_where(LaneKind.VEHICLE)),
         part("lanes", "bus_lane", 0.014, lanes_where(LaneKind.BUS)),
         part("lanes", "bike_lane", 0.016, lanes_where(LaneKind.BIKE)),
-        part("lanes", "lane_edge", 0.02, (m for c, m in markings if c == "lane_edge")),
-        part("crosswalks", "crosswalk", 0.03, crosswalk_stripes(road_map)),
-        part(
-            "markings",
-            "white_marking",
-            0.04,
-            (m for c, m in markings if c == "white_marking"),
-        ),
-        part(
-            "markings",
-            "yellow_marking",
-            0.045,
-            (m for c, m in markings if c == "yellow_marking"),
-        ),
+        part("lanes", "lane_edge", 0.02, markings["lane_edge"]),
+        part("crosswalks", "crosswalk", 0.03, [stripes]),
+        part("markings", "white_marking", 0.04, markings["white_marking"]),
+        part("markings", "yellow_marking", 0.045, markings["yellow_marking"]),
         part("centerlines", "centerline", 0.05, _centerline_arrows(road_map)),
     )
 
 
-def _lane_surface(lane: Lane) -> FlatMesh:
-    left, right = without_repeats(lane.left_m), without_repeats(lane.right_m)
-    longest = max(arc_length(left)[-1], arc_length(right)[-1])
-    count = max(int(np.ceil(longest / SPACING_M)) + 1, 2)
-    return strip(resample(left, count), resample(right, count))
+def _lane_surfaces(lanes: Sequence[Lane]) -> FlatMesh:
+    sides = [*(lane.left_m for lane in lanes), *(lane.right_m for lane in lanes)]
+    lines = Lines.of(sides).without_repeats()
+    length = lines.length_m
+    longest = length.reshape(2, -1).max(axis=0)
+    count = np.maximum(np.ceil(longest / SPACING_M).astype(int) + 1, 2)
+    spacing = length / (np.tile(count, 2) - 1)
+    line, index = numbered(np.tile(count, 2))
+    left, right = np.split(lines.at(line, index * spacing[line]), 2)
+    return strips(Lines(points_m=left, count=count), right)
 
 
-def _area_meshes(road_map: RoadMap) -> Iterator[FlatMesh]:
+def _areas(road_map: RoadMap) -> Iterator[BaseGeometry]:
     for area in road_map.drivable_areas:
         if len(area.boundary) >= 4:
             ring = densify(
                 area.boundary[[*range(len(area.boundary)), 0], :2], SPACING_M
             )
-            polygon = make_valid(shapely.Polygon(ring))
-            yield from cell_meshes(polygon)
+            yield make_valid(shapely.Polygon(ring))
 
 
-def cell_meshes(area: BaseGeometry) -> Iterator[FlatMesh]:
-    """An area cut into square cells and triangulated."""
-    if area.is_empty:
-        return
-    shapely.prepare(area)
-    low_x, low_y, high_x, high_y = np.array(area.bounds) / CELL_M
-    x, y = np.meshgrid(
-        np.arange(np.floor(low_x), np.ceil(high_x)),
-        np.arange(np.floor(low_y), np.ceil(high_y)),
+def cells(areas: Iterable[BaseGeometry]) -> FlatMesh:
+    """Areas cut into square cells and triangulated."""
+    whole, cut = [np.zeros((0, 2))], []
+    for area in areas:
+        if area.is_empty:
+            continue
+        shapely.prepare(area)
+        low_x, low_y, high_x, high_y = np.array(area.bounds) / CELL_M
+        x, y = np.meshgrid(
+            np.arange(np.floor(low_x), np.ceil(high_x)),
+            np.arange(np.floor(low_y), np.ceil(high_y)),
+        )
+        corner = np.stack([x.ravel(), y.ravel()], axis=-1) * CELL_M
+        square = shapely.box(*corner.T, *(corner + CELL_M).T)
+        is_inside = shapely.contains_properly(area, square)
+        whole.append(corner[is_inside])
+        on_edge = ~is_inside & shapely.intersects(area, square)
+        cut.extend(shapely.get_parts(shapely.intersection(area, square[on_edge])))
+    pieces = np.array(cut, object)
+    is_area = shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON
+    is_area &= shapely.area(pieces) > 1e-4
+    return merged(
+        [_square_cells(np.concatenate(whole)), triangulated(pieces[is_area].tolist())]
     )
-    corner = np.stack([x.ravel(), y.ravel()], axis=-1) * CELL_M
-    cells = shapely.box(
-        corner[:, 0], corner[:, 1], corner[:, 0] + CELL_M, corner[:, 1] + CELL_M
-    )
-    is_inside = shapely.contains_properly(area, cells)
-    yield _square_cells(corner[is_inside])
-    on_edge = ~is_inside & shapely.intersects(area, cells)
-    pieces = shapely.get_parts(shapely.intersection(area, cells[on_edge]))
-    for piece in pieces:
-        if piece.geom_type == "Polygon" and piece.area > 1e-4:
-            yield triangulated(piece)
 
 
 def _square_cells(corner_m: Float[np.ndarray, "N 2"]) -> FlatMesh:
@@ -153,31 +150,45 @@ def _square_cells(corner_m: Float[np.ndarray, "N 2"]) -> FlatMesh:
     return FlatMesh(points_m=points, faces=faces)
 
 
-def _boundaries(road_map: RoadMap) -> Iterator[tuple[LaneMark, bool, np.ndarray]]:
+def _boundaries(road_map: RoadMap) -> list[tuple[LaneMark, bool, np.ndarray]]:
     """Each boundary once, even if two lanes share it; marked versions take precedence."""
-    seen: dict[tuple, tuple[LaneMark, bool, np.ndarray]] = {}
-    for lane in road_map.lanes:
+    found = [
+        (mark, lane.is_intersection, line)
+        for lane in road_map.lanes
         for mark, line in (
             (lane.left_mark, lane.left_m),
             (lane.right_mark, lane.right_m),
-        ):
-            ends = sorted(map(tuple, np.round(line[[0, -1]] * 2).astype(int).tolist()))
-            key = (*ends, round(float(arc_length(line)[-1])))
-            is_marked = mark not in (LaneMark.NONE, LaneMark.UNKNOWN)
-            if key not in seen or (is_marked and seen[key][0] is LaneMark.NONE):
-                seen[key] = (mark, lane.is_intersection, line)
-    yield from seen.values()
+        )
+    ]
+    lines = Lines.of([line for *_, line in found])
+    ends = np.round(2 * lines.points_m[lines.ends.T])
+    lengths = np.round(lines.length_m)
+    seen: dict[tuple, tuple[LaneMark, bool, np.ndarray]] = {}
+    keys = zip(map(sorted, ends.tolist()), lengths.tolist(), strict=True)
+    for one, ((start, end), length) in zip(found, keys, strict=True):
+        key = (*start, *end, length)
+        is_marked = one[0] not in (LaneMark.NONE, LaneMark.UNKNOWN)
+        if key not in seen or (is_marked and seen[key][0] is LaneMark.NONE):
+            seen[key] = one
+    return list(seen.values())
 
 
-def _marked_lines(road_map: RoadMap) -> Iterator[tuple[str, FlatMesh]]:
-    for mark, is_intersection, boundary in _boundaries(road_map):
-        line = without_repeats(boundary)
-        if len(line) < 2:
-            continue
-        dense = densify(line, SPACING_M)
-        if mark in (LaneMark.NONE, LaneMark.UNKNOWN):
-            if not is_intersection:
-                yield "lane_edge", ribbon(dense, EDGE_WIDTH_M)
+def _markings(road_map: RoadMap) -> dict[str, list[FlatMesh]]:
+    """Meshes of the boundaries of lanes by colour."""
+    boundaries = _boundaries(road_map)
+    marks = np.array([mark for mark, *_ in boundaries])
+    is_inside = np.array([inside for _, inside, _ in boundaries], bool)
+    lines = Lines.of([line for *_, line in boundaries]).without_repeats()
+    dense = lines.densified(SPACING_M)
+    meshes: dict[str, list[FlatMesh]] = {
+        name: [] for name in ("lane_edge", "white_marking", "yellow_marking")
+    }
+    for mark in map(LaneMark, np.unique(marks)):
+        is_unmarked = mark in (LaneMark.NONE, LaneMark.UNKNOWN)
+        alike = (marks == mark) & (lines.count > 1) & ~(is_unmarked & is_inside)
+        some = dense.taken(alike)
+        if is_unmarked:
+            meshes["lane_edge"].append(ribbons(some, EDGE_WIDTH_M))
             continue
         color = "yellow_marking" if "YELLOW" in mark else "white_marking"
         styles = _line_styles(mark)
@@ -187,11 +198,10 @@ def _marked_lines(road_map: RoadMap) -> Iterator[tuple[str, FlatMesh]]:
             else (DOUBLE_LINE_OFFSET_M, -DOUBLE_LINE_OFFSET_M)
         )
         for style, offset in zip(styles, offsets, strict=True):
-            shifted = offset_line(dense, offset) if offset else dense
-            if style == "solid":
-                yield color, ribbon(shifted, MARKING_WIDTH_M)
-            else:
-                yield from ((color, dash) for dash in _dashes(shifted))
+            shifted = some.offset(offset) if offset else some
+            drawn = shifted if style == "solid" else _dashes(shifted)
+            meshes[color].append(ribbons(drawn, MARKING_WIDTH_M))
+    return meshes
 
 
 def _line_styles(mark: LaneMark) -> tuple[str, ...]:
@@ -207,27 +217,29 @@ def _line_styles(mark: LaneMark) -> tuple[str, ...]:
     return ("dashed",) if mark.startswith("DASHED") else ("solid",)
 
 
-def _dashes(line_m: np.ndarray) -> Iterator[FlatMesh]:
-    length = arc_length(line_m)[-1]
-    for start in np.arange(GAP_M / 2, length - DASH_M / 2, DASH_M + GAP_M):
-        end = min(start + DASH_M, length)
-        yield ribbon(point_at(line_m, np.linspace(start, end, 3)), MARKING_WIDTH_M)
+def _dashes(lines: Lines) -> Lines:
+    period, length = DASH_M + GAP_M, lines.length_m
+    number = np.maximum(np.ceil(length / period - 0.5).astype(int), 0)
+    line, index = numbered(number)
+    start = GAP_M / 2 + period * index
+    end = np.minimum(start + DASH_M, length[line])
+    points = lines.at(line.repeat(3), np.linspace(start, end, 3, axis=-1).ravel())
+    return Lines(points_m=points, count=np.full(len(line), 3))
 
 
-def _centerline_arrows(road_map: RoadMap) -> Iterator[FlatMesh]:
-    for lane in road_map.lanes:
-        line = without_repeats(lane.centerline_m)
-        if len(line) < 2:
-            continue
-        yield ribbon(densify(line, SPACING_M), EDGE_WIDTH_M)
-        tip = point_at(line, np.array([0.5, 0.5 + 1e-3]) * arc_length(line)[-1])
-        ahead = (tip[1] - tip[0]) / max(float(np.linalg.norm(tip[1] - tip[0])), 1e-9)
-        side = np.array([-ahead[1], ahead[0]])
-        arrow = np.array(
-            [
-                tip[0] + ahead,
-                tip[0] - 0.4 * ahead + 0.45 * side,
-                tip[0] - 0.4 * ahead - 0.45 * side,
-            ]
-        )
-        yield FlatMesh(points_m=arrow, faces=np.array([[0, 1, 2]]))
+def _centerline_arrows(road_map: RoadMap) -> list[FlatMesh]:
+    lines = Lines.of([lane.centerline_m for lane in road_map.lanes]).without_repeats()
+    lines = lines.taken(lines.count > 1)
+    line, length = np.arange(len(lines.count)), lines.length_m
+    tip, next_to_it = (lines.at(line, one * length) for one in (0.5, 0.5 + 1e-3))
+    step = next_to_it - tip
+    ahead = step / np.maximum(np.linalg.norm(step, axis=-1, keepdims=True), 1e-9)
+    back, side = tip - 0.4 * ahead, 0.45 * left_of(ahead)
+    arrows = np.stack([tip + ahead, back + side, back - side], axis=1)
+    return [
+        ribbons(lines.densified(SPACING_M), EDGE_WIDTH_M),
+        FlatMesh(
+            points_m=arrows.reshape(-1, 2),
+            faces=np.arange(3 * len(line)).reshape(-1, 3),
+        ),
+    ]

@@ -5,9 +5,10 @@ from typing import Final
 import numpy as np
 import viser
 
+from pd_editor.geometry.lines import Lines
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.viewer.meshes.colors import shown_exactly
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
 
 COLOR: Final = (130, 96, 210)
 HEIGHT_M: Final = 0.095
@@ -59,7 +60,7 @@ def _mark(pose: RigidMotion, border_m: float) -> Primitive:
         if border_m - start > LINE_M
     ]
     foot = np.array([[0.0, -1.5], [0.0, 1.5]])
-    lines = merged([ribbon(line, LINE_M) for line in (across, arrow, foot, *dashes)])
+    lines = ribbons(Lines.of([across, arrow, foot, *dashes]), LINE_M)
     return Primitive(
         points_m=pose.apply(lines.points_m),
         faces=lines.faces,

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
-from pd_editor.geometry.polyline import without_repeats
+from pd_editor.geometry.lines import Lines
 from pd_editor.paths.motion_primitives import CandidateSet
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.viewer.meshes.colors import (
@@ -15,7 +15,7 @@ from pd_editor.viewer.meshes.colors import (
     shown_exactly,
     srgb_to_linear,
 )
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import path_heights, path_ribbons
 
@@ -99,15 +99,14 @@ def _reference_lanes(
 ) -> Primitive:
     routes = candidates.lane_ids[0]
     lanes = dict.fromkeys(lane_id for route in routes for lane_id in route)
-    lines = merged(
+    lines = Lines.of(
         [
-            ribbon(
-                without_repeats(road_map.lane_of[lane_id].centerline_m), LANE_WIDTH_M
-            )
+            road_map.lane_of[lane_id].centerline_m
             for lane_id in lanes
             if lane_id in road_map.lane_of
         ]
     )
+    lines = ribbons(lines.without_repeats(), LANE_WIDTH_M)
     return Primitive(
         points_m=lines.points_m,
         faces=lines.faces,

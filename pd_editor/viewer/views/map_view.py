@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 import viser
 
-from pd_editor.geometry.polyline import densify, without_repeats
+from pd_editor.geometry.lines import Lines
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.colors import Rgb, shown_exactly
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, glb_of, ribbons
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.road_mesh import LAYERS, Layer, RoadPart, road_parts
 
@@ -134,16 +134,11 @@ class MapView:
         if wanted == self._ghost_drawn:
             return
         self._ghost_drawn = wanted
-        lines = merged(
-            [
-                ribbon(line, GHOST_WIDTH_M)
-                for line in _lane_sides(self._map)
-                if self._warp.distance_ahead(line).min() > reach
-            ]
-        )
+        lines = _lane_sides(self._map)
+        ahead = self._warp.distance_ahead(lines.points_m)[lines.faces]
         outline = Primitive(
             points_m=lines.points_m,
-            faces=lines.faces,
+            faces=lines.faces[ahead.min(axis=1) > reach],
             height_m=GHOST_HEIGHT_M,
             color=_material_color(self._palette.ghost),
             opacity=0.55,
@@ -192,16 +187,16 @@ def _shader_keepers() -> list[Primitive]:
 
 
 @functools.lru_cache(maxsize=2)
-def _lane_sides(road_map: RoadMap) -> tuple[np.ndarray, ...]:
-    """Boundaries of all lanes outside intersections, cut into short pieces."""
-    return tuple(
-        line[start : start + 2]
+def _lane_sides(road_map: RoadMap) -> FlatMesh:
+    """Boundaries of all lanes outside intersections, in short pieces."""
+    sides = [
+        side
         for lane in road_map.lanes
         if not lane.is_intersection
         for side in (lane.left_m, lane.right_m)
-        for line in (densify(without_repeats(side), GHOST_PIECE_M),)
-        for start in range(len(line) - 1)
-    )
+    ]
+    lines = Lines.of(sides).without_repeats().densified(GHOST_PIECE_M)
+    return ribbons(lines, GHOST_WIDTH_M)
 
 
 @functools.cache

@@ -6,6 +6,7 @@ import numpy as np
 import viser
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.geometry.lines import Lines
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
@@ -17,7 +18,7 @@ from pd_editor.viewer.meshes.colors import (
     shown_exactly,
     srgb_to_linear,
 )
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, merged, ribbon
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import dotted, path_heights, path_ribbons
 
@@ -209,12 +210,8 @@ def _paths(
         width_m=np.full(is_dash.shape, DASH_WIDTH_M),
         height_m=path_heights(HEIGHT_M, np.arange(len(rows))),
     )
-    lines = merged(
-        [
-            ribbon(line, CONNECTOR_WIDTH_M)
-            for line in _connectors(original, scenario, rows)
-        ]
-    )
+    lines = _connectors(original, scenario, rows)
+    lines = ribbons(Lines.of(lines), CONNECTOR_WIDTH_M)
     connectors = Primitive(
         points_m=lines.points_m,
         faces=lines.faces,

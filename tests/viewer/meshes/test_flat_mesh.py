@@ -3,12 +3,13 @@ import io
 import numpy as np
 import trimesh
 
+from pd_editor.geometry.lines import Lines
 from pd_editor.viewer.meshes.flat_mesh import (
     FlatMesh,
     Primitive,
     glb_of,
     merged,
-    ribbon,
+    ribbons,
 )
 
 
@@ -18,22 +19,22 @@ def signed_areas(mesh: FlatMesh) -> np.ndarray:
 
 
 def test_a_straight_ribbon_has_length_times_width_and_faces_up():
-    mesh = ribbon(np.array([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]]), 0.5)
+    mesh = ribbons(Lines.of([np.array([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]])]), 0.5)
     areas = signed_areas(mesh)
     assert (areas > 0).all()
     assert np.isclose(areas.sum(), 10 * 0.5)
 
 
 def test_merging_keeps_every_triangle():
-    one = ribbon(np.array([[0.0, 0.0], [1.0, 0.0]]), 1.0)
-    two = ribbon(np.array([[5.0, 5.0], [5.0, 9.0]]), 1.0)
+    one = ribbons(Lines.of([np.array([[0.0, 0.0], [1.0, 0.0]])]), 1.0)
+    two = ribbons(Lines.of([np.array([[5.0, 5.0], [5.0, 9.0]])]), 1.0)
     both = merged([one, two])
     assert np.isclose(signed_areas(both).sum(), 1.0 + 4.0)
     assert both.faces.max() == len(both.points_m) - 1
 
 
 def test_glb_is_read_back_by_trimesh():
-    mesh = ribbon(np.array([[0.0, 0.0], [10.0, 0.0]]), 2.0)
+    mesh = ribbons(Lines.of([np.array([[0.0, 0.0], [10.0, 0.0]])]), 2.0)
     primitive = Primitive(
         points_m=mesh.points_m,
         faces=mesh.faces,
