@@ -53,12 +53,14 @@ def safety_values(view: TrafficView) -> dict[str, MetricValues]:
     }
 
 
-def least_times_s(
+def critical_times_s(
     view: TrafficView,
 ) -> tuple[Float[np.ndarray, "A"], Int[np.ndarray, "A"]]:
-    """Shortest time to collision of each agent, infinite without one, and its step."""
-    pairs = _Pairs.of(view)
+    """Shortest critical time to collision of each agent, infinite without one, and its step."""
+    pairs = _Pairs.of(view, within_s=CRITICAL_S)
     pair, time, at = _times_to_collision_s(pairs)
+    is_critical = time < CRITICAL_S
+    pair, time, at = pair[is_critical], time[is_critical], at[is_critical]
     least, step = np.full(len(pairs.agents), np.inf), np.zeros(len(pairs.agents), int)
     # Of several writes to an agent the last one stays: the shortest time.
     order = np.argsort(-time, kind="stable")
@@ -93,9 +95,17 @@ class _Pairs:
     touches_at_state: Bool[np.ndarray, "P"]
 
     @classmethod
-    def of(cls, view: TrafficView) -> "_Pairs":
+    def of(cls, view: TrafficView, within_s: float = np.inf) -> "_Pairs":
+        """All pairs, or those that can meet within a time at constant velocities."""
         agents, num_evaluated = view.everyone, len(view)
         pairs = np.argwhere(np.triu(np.ones((len(agents), len(agents)), bool), 1))
+        if np.isfinite(within_s):
+            later = agents.position_m + within_s * agents.velocity_mps
+            pairs = pairs_that_meet(
+                np.concatenate([agents.position_m, later], axis=1),
+                np.tile(agents.is_valid, 2),
+                agents.radius_m,
+            )
         pairs = pairs[(pairs[:, 0] < num_evaluated) & pairs_that_matter(agents, pairs)]
         a, b = pairs.T
         radius = agents.radius_m

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, unit_vector, wrap_angle
+from pd_editor.geometry.lines import numbered
 from pd_editor.geometry.path_pieces import (
     PathPieces,
     in_pieces,
@@ -19,8 +20,9 @@ WRONG_WAY_M: Final = 5.0
 """Extra distance up to which a lane is preferred to one in the opposite direction."""
 _SPARE_M: Final = 3.0
 """Reach of the fast search beyond an agent's initial distance to its lanes."""
+_SLACK_M: Final = 1e-6
 _CHUNK: Final = 100_000
-"""Pairs of point and segment per chunk; their arrays fit into the cache."""
+"""Pairs of point and lane per chunk; their arrays fit into the cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,18 +83,29 @@ class LaneSearch:
         the opposite direction unless it is ``WRONG_WAY_M`` further away. Each point
         must have at least one lane.
         """
-        every = np.arange(len(self.lane))
-        chunk = max(1, _CHUNK // len(every))
+        middle_m = self.start_m[(self.first_of_lane + self.last_of_lane) // 2]
+        more_m = _SLACK_M + (0.0 if heading_rad is None else WRONG_WAY_M)
+        chunk = max(1, _CHUNK // len(middle_m))
         best, distance = np.zeros(len(points_m), int), np.zeros(len(points_m))
         for start in range(0, len(points_m), chunk):
             part = slice(start, start + chunk)
-            far = np.sqrt(self._squared_m2(points_m[part, None], every))
-            cost = np.where(lanes[part][:, self.lane], far, np.inf)
+            here, usable = points_m[part], lanes[part]
+            # No lane is searched that is further than a point of another one.
+            x, y = (here[:, None] - middle_m).T
+            reach = np.where(usable, np.hypot(x, y).T, np.inf).min(axis=1) + more_m
+            point, segment = self._pairs(
+                here - reach[:, None], here + reach[:, None], usable
+            )
+            far = np.sqrt(self._squared_m2(here[point], segment))
+            cost = far
             if heading_rad is not None:
-                cosine = unit_vector(heading_rad[part]) @ self.direction.T
-                cost += np.where(cosine > 0, 0.0, WRONG_WAY_M)
-            best[part] = cost.argmin(1)
-            distance[part] = far[np.arange(len(far)), best[part]]
+                facing, ahead = unit_vector(heading_rad[part])[point], self.direction
+                cosine = (facing * ahead[segment]).sum(axis=-1)
+                cost = far + np.where(cosine > 0, 0.0, WRONG_WAY_M)
+            # Of equally near ones the first.
+            order = np.lexsort((cost, point))
+            first = order[np.diff(point[order], prepend=-1) != 0]
+            best[part], distance[part] = segment[first], far[first]
         return distance, best
 
     def in_reach(
@@ -228,9 +241,8 @@ class LaneSearch:
         least, greatest = self._lane_bounds_m
         meet = rectangles_meet(low_m[:, None], high_m[:, None], least, greatest)
         box, lane = np.nonzero(lanes & meet)
-        count = (self.last_of_lane + 1 - first)[lane]
-        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        return np.repeat(box, count), np.repeat(first[lane], count) + within
+        pair, within = numbered((self.last_of_lane + 1 - first)[lane])
+        return box[pair], first[lane][pair] + within
 
     def _squared_m2(
         self, points_m: Float[np.ndarray, "*#s 2"], segment: Int[np.ndarray, "*#s"]
