@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import left_of, unit_vector, wrap_angle
 from pd_editor.geometry.oriented_box import Boxes
@@ -39,26 +39,32 @@ class States:
             exists=agents.is_valid[:, step],
         )
 
-    def overlaps(
+    def num_overlaps(
         self,
         row: int,
         position_m: Float[np.ndarray, "K 2"],
         heading_rad: Float[np.ndarray, "K"],
         gap_m: float = 0.0,
-    ) -> Bool[np.ndarray, "K A"]:
-        """Which agents one agent would overlap at K poses, with a gap ahead and behind."""
+    ) -> Int[np.ndarray, "K"]:
+        """Number of agents that one would overlap at K poses, with a gap ahead and behind."""
         size = self.scenario.agents.size_m
-        return boxes_collide(
-            Boxes(
-                position_m=position_m[:, None],
-                heading_rad=heading_rad[:, None],
-                size_m=size[row] + np.array([2 * gap_m, 0.0]),
-            ),
-            Boxes(
-                position_m=self.position_m, heading_rad=self.heading_rad, size_m=size
-            ),
-            self.exists & (np.arange(len(self.exists)) != row),
+        boxes = Boxes(
+            position_m=position_m[:, None],
+            heading_rad=heading_rad[:, None],
+            size_m=size[row] + np.array([2 * gap_m, 0.0]),
         )
+        reach = self.scenario.agents.radius_m + boxes.radius_m.max(initial=0.0)
+        middle = (position_m.min(axis=0) + position_m.max(axis=0)) / 2
+        spread = np.hypot(*(position_m - middle).T).max(initial=0.0)
+        apart = np.hypot(*(self.position_m - middle).T)
+        near = self.exists & (apart <= reach + spread + _TOLERANCE_M)
+        near[row] = False
+        others = Boxes(
+            position_m=self.position_m[near],
+            heading_rad=self.heading_rad[near],
+            size_m=size[near],
+        )
+        return boxes_collide(boxes, others).sum(axis=1)
 
     def first_free(
         self,
@@ -78,8 +84,10 @@ class States:
         for end in (*_CHUNK_ENDS, len(position_m)):
             some = slice(start, end)
             start = end
-            taken = self.overlaps(row, position_m[some], heading_rad[some], gap_m)
-            free = np.flatnonzero(taken.sum(axis=1) <= max_overlaps) + some.start
+            if not len(position_m[some]):
+                break
+            number = self.num_overlaps(row, position_m[some], heading_rad[some], gap_m)
+            free = np.flatnonzero(number <= max_overlaps) + some.start
             if len(free) == 0:
                 continue
             sound = self.is_no_worse(row, position_m[free])

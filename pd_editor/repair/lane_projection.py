@@ -96,10 +96,9 @@ def _put_on_lane(
     here = start + on_lane
     position, heading, _ = poses_along(frames, np.array([here]), 0.0)
     now = states.position_m[row][None], states.heading_rad[row][None]
-    both = states.overlaps(
+    num_before, num_there = states.num_overlaps(
         row, np.concatenate([now[0], position]), np.append(now[1], heading)
-    )
-    num_before, num_there = both.sum(axis=1).tolist()
+    ).tolist()
     best: int | None = 0
     if num_there > num_before or not states.is_no_worse(row, position)[0]:
         position, heading, is_there = poses_along(frames, here + slides_m(), 0.0)

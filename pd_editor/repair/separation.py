@@ -12,7 +12,7 @@ from pd_editor.paths.lanes.route_choice import MAX_TURN_RAD
 from pd_editor.repair.box_overlaps import counted
 from pd_editor.repair.current_states import States
 from pd_editor.repair.repairable import repairable
-from pd_editor.repair.sliding import lanes_of, slid_poses, slides_m
+from pd_editor.repair.sliding import SLIDE_REACH_M, lanes_of, slid_poses, slides_m
 from pd_editor.scene.scenario import Scenario
 
 GAP_M: Final = 0.5
@@ -40,9 +40,9 @@ def separate_overlaps(
     """
     may_move = repairable(scenario, agent_ids, keep_ids)
     states, graph = States.of(scenario), lane_graph(scenario.road_map)
-    pairs = _pairs(scenario)
+    pairs, stuck = _pairs(scenario), np.zeros(len(may_move), bool)
     while len(pairs):
-        if not _one_pass(states, graph, pairs, may_move):
+        if not _one_pass(states, graph, pairs, may_move, stuck):
             break
         pairs = _pairs(states.carried())
     return states.carried()
@@ -58,8 +58,12 @@ def _one_pass(
     graph: LaneGraph,
     pairs: Int[np.ndarray, "P 2"],
     may_move: Bool[np.ndarray, "A"],
+    stuck: Bool[np.ndarray, "A"],
 ) -> set[int]:
-    """Move one agent of each pair if possible; each move separates its pair."""
+    """Move one agent of each pair if possible; each move separates its pair.
+
+    Agents that find no place are ``stuck`` until one moves away in their reach.
+    """
     agents = states.scenario.agents
     rows = np.unique(pairs[may_move[pairs]])
     choice = lanes_of(
@@ -76,8 +80,15 @@ def _one_pass(
         if moved & set(pair):
             continue
         for row in sorted(pair, key=lambda one: (agents.categories[one], -one)):
-            if may_move[row] and _slide(states, graph, row, lane_of[row]):
+            if not may_move[row] or stuck[row]:
+                continue
+            before = states.position_m[row].copy()
+            stuck[row] = not _slide(states, graph, row, lane_of[row])
+            if not stuck[row]:
                 moved.add(row)
+                apart = np.hypot(*(states.position_m - before).T)
+                # Beside a bend an agent goes further than along its lane.
+                stuck &= apart > 2 * SLIDE_REACH_M + agents.radius_m.max()
                 break
     return moved
 
