@@ -49,6 +49,8 @@ _COMPARED_TOGETHER: Final = 4
 """Compared steps of another agent that are looked at as one disc first."""
 _STEPS_TOGETHER: Final = 5
 """The same of steps of the own trajectory."""
+_ROWS_TOGETHER: Final = 16
+"""Agents whose clocks are chosen together, which bounds the memory."""
 _SLACK_M: Final = 0.01
 """For rounding, where paths are compared roughly."""
 _LEAST_WAY_M: Final = 0.5
@@ -386,7 +388,8 @@ class _Plans:
         self.tried[pair, side] = True
         both = scene.pairs[pair]
         row = np.unique(both[np.arange(len(pair)), side])
-        clock = self._best_clocks(scene, row)
+        parts = np.array_split(row, -(-len(row) // _ROWS_TOGETHER))
+        clock = np.concatenate([self._best_clocks(scene, some) for some in parts])
         changed = clock != self.clock[row]
         row, clock = row[changed], clock[changed]
         self.has_changed[row] = True
@@ -480,33 +483,25 @@ class _Plans:
         mine, theirs = _as_complex(scene.position_m), _as_complex(self.position_m)
         facing = np.exp(1j * scene.heading_rad), np.exp(1j * self.heading_rad)
         reach = np.hypot(scene.size_m[:, 0] + GAP_M, scene.size_m[:, 1]) / 2
-        reach = reach[own] + reach[other]
-        index, at, cell = _cells_that_may_meet(
-            _Stretches.of(theirs[:, compared], _COMPARED_TOGETHER),
-            _Stretches.of(mine, _STEPS_TOGETHER),
+        index, at, cell, offset = _cells_that_meet(
+            _Stretches.of(theirs[:, compared], compared, _COMPARED_TOGETHER),
+            _Stretches.of(mine, np.arange(num_steps), _STEPS_TOGETHER),
             other,
             own,
-            reach,
+            reach[own] + reach[other],
         )
-        # No clock runs ahead of time.
-        possible = cell <= compared[at]
-        index, at, cell = index[possible], at[possible], cell[possible]
-        offset = theirs[other[index], compared[at]] - mine[own[index], cell]
-        close = np.real(offset) ** 2 + np.imag(offset) ** 2 < reach[index] ** 2
-        is_there = scene.is_valid[:, compared]
-        close &= is_there[own[index], at] & is_there[other[index], at]
-        index, at, cell = index[close], at[close], cell[close]
-        offset = offset[close]
-        a, b = own[index], other[index]
-        turns = facing[0][a, cell], facing[1][b, compared[at]]
+        a, b, now = own[index], other[index], compared[at]
+        turns = facing[0][a, cell], facing[1][b, now]
         theirs_to_yield = scene.may_yield[other] & ~self.tried[pair, 1 - side]
-        ahead = np.real(offset * (turns[0] + turns[1]).conj())
         theirs_to_yield &= ~scene.yields_last[other] | scene.yields_last[own]
+        ahead = np.real(offset * (turns[0] + turns[1]).conj())
         counts = (ahead >= 0) | ~theirs_to_yield[index]
+        counts &= scene.is_valid[a, now] & scene.is_valid[b, now]
+        index, at, cell, offset = (one[counts] for one in (index, at, cell, offset))
+        a, b, turns = a[counts], b[counts], [one[counts] for one in turns]
         room = np.array([GAP_M, 0.0]) * scene.keeps_gap[pair][index][:, None]
         sizes = scene.size_m[a], scene.size_m[b]
         near = turned_boxes_touch(offset, *turns, sizes[0] + room, sizes[1] + room)
-        near &= counts
         hit = near & (compared[at] < scene.num_until_end)
         hit[near] &= turned_boxes_touch(
             offset[near], *(one[near] for one in turns), *(one[near] for one in sizes)
@@ -524,43 +519,64 @@ class _Stretches:
 
     center_m: Complex[np.ndarray, "A C"]
     radius_m: Float[np.ndarray, "A C"]
-    point: Int[np.ndarray, "C M"]
-    """Points of each stretch; -1 beyond the end."""
+    point_m: Complex[np.ndarray, "A C M"]
+    index: Int[np.ndarray, "C M"]
+    """Index of each point; -1 beyond the end."""
+    step: Int[np.ndarray, "C M"]
 
     @classmethod
-    def of(cls, path_m: Complex[np.ndarray, "A N"], length: int) -> "_Stretches":
+    def of(
+        cls, path_m: Complex[np.ndarray, "A N"], step: Int[np.ndarray, "N"], length: int
+    ) -> "_Stretches":
         num_points = path_m.shape[1]
         count = -(-num_points // length)
-        point = np.arange(count * length).reshape(count, length)
-        inside = path_m[:, np.minimum(point, num_points - 1)]
-        center = (inside[..., 0] + inside[..., -1]) / 2
+        index = np.arange(count * length).reshape(count, length)
+        held = np.minimum(index, num_points - 1)
+        point = path_m[:, held]
+        center = (point[..., 0] + point[..., -1]) / 2
         return cls(
             center_m=center,
-            radius_m=np.abs(inside - center[..., None]).max(axis=-1, initial=0.0),
-            point=np.where(point < num_points, point, -1),
+            radius_m=np.abs(point - center[..., None]).max(axis=-1, initial=0.0),
+            point_m=point,
+            index=np.where(index < num_points, index, -1),
+            step=step[held],
         )
 
 
-def _cells_that_may_meet(
+def _cells_that_meet(
     one: _Stretches,
     two: _Stretches,
     row_of_one: Int[np.ndarray, "P"],
     row_of_two: Int[np.ndarray, "P"],
     reach_m: Float[np.ndarray, "P"],
-) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-    """Pairs with a point of each of the two paths, of stretches within reach."""
+) -> tuple[
+    Int[np.ndarray, "N"],
+    Int[np.ndarray, "N"],
+    Int[np.ndarray, "N"],
+    Complex[np.ndarray, "N"],
+]:
+    """Pairs with a point of each of the two paths in reach, and the vector to the first.
+
+    Points of the second path count that are not later: no clock runs ahead of time.
+    """
     offset = one.center_m[row_of_one][:, :, None] - two.center_m[row_of_two][:, None]
     reach = (reach_m[:, None] + _SLACK_M + one.radius_m[row_of_one])[:, :, None]
     reach = reach + two.radius_m[row_of_two][:, None]
-    pair, first, second = np.nonzero(
-        np.real(offset) ** 2 + np.imag(offset) ** 2 <= reach**2
+    near = np.real(offset) ** 2 + np.imag(offset) ** 2 <= reach**2
+    near &= two.step[:, 0] <= one.step[:, -1:]
+    pair, first, second = np.nonzero(near)
+    mine = two.point_m[row_of_two[pair], second][:, None]
+    offset = one.point_m[row_of_one[pair], first][:, :, None] - mine
+    close = np.real(offset) ** 2 + np.imag(offset) ** 2 < reach_m[pair, None, None] ** 2
+    close &= two.step[second][:, None] <= one.step[first][:, :, None]
+    close &= (one.index[first] >= 0)[:, :, None] & (two.index[second] >= 0)[:, None]
+    which, at, cell = np.nonzero(close)
+    return (
+        pair[which],
+        one.index[first[which], at],
+        two.index[second[which], cell],
+        offset[close],
     )
-    shape = (len(pair), one.point.shape[1], two.point.shape[1])
-    index = np.broadcast_to(pair[:, None, None], shape)
-    of_one = np.broadcast_to(one.point[first][:, :, None], shape)
-    of_two = np.broadcast_to(two.point[second][:, None], shape)
-    exists = (of_one >= 0) & (of_two >= 0)
-    return index[exists], of_one[exists], of_two[exists]
 
 
 def _as_complex(points_m: Float[np.ndarray, "A N 2"]) -> Complex[np.ndarray, "A N"]:
