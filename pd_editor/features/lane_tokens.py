@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.geometry.angles import heading_of, wrap_angle
+from pd_editor.geometry.lines import numbered
 from pd_editor.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.road_map import Crosswalk, LaneKind, RoadMap
 
@@ -91,8 +92,7 @@ class _DividedLanes:
     def of(cls, graph: LaneGraph) -> "_DividedLanes":
         counts = np.maximum(np.rint(graph.lengths_m / PIECE_LENGTH_M), 1).astype(int)
         ends = np.cumsum(counts)
-        lane = np.repeat(np.arange(len(counts)), counts)
-        index = np.arange(len(lane)) - (ends - counts)[lane]
+        lane, index = numbered(counts)
         part = (index[:, None] + np.array([0.0, 0.5, 1.0])) / counts[lane, None]
         return cls(lane=lane, first=ends - counts, last=ends - 1, part=part)
 

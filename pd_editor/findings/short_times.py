@@ -3,15 +3,15 @@
 import numpy as np
 
 from pd_editor.findings.finding import Finding, finding_of_agent
-from pd_editor.metrics.collisions.safety import CRITICAL_S, critical_times_s
+from pd_editor.metrics.collisions.safety import CRITICAL_S, least_times_s
 from pd_editor.metrics.traffic_view import TrafficView
 
 
 def short_times(view: TrafficView) -> list[Finding]:
     """Find agents whose shortest time to collision is critical, at its step."""
     scenario, found = view.scenario, []
-    least, at = critical_times_s(view)
-    for row in np.flatnonzero(np.isfinite(least)).tolist():
+    least, at = least_times_s(view)
+    for row in np.flatnonzero(least < CRITICAL_S).tolist():
         step = scenario.current_step + int(at[row])
         words = f"time to collision {least[row]:.1f} s"
         found.append(

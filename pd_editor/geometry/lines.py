@@ -44,20 +44,24 @@ class Lines:
         return np.stack([end - self.count, end - 1])
 
     @cached_property
-    def step_m(self) -> Float[np.ndarray, "S"]:
-        """Distance between neighbours; 1 m from the end of a line to the next one."""
+    def _step_m(self) -> Float[np.ndarray, "S"]:
+        # Between the end of a line and the next one 1 m, so that no place is on both.
         step = np.linalg.norm(np.diff(self.points_m[:, :2], axis=0), axis=-1)
         return np.where(np.diff(self.line), 1.0, step)
 
     @cached_property
-    def along_m(self) -> Float[np.ndarray, "P"]:
-        """Distance of each point along all lines."""
-        return np.append(0.0, np.cumsum(self.step_m))[: len(self.points_m)]
+    def _along_m(self) -> Float[np.ndarray, "P"]:
+        return np.append(0.0, np.cumsum(self._step_m))[: len(self.points_m)]
 
     @property
     def length_m(self) -> Float[np.ndarray, "L"]:
         """Length of each line."""
-        return np.ptp(self.along_m[self.ends], axis=0)
+        return np.ptp(self._along_m[self.ends], axis=0)
+
+    def apart(self) -> list[Float[np.ndarray, "_ D"]]:
+        """The lines one by one."""
+        end = np.cumsum(self.count)
+        return [self.points_m[a:b] for a, b in zip(end - self.count, end, strict=True)]
 
     def taken(self, which: Bool[np.ndarray, "L"]) -> "Lines":
         """Some of the lines."""
@@ -65,7 +69,7 @@ class Lines:
 
     def without_repeats(self, tolerance_m: float = 1e-6) -> "Lines":
         """Remove points that repeat the previous one of their line."""
-        keep = np.append(True, self.step_m > tolerance_m)[: len(self.points_m)]
+        keep = np.append(True, self._step_m > tolerance_m)[: len(self.points_m)]
         count = np.bincount(self.line[keep], minlength=len(self.count))
         return Lines(points_m=self.points_m[keep], count=count)
 
@@ -75,7 +79,7 @@ class Lines:
         All given points are kept exactly; further coordinates are interpolated.
         """
         pieces = np.ones(len(self.points_m), int)
-        within = np.where(np.diff(self.line), 0.0, self.step_m)
+        within = np.where(np.diff(self.line), 0.0, self._step_m)
         pieces[:-1] = np.maximum(np.ceil(within / max_spacing_m), 1)
         segment, index = numbered(pieces)
         start = self.points_m[segment]
@@ -92,16 +96,13 @@ class Lines:
         """Points at distances along some lines; clamped to the ends of each."""
         if not len(line):
             return np.zeros((0, 2))
-        low, high = self.along_m[self.ends[:, line]]
+        low, high = self._along_m[self.ends[:, line]]
         place = np.clip(low + distance_m, low, high)
-        x, y = (np.interp(place, self.along_m, one) for one in self.points_m.T[:2])
+        x, y = (np.interp(place, self._along_m, one) for one in self.points_m.T[:2])
         return np.stack([x, y], axis=-1)
 
     def offset(self, distance_m: float) -> "Lines":
-        """Offset the lines to their left by a distance, with mitred corners.
-
-        The mitre is limited to twice the distance, so that sharp corners have no spikes.
-        """
+        """Offset all lines to their left: see ``offset_line``."""
         direction = np.diff(self.points_m, axis=0)
         norm = np.linalg.norm(direction, axis=-1, keepdims=True)
         direction = direction / np.maximum(norm, 1e-12)

@@ -1,6 +1,6 @@
 """Oriented boxes: values, corners and overlap area."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,10 +43,6 @@ class Boxes:
             heading_rad=self.heading_rad[index],
             size_m=self.size_m[index],
         )
-
-    def grown(self, more_m: float) -> "Boxes":
-        """The boxes with larger sizes."""
-        return replace(self, size_m=self.size_m + more_m)
 
     def broadcast_to(self, shape: tuple[int, ...]) -> "Boxes":
         """Repeat boxes to a shape."""

@@ -1,7 +1,5 @@
 """Polylines as arrays of points, shape [N 2], in metres."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
 
@@ -48,18 +46,7 @@ def densify(
     All given points are kept exactly. Distances are measured in the first two
     coordinates; further ones (elevation) are interpolated.
     """
-    (line,) = densify_all([points], max_spacing_m)
-    return line
-
-
-def densify_all(
-    lines: Sequence[Float[np.ndarray, "_ D"]], max_spacing_m: float
-) -> list[Float[np.ndarray, "_ D"]]:
-    """Densify several lines in one pass; see ``densify``."""
-    if not sum(map(len, lines)):
-        return list(lines)
-    dense = Lines.of(lines).densified(max_spacing_m)
-    return np.split(dense.points_m, dense.ends[0][1:])
+    return Lines.of([points]).densified(max_spacing_m).points_m
 
 
 def smoothed(

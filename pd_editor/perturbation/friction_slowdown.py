@@ -1,6 +1,6 @@
 """Slows warped agents to the friction limit of their curves."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Final
 
@@ -58,15 +58,8 @@ class _Nodes:
 
     def taken(self, rows: Bool[np.ndarray, "G"]) -> "_Nodes":
         """Nodes of some of the agents."""
-        return _Nodes(
-            row=self.row[rows],
-            time_s=self.time_s,
-            original_m=self.original_m[rows],
-            heading_rad=self.heading_rad[rows],
-            speed_mps=self.speed_mps[rows],
-            curvature_per_m=self.curvature_per_m[rows],
-            exists=self.exists[rows],
-        )
+        names = [one.name for one in fields(self) if one.name != "time_s"]
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,16 +128,14 @@ def slowed_to_friction_limit(
     along = travelled_m(warp.apply(nodes.original_m))
     # Above the logged speed where the warp lengthens the track.
     speed = _at_nodes(rate(along[:, ::_NODES_PER_STEP], time_axis.step_s))
-    limit = np.full(speed.shape, np.inf)
-    limit[bends] = friction_limited_speed(
-        warped_curvature(
-            nodes.curvature_per_m[bends],
-            nodes.heading_rad[bends],
-            nodes.original_m[bends],
-            warp,
-        ),
-        friction_coefficient,
+    curvature = np.zeros(speed.shape)
+    curvature[bends] = warped_curvature(
+        nodes.curvature_per_m[bends],
+        nodes.heading_rad[bends],
+        nodes.original_m[bends],
+        warp,
     )
+    limit = friction_limited_speed(curvature, friction_coefficient)
     too_fast = np.any(speed > _TOLERANCE * limit, axis=1)
     if not too_fast.any():
         return warped

@@ -47,24 +47,22 @@ class States:
         gap_m: float = 0.0,
     ) -> Int[np.ndarray, "K"]:
         """Number of agents that one would overlap at K poses, with a gap ahead and behind."""
-        size = self.scenario.agents.size_m
+        agents = self.scenario.agents
         boxes = Boxes(
             position_m=position_m[:, None],
             heading_rad=heading_rad[:, None],
-            size_m=size[row] + np.array([2 * gap_m, 0.0]),
+            size_m=agents.size_m[row] + np.array([2 * gap_m, 0.0]),
         )
-        reach = self.scenario.agents.radius_m + boxes.radius_m.max(initial=0.0)
-        middle = (position_m.min(axis=0) + position_m.max(axis=0)) / 2
-        spread = np.hypot(*(position_m - middle).T).max(initial=0.0)
-        apart = np.hypot(*(self.position_m - middle).T)
-        near = self.exists & (apart <= reach + spread + _TOLERANCE_M)
+        low, high = position_m.min(axis=0), position_m.max(axis=0)
+        apart = np.maximum(low - self.position_m, self.position_m - high).max(axis=1)
+        near = self.exists & (apart < agents.radius_m + boxes.radius_m.max())
         near[row] = False
         others = Boxes(
-            position_m=self.position_m[near],
-            heading_rad=self.heading_rad[near],
-            size_m=size[near],
+            position_m=self.position_m,
+            heading_rad=self.heading_rad,
+            size_m=agents.size_m,
         )
-        return boxes_collide(boxes, others).sum(axis=1)
+        return boxes_collide(boxes, others[near]).sum(axis=1)
 
     def first_free(
         self,

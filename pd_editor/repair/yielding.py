@@ -498,7 +498,7 @@ class _Plans:
         counts = (ahead >= 0) | ~theirs_to_yield[index]
         counts &= scene.is_valid[a, now] & scene.is_valid[b, now]
         index, at, cell, offset = (one[counts] for one in (index, at, cell, offset))
-        a, b, turns = a[counts], b[counts], [one[counts] for one in turns]
+        a, b, turns = a[counts], b[counts], (turns[0][counts], turns[1][counts])
         room = np.array([GAP_M, 0.0]) * scene.keeps_gap[pair][index][:, None]
         sizes = scene.size_m[a], scene.size_m[b]
         near = turned_boxes_touch(offset, *turns, sizes[0] + room, sizes[1] + room)
@@ -549,12 +549,7 @@ def _cells_that_meet(
     row_of_one: Int[np.ndarray, "P"],
     row_of_two: Int[np.ndarray, "P"],
     reach_m: Float[np.ndarray, "P"],
-) -> tuple[
-    Int[np.ndarray, "N"],
-    Int[np.ndarray, "N"],
-    Int[np.ndarray, "N"],
-    Complex[np.ndarray, "N"],
-]:
+) -> tuple[np.ndarray, ...]:
     """Pairs with a point of each of the two paths in reach, and the vector to the first.
 
     Points of the second path count that are not later: no clock runs ahead of time.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.polyline import densify_all
+from pd_editor.geometry.lines import Lines
 
 DENSE_SPACING_M = 2.0
 """Spacing at which a polyline follows the sharpest allowed curve within 0.1 m."""
@@ -200,7 +200,8 @@ class RoadMap:
         """
         num_open = len(self.polylines) - len(self.drivable_areas)
         rings = [np.concatenate([ring, ring[:1]]) for ring in self.polylines[num_open:]]
-        lines = densify_all([*self.polylines[:num_open], *rings], DENSE_SPACING_M)
+        lines = Lines.of([*self.polylines[:num_open], *rings])
+        lines = lines.densified(DENSE_SPACING_M).apart()
         lines[num_open:] = [ring[:-1] for ring in lines[num_open:]]
         return self.with_polylines(tuple(lines))
 
@@ -208,10 +209,7 @@ class RoadMap:
         self, motion: Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
     ) -> "RoadMap":
         """Apply a motion of the plane to the map; elevations stay."""
-        points = np.concatenate(self.polylines)
-        points = np.column_stack([motion(points[:, :2]), points[:, 2]])
-        ends = np.cumsum([len(line) for line in self.polylines])
-        starts = np.concatenate([[0], ends[:-1]])
-        return self.with_polylines(
-            tuple(points[a:b] for a, b in zip(starts, ends, strict=True))
-        )
+        lines = Lines.of(self.polylines)
+        points, z = lines.points_m[:, :2], lines.points_m[:, 2]
+        moved = replace(lines, points_m=np.column_stack([motion(points), z]))
+        return self.with_polylines(tuple(moved.apart()))

@@ -7,7 +7,6 @@ from scipy.ndimage import gaussian_filter1d
 from pd_editor.geometry.polyline import (
     arc_length,
     densify,
-    densify_all,
     offset_line,
     point_at,
     resample,
@@ -49,17 +48,6 @@ def test_densify_keeps_every_point_and_the_shape(line, spacing):
 def test_densify_interpolates_elevation():
     dense = densify(np.array([[0.0, 0, 0], [4, 0, 2]]), 2.0)
     np.testing.assert_allclose(dense, [[0, 0, 0], [2, 0, 1], [4, 0, 2]])
-
-
-@given(st.lists(LINES | st.just(np.zeros((0, 2))), max_size=5), st.floats(0.5, 20))
-def test_many_lines_are_densified_as_one_by_one(lines, spacing):
-    found = densify_all(lines, spacing)
-    assert len(found) == len(lines)
-    for line, dense in zip(lines, found, strict=True):
-        if len(line):
-            np.testing.assert_array_equal(dense, densify(line, spacing))
-        else:
-            assert not len(dense)
 
 
 @given(LINES, st.integers(2, 20))

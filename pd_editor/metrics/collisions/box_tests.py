@@ -11,8 +11,6 @@ from pd_editor.geometry.path_pieces import bounds_m, rectangles_meet
 
 MIN_OVERLAP_M2: Final = 0.05
 """Boxes that share at most this area only touch."""
-_DEEP_M: Final = 0.26
-"""Boxes that touch when they are smaller by this share a disc of more than that area."""
 _PORTION: Final = 50_000
 """Number of pairs times steps per chunk."""
 
@@ -32,15 +30,8 @@ def boxes_collide(
     other = other.broadcast_to(found.shape)[found]
     touch = boxes_touch(one, other)
     found[found] = touch
-    one, other = one[touch], other[touch]
-    collide = np.minimum(one.size_m, other.size_m).min(axis=-1) > _DEEP_M
-    collide[collide] = boxes_touch(
-        one[collide].grown(-_DEEP_M), other[collide].grown(-_DEEP_M)
-    )
-    edge = ~collide
-    area = overlap_area(one[edge].corners_m(), other[edge].corners_m())
-    collide[edge] = area > MIN_OVERLAP_M2
-    found[found] = collide
+    area = overlap_area(one[touch].corners_m(), other[touch].corners_m())
+    found[found] = area > MIN_OVERLAP_M2
     return found
 
 

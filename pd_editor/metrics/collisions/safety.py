@@ -53,14 +53,12 @@ def safety_values(view: TrafficView) -> dict[str, MetricValues]:
     }
 
 
-def critical_times_s(
+def least_times_s(
     view: TrafficView,
 ) -> tuple[Float[np.ndarray, "A"], Int[np.ndarray, "A"]]:
-    """Shortest critical time to collision of each agent, infinite without one, and its step."""
+    """Shortest time to collision of each agent, infinite if not critical, and its step."""
     pairs = _Pairs.of(view, within_s=CRITICAL_S)
     pair, time, at = _times_to_collision_s(pairs)
-    is_critical = time < CRITICAL_S
-    pair, time, at = pair[is_critical], time[is_critical], at[is_critical]
     least, step = np.full(len(pairs.agents), np.inf), np.zeros(len(pairs.agents), int)
     # Of several writes to an agent the last one stays: the shortest time.
     order = np.argsort(-time, kind="stable")
@@ -80,7 +78,7 @@ def _finite(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pairs:
-    """P pairs (a, b) of agents at H steps; agent a is evaluated."""
+    """P pairs (a, b) of agents at H steps that may meet in a time; agent a is evaluated."""
 
     agents: AgentStates
     num_evaluated: int
@@ -96,7 +94,6 @@ class _Pairs:
 
     @classmethod
     def of(cls, view: TrafficView, within_s: float = np.inf) -> "_Pairs":
-        """All pairs, or those that can meet within a time at constant velocities."""
         agents, num_evaluated = view.everyone, len(view)
         pairs = np.argwhere(np.triu(np.ones((len(agents), len(agents)), bool), 1))
         if np.isfinite(within_s):

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import heading_of
+from pd_editor.geometry.lines import Lines
 from pd_editor.paths.lanes.lane_search import LaneSearch
 from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
 
@@ -49,14 +50,12 @@ class LaneGraph:
     @cached_property
     def search(self) -> LaneSearch:
         """Search among every segment of every centre line."""
-        counts = np.array([len(line) for line in self.centerlines_m], int)
-        points = np.concatenate([np.zeros((0, 2)), *self.centerlines_m])
-        lane = np.repeat(np.arange(len(counts)), counts)
-        keep = lane[:-1] == lane[1:]
-        start, step = points[:-1][keep], np.diff(points, axis=0)[keep]
-        length, lane = np.hypot(*step.T), lane[:-1][keep]
+        lines = Lines.of(self.centerlines_m)
+        keep = np.diff(lines.line) == 0
+        start, step = lines.points_m[:-1][keep], np.diff(lines.points_m, axis=0)[keep]
+        length, lane = np.hypot(*step.T), lines.line[:-1][keep]
         before = np.cumsum(length) - length
-        first = np.cumsum(counts - 1) - (counts - 1)
+        first = lines.ends[0] - np.arange(len(lines.count))
         return LaneSearch(
             start_m=start,
             direction=step / length[:, None],
@@ -114,17 +113,13 @@ def _usable(all_lanes: tuple[Lane, ...]) -> tuple[list[Lane], list[np.ndarray]]:
     lanes = [lane for lane in all_lanes if len(lane.centerline) >= 2]
     if not lanes:
         return [], []
-    points = np.concatenate([lane.centerline_m for lane in lanes])
-    ends = np.cumsum([len(lane.centerline) for lane in lanes])
-    starts = np.concatenate([[0], ends[:-1]])
-    is_finite = np.logical_and.reduceat(np.isfinite(points).all(axis=1), starts)
-    points = np.where(np.isfinite(points), points, 0.0)
-    step = np.linalg.norm(np.diff(points, axis=0), axis=-1)
-    kept = np.concatenate([[True], step > _REPEAT_M])
-    kept[starts] = True
-    counts = np.add.reduceat(kept.astype(int), starts)
-    parts = np.split(points[kept], np.cumsum(counts)[:-1])
-    rows = np.flatnonzero(is_finite & (counts >= 2)).tolist()
+    lines = Lines.of([lane.centerline_m for lane in lanes])
+    is_finite = np.isfinite(lines.points_m)
+    is_usable = np.logical_and.reduceat(is_finite.all(axis=1), lines.ends[0])
+    finite = replace(lines, points_m=np.where(is_finite, lines.points_m, 0.0))
+    kept = finite.without_repeats(_REPEAT_M)
+    rows = np.flatnonzero(is_usable & (kept.count >= 2)).tolist()
+    parts = kept.apart()
     return [lanes[row] for row in rows], [parts[row] for row in rows]
 
 

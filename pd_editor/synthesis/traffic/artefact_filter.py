@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.geometry.angles import unit_vector, wrap_angle
+from pd_editor.geometry.lines import numbered
 from pd_editor.geometry.oriented_box import Boxes
 from pd_editor.metrics.collisions.box_tests import boxes_touch
 from pd_editor.scene.agent_kind import AgentKind
@@ -63,10 +64,8 @@ def overlapping_pairs(
     first = tracks.first_step[pairs].max(axis=1)
     end = tracks.first_step + np.diff(tracks.first_row)
     count = np.maximum(end[pairs].min(axis=1) - first, 0)
-    pair = np.repeat(np.arange(len(pairs)), count)
-    step = (
-        first[pair] + np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
-    )
+    pair, index = numbered(count)
+    step = first[pair] + index
     rows = (tracks.first_row[:-1] - tracks.first_step)[pairs[pair]] + step[:, None]
     reach = np.hypot(*tracks.size_m.T)[pairs].sum(axis=1)[pair] / 2
     gap = tracks.position_m[rows[:, 0]] - tracks.position_m[rows[:, 1]]

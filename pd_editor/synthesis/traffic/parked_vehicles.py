@@ -11,6 +11,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 from pd_editor.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
+from pd_editor.geometry.lines import Lines
 from pd_editor.geometry.oriented_box import Boxes, box_corners
 from pd_editor.geometry.polyline import arc_length, point_at
 from pd_editor.scene.agent_kind import AgentKind
@@ -236,10 +237,8 @@ def _is_free(
 
 
 def _areas(parts: tuple[Lane | Crosswalk, ...]) -> np.ndarray:
-    rings = [part.outline_m() for part in parts]
-    index = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
-    points = np.concatenate([np.zeros((0, 2)), *rings])
-    lines: Any = shapely.linearrings(points, indices=index)
+    rings = Lines.of([part.outline_m() for part in parts])
+    lines: Any = shapely.linearrings(rings.points_m, indices=rings.line)
     return _polygons(lines)
 
 

@@ -60,17 +60,14 @@ def road_parts(road_map: RoadMap) -> tuple[RoadPart, ...]:
     """Every coloured part of a map, from the ground up."""
 
     def part(
-        layer: Layer, color_name: str, height_m: float, meshes: Iterable[FlatMesh]
+        layer: Layer, color_name: str, height_m: float, *meshes: FlatMesh
     ) -> RoadPart:
         return RoadPart(
-            layer=layer,
-            color_name=color_name,
-            height_m=height_m,
-            mesh=merged(list(meshes)),
+            layer=layer, color_name=color_name, height_m=height_m, mesh=merged(meshes)
         )
 
-    def lanes_where(*kinds: LaneKind, is_inside: bool = False) -> Iterator[FlatMesh]:
-        yield _lane_surfaces(
+    def lanes(*kinds: LaneKind, is_inside: bool = False) -> FlatMesh:
+        return _lane_surfaces(
             [
                 lane
                 for lane in road_map.lanes
@@ -81,17 +78,17 @@ def road_parts(road_map: RoadMap) -> tuple[RoadPart, ...]:
     markings = _markings(road_map)
     stripes = triangulated(list(crosswalk_stripes(road_map)))
     return (
-        part("road", "road", 0.0, [cells(_areas(road_map))]),
+        part("road", "road", 0.0, cells(_areas(road_map))),
         # Connectors cover a junction from all sides; tinted, they would fill all of it.
-        part("lanes", "intersection", 0.01, lanes_where(*LaneKind, is_inside=True)),
-        part("lanes", "lane", 0.012, lanes_where(LaneKind.VEHICLE)),
-        part("lanes", "bus_lane", 0.014, lanes_where(LaneKind.BUS)),
-        part("lanes", "bike_lane", 0.016, lanes_where(LaneKind.BIKE)),
-        part("lanes", "lane_edge", 0.02, markings["lane_edge"]),
-        part("crosswalks", "crosswalk", 0.03, [stripes]),
-        part("markings", "white_marking", 0.04, markings["white_marking"]),
-        part("markings", "yellow_marking", 0.045, markings["yellow_marking"]),
-        part("centerlines", "centerline", 0.05, _centerline_arrows(road_map)),
+        part("lanes", "intersection", 0.01, lanes(*LaneKind, is_inside=True)),
+        part("lanes", "lane", 0.012, lanes(LaneKind.VEHICLE)),
+        part("lanes", "bus_lane", 0.014, lanes(LaneKind.BUS)),
+        part("lanes", "bike_lane", 0.016, lanes(LaneKind.BIKE)),
+        part("lanes", "lane_edge", 0.02, *markings["lane_edge"]),
+        part("crosswalks", "crosswalk", 0.03, stripes),
+        part("markings", "white_marking", 0.04, *markings["white_marking"]),
+        part("markings", "yellow_marking", 0.045, *markings["yellow_marking"]),
+        part("centerlines", "centerline", 0.05, *_centerline_arrows(road_map)),
     )
 
 
@@ -110,10 +107,8 @@ def _lane_surfaces(lanes: Sequence[Lane]) -> FlatMesh:
 def _areas(road_map: RoadMap) -> Iterator[BaseGeometry]:
     for area in road_map.drivable_areas:
         if len(area.boundary) >= 4:
-            ring = densify(
-                area.boundary[[*range(len(area.boundary)), 0], :2], SPACING_M
-            )
-            yield make_valid(shapely.Polygon(ring))
+            ring = np.concatenate([area.boundary, area.boundary[:1]])[:, :2]
+            yield make_valid(shapely.Polygon(densify(ring, SPACING_M)))
 
 
 def cells(areas: Iterable[BaseGeometry]) -> FlatMesh:
@@ -192,13 +187,9 @@ def _markings(road_map: RoadMap) -> dict[str, list[FlatMesh]]:
             continue
         color = "yellow_marking" if "YELLOW" in mark else "white_marking"
         styles = _line_styles(mark)
-        offsets = (
-            (0.0,)
-            if len(styles) == 1
-            else (DOUBLE_LINE_OFFSET_M, -DOUBLE_LINE_OFFSET_M)
-        )
-        for style, offset in zip(styles, offsets, strict=True):
-            shifted = some.offset(offset) if offset else some
+        offset = DOUBLE_LINE_OFFSET_M * (len(styles) - 1)
+        for style, side in zip(styles, (offset, -offset), strict=False):
+            shifted = some.offset(side) if side else some
             drawn = shifted if style == "solid" else _dashes(shifted)
             meshes[color].append(ribbons(drawn, MARKING_WIDTH_M))
     return meshes
