@@ -12,7 +12,7 @@ from pd_editor.repair.box_overlaps import counted
 from pd_editor.repair.yielding import (
     MAX_BRAKING_MPS2,
     Yielded,
-    _cells_that_may_meet,
+    _cells_that_meet,
     _Stretches,
     clocks,
     yielding,
@@ -136,15 +136,22 @@ def test_no_two_points_within_reach_are_missed() -> None:
     )
     pairs = np.argwhere(np.ones((4, 4)))
     reach = random.uniform(0.5, 6.0, len(pairs))
-    index, of_one, of_two = _cells_that_may_meet(
-        _Stretches.of(one, 4), _Stretches.of(two, 5), pairs[:, 0], pairs[:, 1], reach
+    steps = [np.arange(path.shape[1]) for path in (one, two)]
+    index, of_one, of_two, offset = _cells_that_meet(
+        _Stretches.of(one, 2 * steps[0], 4),
+        _Stretches.of(two, steps[1], 5),
+        *pairs.T,
+        reach,
     )
     found = set(zip(index.tolist(), of_one.tolist(), of_two.tolist(), strict=True))
     gap = np.abs(one[pairs[:, 0]][:, :, None] - two[pairs[:, 1]][:, None])
-    near = np.argwhere(gap < reach[:, None, None])
+    no_later = steps[1] <= 2 * steps[0][:, None]
+    near = np.argwhere((gap < reach[:, None, None]) & no_later)
     assert len(near) > 100
-    assert {tuple(cell) for cell in near.tolist()} <= found
-    assert len(found) == len(index) < gap.size / 2
+    assert {tuple(cell) for cell in near.tolist()} == found
+    assert len(found) == len(index)
+    a, b = pairs[index].T
+    np.testing.assert_array_equal(offset, one[a, of_one] - two[b, of_two])
 
 
 def test_of_two_the_one_that_yields_last_drives_on() -> None:
