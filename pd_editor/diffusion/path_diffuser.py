@@ -30,6 +30,7 @@ from pd_editor.diffusion.initial_state.conflicts import ConflictResampling
 from pd_editor.diffusion.initial_state.fitting import (
     colliding_with_kept,
     limited,
+    num_overlapping,
     without_new,
     without_overlapping,
 )
@@ -238,6 +239,12 @@ class PathDiffuser:
                 samples.append(driven)
         notes = list(attribute_notes(placed, _attribute_request(request)))
         notes += [*_fit_notes(fits), *far_notes]
+        crowded = max(num_overlapping(scenario, ids) for scenario, ids in placed)
+        if crowded and request.refines_states:
+            notes.append(
+                f"There is no room for {crowded} placed agents, which overlap others; "
+                "resample fewer, or in a region with more road."
+            )
         num_empty = sum(not number for _, number in fits)
         if num_empty and not request.resampled_state_ids:
             notes.append(

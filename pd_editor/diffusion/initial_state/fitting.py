@@ -37,6 +37,14 @@ def limited(
     return tuple(one for one in fewer if one.ids)
 
 
+def num_overlapping(scenario: Scenario, agent_ids: Collection[str]) -> int:
+    """Number of some agents whose boxes overlap others at the current step."""
+    agents = scenario.agents
+    pairs = overlapping_pairs(agents, scenario.current_step)
+    pairs = pairs[counted(agents, pairs)]
+    return len(np.intersect1d(pairs, agents.rows(agent_ids)))
+
+
 def without_overlapping(
     scenario: Scenario, new_ids: Sequence[str]
 ) -> tuple[Scenario, tuple[str, ...]]:

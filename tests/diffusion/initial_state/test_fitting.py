@@ -64,6 +64,23 @@ def test_what_fits_is_placed_and_the_number_is_said(diffuser: PathDiffuser):
     assert overlaps_of(after, traffic.samples[0].ids) == 0
 
 
+def test_it_is_said_how_many_found_no_room(diffuser: PathDiffuser):
+    scenario = scenario_with(straight_drivers([(8.0 * n, 0, 0, 0) for n in range(30)]))
+    ids = scenario.agents.ids
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=ids,
+        resampled_state_ids=ids,
+        region=Region(center_m=(0.0, 0.0), half_side_m=6.0),
+    )
+    traffic = run_to_end(diffuser.generate(request))
+    agents = traffic_command(request, traffic).apply(scenario).agents
+    pairs = overlapping_pairs(agents, scenario.current_step)
+    count = len(np.unique(pairs[counted(agents, pairs)]))
+    assert count > 0
+    assert f"There is no room for {count} placed agents" in " ".join(traffic.notes)
+
+
 def test_no_more_are_placed_than_a_scene_may_have(diffuser: PathDiffuser):
     states = [(12.0 * (n % 20), 200.0 + 5 * (n // 20), 0.0, 0.0) for n in range(498)]
     scenario = scenario_with(straight_drivers(states))
