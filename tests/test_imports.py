@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import pd_editor
 
 ROOT = Path(__file__).parents[1]
@@ -50,6 +52,26 @@ def test_the_shell_loads_without_the_viewer():
     statement = "import pd_editor.cli.main"
     heavy = ("torch", "av2", "viser", "trimesh", "pandas", "scipy", "matplotlib")
     assert loaded_after(statement, *heavy) == set()
+
+
+@pytest.mark.parametrize("words", [["--help"], ["no-command"], ["warp", "--help"]])
+def test_the_shell_imports_the_command_that_is_called(words: list[str]):
+    """Only its own command, and for the overview none, so that it is there at once."""
+    statement = (
+        "import contextlib, io\n"
+        "from pd_editor.cli.main import main\n"
+        "with contextlib.redirect_stdout(io.StringIO()), "
+        "contextlib.redirect_stderr(io.StringIO()):\n"
+        f"    main({words!r})"
+    )
+    others = ("pd_editor.cli.generate", "pd_editor.cli.study", "pd_editor.cli.evaluate")
+    heavy = () if words[0] == "warp" else ("numpy", "shapely", "pyarrow", "jaxtyping")
+    assert loaded_after(statement, *others, *heavy) == set()
+
+
+def test_a_scenario_is_read_and_written_without_pandas(tmp_path: Path):
+    statement = f"import pd_editor\npd_editor.export('merge', out={str(tmp_path)!r})"
+    assert loaded_after(statement, "pandas", "torch") == set()
 
 
 def test_the_package_itself_loads_nothing():

@@ -70,7 +70,7 @@ class TrackTable:
         column = self.column(name, expected)
         if not _is_numeric(column.type):
             raise self.type_error(name, "numbers")
-        values = np.asarray(column.to_numpy(), float)
+        values = _array(column, pa.float64())
         is_bad = ~np.isfinite(values)
         if is_bad.any():
             raise self.row_error(name, is_bad, f"{expected} that is finite")
@@ -99,7 +99,7 @@ class TrackTable:
         """A column of booleans; some official files store them as 0.0 and 1.0."""
         column = self.column(name, "true or false")
         if pa.types.is_boolean(column.type):
-            return np.asarray(column).astype(bool)
+            return _array(column, pa.uint8()) == 1
         values = self.numbers(name, "true or false")
         is_bad = (values != 0) & (values != 1)
         if is_bad.any():
@@ -123,7 +123,7 @@ class TrackTable:
             encoded = encoded.unify_dictionaries().combine_chunks()
         if not isinstance(encoded, pa.DictionaryArray):
             encoded = encoded.dictionary_encode()
-        codes = encoded.indices.to_numpy()
+        codes = np.from_dlpack(encoded.indices)
         try:
             names = encoded.dictionary.to_pylist()
         except UnicodeDecodeError as error:
@@ -264,6 +264,14 @@ def is_readable(data_type: pa.DataType) -> bool:
 
 def _is_numeric(data_type: pa.DataType) -> bool:
     return pa.types.is_floating(data_type) or pa.types.is_integer(data_type)
+
+
+def _array(column: pa.ChunkedArray, kind: pa.DataType) -> np.ndarray:
+    """Values of a column without nulls.
+
+    Its ``to_numpy`` would import pandas, which takes longer than all reading.
+    """
+    return np.from_dlpack(column.cast(kind, safe=False).combine_chunks())
 
 
 def _short(value: object) -> str:

@@ -7,6 +7,7 @@ rows.
 """
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,47 +26,59 @@ def tracks_bytes(scenario: Scenario) -> bytes:
     position = agents.position_m[row, step] + scenario.origin_city_m
     velocity = agents.velocity_mps[row, step]
     observed = agents.observed[row, step]
-    kinds = pa.array([kind.value for kind in agents.kinds], pa.string())
+    kinds = _texts([kind.value for kind in agents.kinds])
     columns: dict[str, pa.Array] = {
-        "observed": pa.array(observed),
-        "track_id": pa.array(agents.ids, pa.string()).take(pa.array(row)),
-        "object_type": kinds.take(pa.array(row)),
-        "object_category": pa.array(np.array(agents.categories, np.int64)[row]),
-        "timestep": pa.array(step.astype(np.int64)),
-        "position_x": pa.array(position[:, 0]),
-        "position_y": pa.array(position[:, 1]),
-        "heading": pa.array(agents.heading_rad[row, step]),
-        "velocity_x": pa.array(velocity[:, 0]),
-        "velocity_y": pa.array(velocity[:, 1]),
+        "observed": _values(observed),
+        "track_id": _texts(agents.ids).take(_values(row)),
+        "object_type": kinds.take(_values(row)),
+        "object_category": _values(np.array(agents.categories, np.int64)[row]),
+        "timestep": _values(step.astype(np.int64)),
+        "position_x": _values(position[:, 0]),
+        "position_y": _values(position[:, 1]),
+        "heading": _values(agents.heading_rad[row, step]),
+        "velocity_x": _values(velocity[:, 0]),
+        "velocity_y": _values(velocity[:, 1]),
     }
-    same: dict[str, pa.Scalar] = {
-        "scenario_id": pa.scalar(scenario.scenario_id),
-        "start_timestamp": _source_scalar(axis.start_timestamp_ns),
-        "end_timestamp": _source_scalar(axis.end_timestamp_ns),
-        "num_timestamps": pa.scalar(axis.num_steps, pa.int64()),
-        "focal_track_id": pa.scalar(scenario.focal_id),
-        "city": pa.scalar(scenario.city),
+    same: dict[str, Any] = {
+        "scenario_id": scenario.scenario_id,
+        "start_timestamp": axis.start_timestamp_ns,
+        "end_timestamp": axis.end_timestamp_ns,
+        "num_timestamps": axis.num_steps,
+        "focal_track_id": scenario.focal_id,
+        "city": scenario.city,
     }
     if default_current_step(step, observed, axis.step_s) != axis.current_step:
-        same["current_step"] = pa.scalar(axis.current_step, pa.int64())
-    for name, value in scenario.source_fields.items():
-        same.setdefault(name, _source_scalar(value))
-    columns |= {name: pa.repeat(value, len(row)) for name, value in same.items()}
-    columns["length_m"] = pa.array(agents.size_m[row, 0])
-    columns["width_m"] = pa.array(agents.size_m[row, 1])
-    columns["has_known_size"] = pa.array(agents.has_known_size[row])
+        same["current_step"] = axis.current_step
+    for name, value in (same | scenario.source_fields | same).items():
+        if isinstance(value, str):
+            columns[name] = _texts([value]).take(_values(np.zeros_like(row)))
+        else:
+            columns[name] = _values(np.full(len(row), value))
+    columns["length_m"] = _values(agents.size_m[row, 0])
+    columns["width_m"] = _values(agents.size_m[row, 1])
+    columns["has_known_size"] = _values(agents.has_known_size[row])
     if agents.activity.any():
         names = [ACTIVITY_NAMES[Activity(int(one))] for one in agents.activity]
-        columns["activity"] = pa.array(names, pa.string()).take(pa.array(row))
+        columns["activity"] = _texts(names).take(_values(row))
     if agents.has_made_up_past.any():
         is_made_up = agents.has_made_up_past[row] & (step < axis.current_step)
-        columns["is_made_up"] = pa.array(is_made_up)
+        columns["is_made_up"] = _values(is_made_up)
     sink = io.BytesIO()
     pq.write_table(pa.table(columns), sink)
     return sink.getvalue()
 
 
-def _source_scalar(value: Any) -> pa.Scalar:
-    if isinstance(value, int) and value >= 2**63:
-        return pa.scalar(value, pa.uint64())
-    return pa.scalar(value)
+def _values(values: np.ndarray) -> pa.Array:
+    """Array of numbers or booleans; ``pyarrow.array`` would import pandas."""
+    if values.dtype == bool:
+        return _values(values.view(np.uint8)).cast(pa.bool_())
+    buffer = pa.py_buffer(np.ascontiguousarray(values))
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, len(values), [None, buffer])
+
+
+def _texts(texts: Sequence[str]) -> pa.Array:
+    encoded = [text.encode() for text in texts]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    return pa.Array.from_buffers(pa.string(), len(texts), buffers)
