@@ -34,6 +34,7 @@ the classes in ``commands``, its ``recipe()`` is a ``Recipe``. Whatever a user o
 can cause raises a ``PdEditorError``. All of this is loaded on first use.
 """
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +78,12 @@ __all__ = [
     "train",
     "warp",
 ]
+
+# Compute threads sleep when they wait, after a few microseconds. They would spin while other
+# programs, such as the browser that draws the scene, need the core. Torch's libraries read
+# this when they are loaded: GNU's (Linux) and LLVM's (macOS).
+os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+os.environ.setdefault("KMP_BLOCKTIME", "0")
 
 _HOMES = {
     "EditorSession": "pd_editor.editor.session",

@@ -79,6 +79,26 @@ def test_the_package_itself_loads_nothing():
     assert loaded_after("import pd_editor", *heavy) == set()
 
 
+@pytest.mark.parametrize(("given", "expected"), [({}, "1000"), ({"own": "7"}, "7")])
+def test_waiting_threads_sleep_unless_the_user_says_otherwise(given, expected):
+    """Spinning ones take the cores of other programs; torch reads it when it is loaded."""
+    code = (
+        "import os, sys, pd_editor\n"
+        "assert 'torch' not in sys.modules\n"
+        "print(os.environ['GOMP_SPINCOUNT'], os.environ['KMP_BLOCKTIME'])"
+    )
+    own = {"GOMP_SPINCOUNT": given["own"], "KMP_BLOCKTIME": "5"} if given else {}
+    others = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("GOMP_SPINCOUNT", "KMP_BLOCKTIME")
+    }
+    words = subprocess.check_output(
+        [sys.executable, "-c", code], cwd=ROOT, env=others | own, text=True
+    )
+    assert words.split() == [expected, "5" if given else "0"]
+
+
 def test_public_names_are_there_and_listed():
     for name in pd_editor.__all__:
         assert getattr(pd_editor, name) is not None

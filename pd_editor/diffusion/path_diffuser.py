@@ -20,6 +20,7 @@ from pd_editor.diffusion.core.devices import (
     keep_freed_memory,
     lay_out_weights,
     sampling_device,
+    threads_for,
 )
 from pd_editor.diffusion.defaults import NUM_TRIES, DeviceName
 from pd_editor.diffusion.initial_state.attributes import (
@@ -137,9 +138,10 @@ class PathDiffuser:
         """
         with self._lock:
             if self._model is None:
-                self._model = load_model(self._folder, STAGE_KINDS)
-                for stage in self._model.stages.values():
-                    lay_out_weights(stage.model.to(self._device))
+                with threads_for(0):
+                    self._model = load_model(self._folder, STAGE_KINDS)
+                    for stage in self._model.stages.values():
+                        lay_out_weights(stage.model.to(self._device))
                 keep_freed_memory()
             return self._model
 

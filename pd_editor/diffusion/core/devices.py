@@ -1,5 +1,8 @@
-"""Which device a model samples on, and the memory that it samples in."""
+"""Which device a model samples on, with how many threads, and in which memory."""
 
+import contextlib
+import functools
+from collections.abc import Iterator
 from typing import Final
 
 import torch
@@ -10,6 +13,7 @@ from pd_editor.errors import GenerationError
 
 _MOST_KEPT: Final = 4_000_000
 """Numbers of four bytes; larger tensors are rare."""
+_ROWS_PER_THREAD: Final = 256
 
 
 def sampling_device(name: DeviceName) -> torch.device:
@@ -45,3 +49,26 @@ def lay_out_weights(model: nn.Module) -> None:
     for layer in model.modules():
         if isinstance(layer, nn.Linear):
             layer.weight.data = layer.weight.data.T.contiguous().T
+
+
+@contextlib.contextmanager
+def threads_for(num_rows: int) -> Iterator[None]:
+    """Context with few threads for operations on few rows, one for 0.
+
+    They are so short that waiting for other threads would dominate.
+    """
+    usual = _usual_threads()
+    torch.set_num_threads(min(usual, 1 + num_rows // _ROWS_PER_THREAD))
+    try:
+        yield
+    finally:
+        torch.set_num_threads(usual)
+
+
+@functools.cache
+def _usual_threads() -> int:
+    """Number of torch's threads when the process first sampled.
+
+    A later value may be the one that a concurrent step in another thread has set.
+    """
+    return torch.get_num_threads()

@@ -1,18 +1,15 @@
 """Sampler of both stages: denoises samples over decreasing noise levels."""
 
 import contextlib
-import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pd_editor.diffusion.core.devices import threads_for
 from pd_editor.diffusion.core.noise_schedule import NoiseSchedule
-
-_ROWS_PER_THREAD: Final = 256
 
 Denoise = Callable[[Tensor, int], Tensor]
 """Predicts clean samples from noisy ones [S ... P] and the index of their level."""
@@ -120,18 +117,14 @@ def _noise_shares(
 def sampling_mode(num_rows: int, *, has_gradient: bool | None = None) -> Iterator[None]:
     """Context without gradients and autocast, with few threads for few rows.
 
-    Sines of large angles need float32, which autocast does not preserve. For few rows,
-    operations are so short that waiting for other threads would dominate.
+    Sines of large angles need float32, which autocast does not preserve.
 
     Args:
         num_rows: Number of agents times samples.
         has_gradient: Whether gradients are recorded; None: never, so that tensors cannot
             be used in a later computation of gradients, which saves time.
     """
-    usual = _usual_threads()
-    torch.set_num_threads(min(usual, 1 + num_rows // _ROWS_PER_THREAD))
-    with contextlib.ExitStack() as stack:
-        stack.callback(torch.set_num_threads, usual)
+    with threads_for(num_rows), contextlib.ExitStack() as stack:
         stack.enter_context(
             torch.inference_mode()
             if has_gradient is None
@@ -141,12 +134,3 @@ def sampling_mode(num_rows: int, *, has_gradient: bool | None = None) -> Iterato
             if torch.is_autocast_enabled(device):
                 stack.enter_context(torch.autocast(device, enabled=False))
         yield
-
-
-@functools.cache
-def _usual_threads() -> int:
-    """Number of torch's threads when the process first sampled.
-
-    A later value may be the one that a concurrent step in another thread has set.
-    """
-    return torch.get_num_threads()

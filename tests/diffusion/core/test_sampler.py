@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy import stats
 
-from pd_editor.diffusion.core import sampler
+from pd_editor.diffusion.core import devices, sampler
 from pd_editor.diffusion.core.noise_schedule import (
     NoiseSchedule,
     ScheduleKind,
@@ -193,7 +193,7 @@ def test_between_steps_torch_is_as_the_caller_set_it() -> None:
 @pytest.mark.parametrize(("num_rows", "threads"), [(32, 1), (300, 2), (5000, 3)])
 def test_threads_are_for_many_rows(num_rows: int, threads: int) -> None:
     before = torch.get_num_threads()
-    sampler._usual_threads.cache_clear()
+    devices._usual_threads.cache_clear()
     torch.set_num_threads(3)
     try:
         with sampler.sampling_mode(num_rows):
@@ -201,7 +201,7 @@ def test_threads_are_for_many_rows(num_rows: int, threads: int) -> None:
         assert torch.get_num_threads() == 3
     finally:
         torch.set_num_threads(before)
-        sampler._usual_threads.cache_clear()
+        devices._usual_threads.cache_clear()
 
 
 def test_second_order_is_more_exact_where_steps_are_uneven() -> None:
