@@ -49,7 +49,7 @@ def tracks_bytes(scenario: Scenario) -> bytes:
     }
     if default_current_step(step, observed, axis.step_s) != axis.current_step:
         same["current_step"] = axis.current_step
-    for name, value in (same | scenario.source_fields | same).items():
+    for name, value in {**same, **scenario.source_fields, **same}.items():
         if isinstance(value, str):
             columns[name] = _texts([value]).take(_values(np.zeros_like(row)))
         else:
