@@ -9,12 +9,14 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
+    AddressOption,
     CurrentOption,
     FocalOption,
     FolderOption,
     NameOption,
-    ScenarioArgument,
+    OptionalWorkers,
     Switch,
     UntilOption,
     several,
@@ -72,6 +74,7 @@ from pd_editor.scene.roles.traffic_choice import (
     resamplable_agent_ids,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.work_engine import EngineName
 
 AgentsOption = Annotated[
     str | tuple[str, ...],
@@ -122,8 +125,9 @@ PickOption = Annotated[
 ]
 
 
+@over_scenes(SCENE_FILES)
 def generate(
-    scenario: ScenarioArgument,
+    scenario: str | Path,
     /,
     *,
     out: FolderOption,
@@ -157,11 +161,14 @@ def generate(
     focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
+    engine: EngineName = "local",  # noqa: ARG001
+    address: AddressOption = None,  # noqa: ARG001
+    workers: OptionalWorkers = None,  # noqa: ARG001
 ) -> Outcome:
     """Regenerate trajectories, or resample all traffic if the model can.
 
     Args:
-        scenario: A demo's name or an Argoverse 2 scenario folder.
+        scenario: Demos' names, Argoverse 2 scenario folders, folders of such folders, or patterns; demos for all demos. What is written already stays as it is.
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
         agents: Ids of the agents to drive; the others keep their trajectories.
         resample_states: Resample the initial states of these agents, too. Without a region, agents more than 20 m from all lanes keep theirs.
@@ -193,6 +200,9 @@ def generate(
         focal: Id of the agent that becomes the focal one.
         name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.
+        engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
     generator = make_generator(model, device=device)
     opened = open_scenario(scenario, current_s=current, until_s=until)

@@ -193,6 +193,9 @@ def _answered(words: list[str]) -> int:
     except SystemExit as stop:
         # The argument parser exits this way after --help.
         return stop.code if isinstance(stop.code, int) else 0
-    if outcome is not None:
+    if outcome is not None and str(outcome):
         sys.stdout.write(f"{outcome}\n")
-    return 0
+    failures = getattr(outcome, "failures", ())
+    for failure in failures:
+        sys.stderr.write(f"pd-editor: {failure}\n")
+    return 2 if failures else 0

@@ -7,7 +7,13 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.cli.options.arguments import FolderOption, RecipeArgument, Switch
+from pd_editor.cli.many_scenes import over_scenes
+from pd_editor.cli.options.arguments import (
+    AddressOption,
+    FolderOption,
+    OptionalWorkers,
+    Switch,
+)
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, RegeneratedEntry
@@ -19,10 +25,12 @@ from pd_editor.regular_file import check_path, read_regular
 from pd_editor.scenario_store import RECIPE_NAME, export_into
 from pd_editor.scenario_store import open_base as open_base_of
 from pd_editor.scene.scenario import Scenario
+from pd_editor.work_engine import EngineName
 
 
+@over_scenes(RECIPE_NAME)
 def replay(
-    recipe: RecipeArgument,
+    recipe: str | Path,
     /,
     *,
     out: FolderOption,
@@ -35,16 +43,22 @@ def replay(
         str, tyro.conf.arg(metavar="NAME", help_behavior_hint="(as in the recipe)")
     ] = "",
     overwrite: Switch = False,
+    engine: EngineName = "local",  # noqa: ARG001
+    address: AddressOption = None,  # noqa: ARG001
+    workers: OptionalWorkers = None,  # noqa: ARG001
 ) -> Outcome:
     """Apply a recipe's commands to its base scenario and write the result.
 
     Args:
-        recipe: A recipe.json, or an exported folder that holds one.
+        recipe: Files recipe.json, exported folders, folders of such folders, or patterns. What is written already stays as it is.
         out: Folder that receives DIR/<name>/.
         base: Where the base scenario is, if not where the recipe says.
         regenerate: Generate generated traffic again, and say whether it is equal.
         model: What regenerates, if the recipe's name of it is not enough: the folder of a model, or package.module:attribute.
         overwrite: Replace what an earlier run wrote.
+        engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
     parsed, where = read_recipe(Path(recipe))
     opened = open_base(parsed, where, base)

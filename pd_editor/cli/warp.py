@@ -1,16 +1,19 @@
 """``pd-editor warp``: warp a scenario's road (Scene-Attack)."""
 
 import math
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
+    AddressOption,
     CurrentOption,
     FocalOption,
     FolderOption,
     NameOption,
-    ScenarioArgument,
+    OptionalWorkers,
     Switch,
     UntilOption,
 )
@@ -30,10 +33,12 @@ from pd_editor.scene.road_warp import (
     WarpTerm,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.work_engine import EngineName
 
 
+@over_scenes(SCENE_FILES)
 def warp(
-    scenario: ScenarioArgument,
+    scenario: str | Path,
     /,
     *,
     kind: Annotated[
@@ -58,11 +63,14 @@ def warp(
     focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
+    engine: EngineName = "local",  # noqa: ARG001
+    address: AddressOption = None,  # noqa: ARG001
+    workers: OptionalWorkers = None,  # noqa: ARG001
 ) -> Outcome:
     """Warp the road ahead of an anchor; several kinds add up.
 
     Args:
-        scenario: A demo's name or an Argoverse 2 scenario folder.
+        scenario: Demos' names, Argoverse 2 scenario folders, folders of such folders, or patterns; demos for all demos. What is written already stays as it is.
         kind: smooth-turn, double-turn or ripple-road; several are added.
         power: Strength of each kind, -10..10; positive bends to the left.
         out: Folder that receives DIR/<name>/.
@@ -76,6 +84,9 @@ def warp(
         focal: Id of the agent that becomes the focal one.
         name: Id of the warped scenario, such as 000c4929-double-turn-p6.
         overwrite: Replace what an earlier run wrote.
+        engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
     # Numbers are validated before files are read: cheap checks first.
     terms = _terms(kind, power, length, border, exponent)

@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Final
 
-from pd_editor.errors import ExportError
+from pd_editor.errors import ExportError, FolderInUseError
 from pd_editor.exporters.folder_exchange import exchange
 from pd_editor.regular_file import unwritable
 
@@ -140,7 +140,7 @@ def _check_target(
     if not present:
         return
     if not overwrite:
-        raise ExportError(
+        raise FolderInUseError(
             f"{target}: already holds files; choose a new folder, or add --overwrite."
         )
     if RECIPE_NAME not in present:

@@ -2,11 +2,17 @@
 
 from pd_editor.work_engine.engine_choice import EngineChoice, EngineName
 from pd_editor.work_engine.local_processes import LocalProcesses
-from pd_editor.work_engine.work_engine import WorkEngine, WorkResult, run_items
+from pd_editor.work_engine.work_engine import (
+    InThisProcess,
+    WorkEngine,
+    WorkResult,
+    run_items,
+)
 
 __all__ = [
     "EngineChoice",
     "EngineName",
+    "InThisProcess",
     "LocalProcesses",
     "WorkEngine",
     "WorkResult",

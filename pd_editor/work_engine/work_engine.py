@@ -107,6 +107,23 @@ class WorkEngine(Protocol):
         ...
 
 
+class InThisProcess:
+    """Work engine that calls the function here, item by item."""
+
+    def run(
+        self,
+        function: Callable[[Item], Value],
+        items: Mapping[str, Item],
+        *,
+        on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Call ``function`` on every item; see ``WorkEngine.run``."""
+        for key, item in items.items():
+            on_wait()
+            on_result(result_of(function, key, item))
+
+
 def run_items(
     engine: WorkEngine,
     function: Callable[[Item], Value],

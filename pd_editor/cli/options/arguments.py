@@ -9,9 +9,6 @@ One = TypeVar("One", str, Path, str | Path)
 ScenarioArgument = Annotated[
     str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")
 ]
-RecipeArgument = Annotated[
-    str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECIPE")
-]
 FolderOption = Annotated[str | Path, tyro.conf.arg(metavar="DIR")]
 OptionalFolder = Annotated[
     Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(optional)")
@@ -47,10 +44,16 @@ AddressOption = Annotated[
 WorkersOption = Annotated[
     int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: cores)")
 ]
+OptionalWorkers = Annotated[
+    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: this process)")
+]
 LimitOption = Annotated[
     int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
 ]
-TimeLimitOption = Annotated[
+TimeOptionalWorkers = Annotated[
+    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: this process)")
+]
+LimitOption = Annotated[
     float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
 ]
 

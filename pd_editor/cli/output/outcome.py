@@ -18,8 +18,11 @@ class Outcome:
     folders: tuple[Path, ...]
     """One folder per scenario: tracks, map and recipe.json."""
     scenarios: tuple[Scenario, ...]
+    """Those of the folders; of a command on several scenes none."""
     remarks: tuple[str, ...] = ()
     """Remarks for the user, one sentence each."""
+    failures: tuple[str, ...] = ()
+    """What was wrong with scenes that have no folder, one sentence each."""
 
     @property
     def folder(self) -> Path:

@@ -1,0 +1,176 @@
+"""Runs a command of one scene on many: in this process, on several, or on Ray."""
+
+import functools
+import glob
+import inspect
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any, Concatenate, Final, ParamSpec
+
+import tyro
+
+from pd_editor.cli.output.outcome import Outcome
+from pd_editor.cli.output.progress import work_shown
+from pd_editor.editor.variant import short_id
+from pd_editor.errors import EditError, FolderInUseError, InputError
+from pd_editor.installed_files import ALL_DEMOS, demo_names
+from pd_editor.work_engine import EngineChoice, InThisProcess, run_items
+
+Options = ParamSpec("Options")
+Scenes = str | Path | tuple[str | Path, ...]
+SCENE_FILES: Final = "scenario_*.parquet"
+"""Pattern of the file that makes a folder a scene."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneWork:
+    """A command with the scene and the options that it is called with."""
+
+    command: str
+    scene: str
+    options: Mapping[str, Any]
+
+    def outcome(self) -> Outcome:
+        """Call the command; scenarios are left out, since they may be many."""
+        module = import_module(f"{__package__}.{self.command}")
+        outcome = getattr(module, self.command)(self.scene, **self.options)
+        return replace(outcome, scenarios=())
+
+
+def over_scenes(
+    files: str,
+) -> Callable[
+    [Callable[Concatenate[str | Path, Options], Outcome]],
+    Callable[Concatenate[Scenes, Options], Outcome],
+]:
+    """Let a command of one scene take several, folders of scenes, and patterns.
+
+    What an earlier run wrote is left alone, and an error of one scene does not stop the
+    others. The command has the options ``out``, ``name`` and ``overwrite``; its
+    ``engine``, ``address`` and ``workers`` are read here alone.
+
+    Args:
+        files: pattern of the file that makes a folder one scene.
+    """
+
+    def of_many(
+        command: Callable[Concatenate[str | Path, Options], Outcome],
+    ) -> Callable[Concatenate[Scenes, Options], Outcome]:
+        @functools.wraps(command)
+        def run(
+            scenes: Scenes, /, *values: Options.args, **options: Options.kwargs
+        ) -> Outcome:
+            several = scenes if isinstance(scenes, tuple) else (scenes,)
+            out = Path(str(options.get("out"))).resolve()
+            found = list(
+                dict.fromkeys(
+                    scene
+                    for one in several
+                    for scene in _scenes_of(str(one), files, out)
+                )
+            )
+            if not found:
+                raise InputError("No scene was given; expected at least one.")
+            if len(found) == 1:
+                return command(found[0], *values, **options)
+            return _run_all(command.__name__, found, options)
+
+        del run.__wrapped__
+        signature = inspect.signature(command)
+        first, *others = signature.parameters.values()
+        words = tyro.conf.arg(
+            metavar=f"{first.name.upper()} [...]", help_behavior_hint="(required)"
+        )
+        several = Annotated[Scenes, tyro.conf.Positional, words]
+        first = first.replace(annotation=several)
+        run.__signature__ = signature.replace(parameters=[first, *others])  # type: ignore[attr-defined]
+        run.__annotations__ = {**run.__annotations__, first.name: several}
+        return run
+
+    return of_many
+
+
+def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
+    """Scenes of a pattern, of all demos or of a folder, without results; else itself."""
+    if reference == ALL_DEMOS:
+        return list(demo_names())
+    path = os.path.expanduser(reference)
+    if os.path.exists(path):
+        matches = [path]
+        if not os.path.isdir(path) or glob.glob(files, root_dir=path):
+            return [reference]
+    elif glob.has_magic(path):
+        matches = sorted(glob.glob(path))
+    else:
+        return [reference]
+    inside = [
+        scene
+        for match in map(Path, matches)
+        for scene in (
+            sorted({file.parent for file in match.glob(f"**/{files}")})
+            if match.is_dir()
+            else [match]
+        )
+        if not scene.resolve().is_relative_to(out)
+    ]
+    if not inside:
+        raise InputError(f"{reference}: no folder with {files} is there or below it.")
+    return list(map(str, inside))
+
+
+def _run_all(command: str, scenes: list[str], options: dict[str, Any]) -> Outcome:
+    """Call a command on every scene."""
+    if options.get("name"):
+        raise EditError(
+            f"--name is for one scenario; {len(scenes)} were given, which are named by "
+            "their edits."
+        )
+    workers, name = options.pop("workers", None), options.pop("engine", "local")
+    choice = EngineChoice(
+        name=name, address=options.pop("address", None), num_workers=workers
+    )
+    is_here = name == "local" and workers is None
+    done: dict[str, Outcome] = {}
+    with nullcontext(InThisProcess()) if is_here else choice.engine() as engine:
+        failures = run_items(
+            engine,
+            SceneWork.outcome,
+            {
+                one: SceneWork(command=command, scene=one, options=options)
+                for one in scenes
+            },
+            on_value=done.__setitem__,
+            on_progress=work_shown("scenes"),
+        )
+    # Scenes whose short ids are equal have results of one name.
+    alike = Counter(short_id(Path(one).name) for one in scenes)
+    there = {
+        one
+        for one, failure in failures.items()
+        if failure.error == FolderInUseError.__name__
+        and alike[short_id(Path(one).name)] == 1
+    }
+    outcomes = [(one, done[one]) for one in scenes if one in done]
+    remarks = [f"{one}: {remark}" for one, own in outcomes for remark in own.remarks]
+    if there:
+        remarks.append(
+            f"{len(there)} of {len(scenes)} scenes were done before and stay as they "
+            "are; add --overwrite to do them anew."
+        )
+    return Outcome(
+        folders=tuple(folder for _, own in outcomes for folder in own.folders),
+        scenarios=(),
+        remarks=tuple(remarks),
+        failures=tuple(
+            failure.reason
+            if failure.reason.startswith(one)
+            else f"{one}: {failure.reason}"
+            for one, failure in failures.items()
+            if one not in there
+        ),
+    )
