@@ -50,10 +50,7 @@ OptionalWorkers = Annotated[
 LimitOption = Annotated[
     int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: all)")
 ]
-TimeOptionalWorkers = Annotated[
-    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(default: this process)")
-]
-LimitOption = Annotated[
+TimeLimitOption = Annotated[
     float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: none)")
 ]
 
