@@ -61,6 +61,10 @@ def over_scenes(
     def of_many(
         command: Callable[Concatenate[str | Path, Options], Outcome],
     ) -> Callable[Concatenate[Scenes, Options], Outcome]:
+        signature = inspect.signature(command)
+        first, *others = signature.parameters.values()
+        name, noun = command.__name__, first.name.upper()
+
         @functools.wraps(command)
         def run(
             scenes: Scenes, /, *values: Options.args, **options: Options.kwargs
@@ -75,17 +79,13 @@ def over_scenes(
                 )
             )
             if not found:
-                raise InputError("No scene was given; expected at least one.")
+                raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
             if len(found) == 1:
                 return command(found[0], *values, **options)
-            return _run_all(command.__name__, found, options)
+            return _run_all(name, found, options)
 
         del run.__wrapped__
-        signature = inspect.signature(command)
-        first, *others = signature.parameters.values()
-        words = tyro.conf.arg(
-            metavar=f"{first.name.upper()} [...]", help_behavior_hint="(required)"
-        )
+        words = tyro.conf.arg(metavar=f"{noun} [...]", help_behavior_hint="(required)")
         several = Annotated[Scenes, tyro.conf.Positional, words]
         first = first.replace(annotation=several)
         run.__signature__ = signature.replace(parameters=[first, *others])  # type: ignore[attr-defined]

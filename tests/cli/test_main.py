@@ -108,7 +108,7 @@ def test_a_bug_exits_with_1_and_a_traceback(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ("warp", "Missing SCENARIO, --kind, --power, --out; see pd-editor warp --help"),
+        ("warp", "Missing --kind, --power, --out; see pd-editor warp --help"),
         (
             "generate x --seed y --out o",
             "--seed: 'y' is not a whole number; see pd-editor generate --help",
