@@ -29,6 +29,8 @@ from pd_editor.generation import (
     run_to_end,
 )
 from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from tests.diffusion.trajectory.scenes import arc_basis
 
@@ -36,14 +38,23 @@ NUM_AGENTS = 32
 REPEATS = 40
 
 
-def told(name: str, work: Callable[[], object], repeats: int = REPEATS) -> None:
-    """Print median, least and spread of the time of something."""
+def told(
+    name: str,
+    work: Callable[..., object],
+    repeats: int = REPEATS,
+    prepare: Callable[[], tuple] = tuple,
+) -> None:
+    """Print median, least and spread of the time of something.
+
+    It takes what ``prepare`` gives before each run, which is not timed.
+    """
     for _ in range(3):
-        work()
+        work(*prepare())
     times = []
     for _ in range(repeats):
+        given = prepare()
         began = time.perf_counter()
-        work()
+        work(*given)
         times.append(1e3 * (time.perf_counter() - began))
     quarters = statistics.quantiles(times, n=4)
     print(
@@ -72,6 +83,34 @@ def print_parts(model: TrajectoryDenoiser, scenario: Scenario) -> None:
                 f"denoising step, {samples} samples, {threads} threads",
                 lambda noisy=noisy: model.denoise(noisy, level, context),
             )
+
+
+def print_first_requests(scenario: Scenario) -> None:
+    """Default requests for a real scene that was just opened: nothing is kept."""
+    diffuser = make_generator(DEFAULT_GENERATOR)
+
+    def opened(*, has_new_states: bool = False) -> tuple[GenerationRequest]:
+        fresh = open_scenario(scenario.provenance.source)
+        ids = drivable_agent_ids(fresh)
+        return (
+            GenerationRequest(
+                scenario=fresh,
+                agent_ids=ids,
+                resampled_state_ids=ids if has_new_states else (),
+            ),
+        )
+
+    def run(request: GenerationRequest) -> None:
+        run_to_end(diffuser.generate(request))
+
+    number = len(opened()[0].agent_ids)
+    told(f"first request, trajectories of {number} agents", run, 12, opened)
+    told(
+        f"first request, states and trajectories of {number}",
+        run,
+        12,
+        lambda: opened(has_new_states=True),
+    )
 
 
 def print_generation(scenario: Scenario) -> None:
@@ -122,6 +161,8 @@ def main() -> None:
     model = TrajectoryDenoiser(config, arc_basis())
     print(f"{'milliseconds, 2 threads':52s} {'median':>8s} {'min':>8s} quartiles")
     print_parts(model.eval(), scenario)
+    print_first_requests(busiest)
+    print("Below, one request is repeated, and its features and candidates are kept:")
     print_generation(scenario)
     print_training(model, scenarios)
 

@@ -88,7 +88,10 @@ def started(library: str) -> Iterator[tuple[subprocess.Popen, str, float]]:
     )
     assert process.stdout is not None
     try:
-        found = re.search(r"http://\S+", process.stdout.readline())
+        found = None
+        for line in process.stdout:
+            if found := re.search(r"http://\S+", line):
+                break
         assert found, "the server printed no address"
         yield process, found.group(), time.perf_counter() - start
     finally:
