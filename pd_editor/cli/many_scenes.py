@@ -19,6 +19,7 @@ from pd_editor.cli.output.progress import work_shown
 from pd_editor.editor.variant import short_id
 from pd_editor.errors import EditError, FolderInUseError, InputError
 from pd_editor.installed_files import ALL_DEMOS, demo_names
+from pd_editor.regular_file import check_path
 from pd_editor.work_engine import EngineChoice, InThisProcess, run_items
 
 Options = ParamSpec("Options")
@@ -70,7 +71,7 @@ def over_scenes(
             scenes: Scenes, /, *values: Options.args, **options: Options.kwargs
         ) -> Outcome:
             several = scenes if isinstance(scenes, tuple) else (scenes,)
-            out = Path(str(options.get("out"))).resolve()
+            out = Path(os.path.abspath(str(options.get("out"))))
             found = list(
                 dict.fromkeys(
                     scene
@@ -99,6 +100,7 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
     """Scenes of a pattern, of all demos or of a folder, without results; else itself."""
     if reference == ALL_DEMOS:
         return list(demo_names())
+    check_path(reference)
     path = os.path.expanduser(reference)
     if os.path.exists(path):
         matches = [path]
@@ -116,7 +118,7 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
             if match.is_dir()
             else [match]
         )
-        if not scene.resolve().is_relative_to(out)
+        if not Path(os.path.abspath(scene)).is_relative_to(out)
     ]
     if not inside:
         raise InputError(f"{reference}: no folder with {files} is there or below it.")

@@ -99,6 +99,7 @@ def test_scenes_of_one_name_are_told(tmp_path: Path):
         (["merge", "queue"], ["--workers", 0], "--workers is 0; expected 1 to 256"),
         ([], [], "Missing SCENARIO; see pd-editor warp --help."),
         (["{}/*"], [], "no folder with scenario_*.parquet is there or below it"),
+        (["*\0"], [], "*\\x00: is no usable path"),
         (["{}"], [], "no folder with scenario_*.parquet is there or below it"),
     ],
 )
