@@ -54,6 +54,8 @@ LEFT_ALONE = (
 
 def serve(library: Path, report: int, log: Path) -> None:
     """The process that is killed: a server that tells what it has accepted."""
+    # A study that is started writes its report where the process is.
+    os.chdir(library.parent)
     number = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     os.dup2(number, 1)
     os.dup2(number, 2)
@@ -268,7 +270,7 @@ def main() -> None:
     """Kill, look, and again."""
     wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 1500.0
-    folder = Path(sys.argv[3] if len(sys.argv) > 3 else tempfile.mkdtemp())
+    folder = Path(sys.argv[3] if len(sys.argv) > 3 else tempfile.mkdtemp()).resolve()
     folder.mkdir(parents=True, exist_ok=True)
     logging.disable(logging.WARNING)
     import pd_editor.viewer.viewer_app  # noqa: F401  (each process has it by forking)
