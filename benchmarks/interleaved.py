@@ -10,6 +10,7 @@ Reads full scenes under PD_EDITOR_AV2.
 """
 
 import argparse
+import itertools
 import json
 import os
 import statistics
@@ -42,6 +43,9 @@ TEN_STEPS: Final = "states to trajectories, 10 steps"
 FOUR_RAW: Final = "without yielding, 4 steps"
 TEN_RAW: Final = "without yielding, 10 steps"
 SIX_SAMPLES: Final = "six samples of trajectories"
+EIGHT: Final = "8 of 500 agents, a first request"
+DRAGGED: Final = "one of 500 agents dragged"
+NEAR_DRAGGED: Final = "16 of 500 agents react to a drag"
 NETWORK_NAMES: Final = (STEP, CONTEXT, STATES)
 NAMES: Final = (
     *NETWORK_NAMES,
@@ -51,6 +55,9 @@ NAMES: Final = (
     TEN_STEPS,
     STATES_AND_TRAJECTORIES,
     SIX_SAMPLES,
+    EIGHT,
+    DRAGGED,
+    NEAR_DRAGGED,
 )
 
 
@@ -62,7 +69,7 @@ def workloads() -> dict[str, Callable[[], object]]:
     else:
         network_works = _network_works
     of_networks = dict(zip(NETWORK_NAMES, network_works(scenario), strict=True))
-    found = {**of_networks, **_port_works(scenario)}
+    found = {**of_networks, **_port_works(scenario), **_large_works()}
     return {name: found[name] for name in NAMES if name in found}
 
 
@@ -94,6 +101,54 @@ def _port_works(scenario: Scenario) -> dict[str, Callable[[], object]]:
         FOUR_RAW: lambda: run(num_denoising_steps=4, guidance=plain),
         TEN_RAW: lambda: run(num_denoising_steps=10, guidance=plain),
         SIX_SAMPLES: lambda: run(num_samples=6),
+    }
+
+
+def _large_works() -> dict[str, Callable[[], object]]:
+    """On a map of ten real ones with 500 agents."""
+    from benchmarks.tiled import tiled
+    from pd_editor import generation
+    from pd_editor.editor.commands import TransformAgents, traffic_command
+    from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+    from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
+
+    if not hasattr(generation, "GuidanceSetting"):
+        return {}
+    folders = (Path(os.environ["PD_EDITOR_AV2"]) / "train").glob("*/scenario_*")
+    scenes = [read_scenario(one.parent) for one in sorted(folders)]
+    real = min(scenes, key=lambda one: abs(len(one.road_map.lanes) - 94))
+    scenario = tiled(real, num_tiles=10, num_agents=500)
+    ids = drivable_agent_ids(scenario)
+    diffuser = make_generator(DEFAULT_GENERATOR)
+
+    def run(**settings: object) -> tuple[object, Any]:
+        request = generation.GenerationRequest(**settings)  # type: ignore[arg-type]
+        return request, generation.run_to_end(diffuser.generate(request))
+
+    driven = traffic_command(*run(scenario=scenario, agent_ids=ids)).apply(scenario)
+    place = driven.agents.position_m[driven.agents.rows(ids), driven.current_step]
+    near = np.hypot(*(place - place[0]).T).argsort()[:16]
+    frames = itertools.count()
+
+    def drag(names: tuple[str, ...]) -> object:
+        move = 0.1 * (next(frames) % 100)
+        edit = TransformAgents(agent_ids=ids[:1], dx_m=move, dy_m=move / 3)
+        return run(
+            scenario=edit.apply(driven),
+            agent_ids=names,
+            num_denoising_steps=3,
+            guidance=generation.guidance_settings(None, 0),
+            before_edit=driven,
+        )
+
+    def eight() -> object:
+        first = 8 * (next(frames) % 40)
+        return run(scenario=driven, agent_ids=ids[first : first + 8])
+
+    return {
+        EIGHT: eight,
+        DRAGGED: lambda: drag(ids[:1]),
+        NEAR_DRAGGED: lambda: drag(tuple(ids[index] for index in np.sort(near))),
     }
 
 

@@ -26,18 +26,17 @@ class TokenEncoder(nn.Module):
         self, tokens: Float[Tensor, "G N F"], exists: Bool[Tensor, "G N"]
     ) -> Sequence[Tokens]:
         """Keys and values for each block; the first of the N + 1 is a null token."""
-        hidden = self.embed(tokens)
-        null = self.null_token.to(hidden).expand(len(hidden), 1, -1)
-        hidden = torch.cat([null, hidden], dim=1)
-        # The null token is always there.
-        is_visible = nn.functional.pad(exists, (1, 0), value=True)
-        mask = minus_infinity_unless(is_visible)[:, None].to(hidden)
-        mask = mask.repeat(self.num_heads, 1, 1)
+        # Existing tokens alone are encoded, after the null token, which all have.
+        place = exists.flatten().cumsum(0).view_as(exists) * exists
+        hidden = self.embed(tokens[exists])
+        hidden = torch.cat([self.null_token.to(hidden)[None], hidden])
+        mask = minus_infinity_unless(nn.functional.pad(exists, (1, 0), value=True))
+        mask = mask[:, None].to(hidden).repeat(self.num_heads, 1, 1)
         # One product for each head, so that nothing is rearranged in memory.
         parts = (-1, hidden.shape[-1] // self.num_heads)
         weight = self.keys_values.weight.unflatten(0, parts).mT
         bias = self.keys_values.bias.unflatten(0, parts)[:, None]
-        tokens_of_all = hidden.flatten(0, 1).expand(len(weight), -1, -1)
-        encoded = torch.baddbmm(bias, tokens_of_all, weight)
-        encoded = encoded.view(-1, 2, len(mask), *hidden.shape[1:2], parts[1])
+        encoded = torch.baddbmm(bias, hidden.expand(len(weight), -1, -1), weight)
+        encoded = encoded.index_select(1, nn.functional.pad(place, (1, 0)).flatten())
+        encoded = encoded.view(-1, 2, *mask.shape[::2], parts[1])
         return [Tokens(keys, values, mask) for keys, values in encoded]
