@@ -7,7 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Concatenate, Final, ParamSpec
@@ -26,21 +26,6 @@ Options = ParamSpec("Options")
 Scenes = str | Path | tuple[str | Path, ...]
 SCENE_FILES: Final = "scenario_*.parquet"
 """Pattern of the file that makes a folder a scene."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneWork:
-    """A command with the scene and the options that it is called with."""
-
-    command: str
-    scene: str
-    options: Mapping[str, Any]
-
-    def outcome(self) -> Outcome:
-        """Call the command; scenarios are left out, since they may be many."""
-        module = import_module(f"{__package__}.{self.command}")
-        outcome = getattr(module, self.command)(self.scene, **self.options)
-        return replace(outcome, scenarios=())
 
 
 def over_scenes(
@@ -141,11 +126,8 @@ def _run_all(command: str, scenes: list[str], options: dict[str, Any]) -> Outcom
     with nullcontext(InThisProcess()) if is_here else choice.engine() as engine:
         failures = run_items(
             engine,
-            SceneWork.outcome,
-            {
-                one: SceneWork(command=command, scene=one, options=options)
-                for one in scenes
-            },
+            functools.partial(_outcome, command, options),
+            dict(zip(scenes, scenes, strict=True)),
             on_value=done.__setitem__,
             on_progress=work_shown("scenes"),
         )
@@ -169,10 +151,15 @@ def _run_all(command: str, scenes: list[str], options: dict[str, Any]) -> Outcom
         scenarios=(),
         remarks=tuple(remarks),
         failures=tuple(
-            failure.reason
-            if failure.reason.startswith(one)
-            else f"{one}: {failure.reason}"
-            for one, failure in failures.items()
-            if one not in there
+            reason if reason.startswith(one) else f"{one}: {reason}"
+            for one in scenes
+            if one in failures and one not in there
+            for reason in [failures[one].reason]
         ),
     )
+
+
+def _outcome(command: str, options: Mapping[str, Any], scene: str) -> Outcome:
+    """Call a command on a scene; scenarios are left out, since they may be many."""
+    module = import_module(f"{__package__}.{command}")
+    return replace(getattr(module, command)(scene, **options), scenarios=())
