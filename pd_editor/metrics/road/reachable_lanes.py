@@ -46,8 +46,10 @@ class LaneDistances:
                 if chord[row] @ chord[other] > 0:
                     distance[row, other] = 0.0
         for middle in range(count):
-            by_way = distance[:, middle, None] + distance[middle]
-            np.minimum(distance, by_way, out=distance)
+            # Few lanes lead to one.
+            starts = np.isfinite(distance[:, middle]).nonzero()[0]
+            by_way = distance[starts, middle, None] + distance[middle]
+            distance[starts] = np.minimum(distance[starts], by_way)
         return distance
 
 
