@@ -150,12 +150,9 @@ def _run_all(command: str, scenes: list[str], options: dict[str, Any]) -> Outcom
         folders=tuple(folder for _, own in outcomes for folder in own.folders),
         scenarios=(),
         remarks=tuple(remarks),
-        failures=tuple(
-            reason if reason.startswith(one) else f"{one}: {reason}"
-            for one in scenes
-            if one in failures and one not in there
-            for reason in [failures[one].reason]
-        ),
+        failures={
+            one: failures[one] for one in scenes if one in failures and one not in there
+        },
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import pd_editor
 from pd_editor.installed_files import demo_folder, demo_names
+from pd_editor.perturbation.anchor import pose_of_anchor
 from tests.cli.shell import Shell, files_of
 
 BEND = {"kind": "smooth-turn", "power": 4}
@@ -83,9 +84,28 @@ def test_scenes_of_one_name_are_told(tmp_path: Path):
         (tmp_path / "one/merge", tmp_path / "other/merge"), **BEND, out=tmp_path / "out"
     )
     assert len(outcome.folders) == 1
-    (failure,) = outcome.failures
-    assert failure.startswith(str(tmp_path / "other/merge"))
-    assert "already holds files" in failure
+    ((scene, failure),) = outcome.failures.items()
+    assert scene == str(tmp_path / "other/merge")
+    assert "already holds files" in failure.reason
+
+
+def test_a_bug_in_one_scene_is_told_as_a_bug(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """With its traceback and exit code 1, after the others are done."""
+
+    def pose(scenario, anchor):
+        if scenario.scenario_id == "merge":
+            raise ZeroDivisionError("by zero")
+        return pose_of_anchor(scenario, anchor)
+
+    monkeypatch.setattr("pd_editor.cli.warp.pose_of_anchor", pose)
+    result = shell.run("warp", "merge", "queue", "none", *WARP, "--out", tmp_path)
+    assert result.code == 1
+    assert result.lines[0] == str(tmp_path / "queue-smooth-turn-p4")
+    assert "Traceback" in result.err
+    assert "pd-editor: merge: ZeroDivisionError: by zero\n" in result.err
+    assert "pd-editor: none: is neither" in result.err
 
 
 @pytest.mark.parametrize(

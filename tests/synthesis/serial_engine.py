@@ -1,9 +1,9 @@
 """A work engine without processes, that may be stopped."""
 
-from pd_editor.work_engine.work_engine import WorkResult, failure_of
+from pd_editor.work_engine import InThisProcess
 
 
-class SerialEngine:
+class SerialEngine(InThisProcess):
     def __init__(self, stop_after: int | None = None) -> None:
         self.stop_after = stop_after
         self.keys: list[str] = []
@@ -13,9 +13,4 @@ class SerialEngine:
             if number == self.stop_after:
                 raise KeyboardInterrupt
             self.keys.append(key)
-            try:
-                value = function(item)
-            except Exception as error:  # noqa: BLE001
-                on_result(WorkResult(key=key, failure=failure_of(error)))
-            else:
-                on_result(WorkResult(key=key, value=value))
+            super().run(function, {key: item}, on_result=on_result, on_wait=on_wait)

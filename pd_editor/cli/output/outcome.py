@@ -1,7 +1,8 @@
 """Results of the commands, and writing of scenarios."""
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pd_editor.editor.recipe import Recipe
@@ -9,6 +10,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.scenario_store import export_into
 from pd_editor.scene.scenario import Scenario
+from pd_editor.work_engine.work_engine import WorkFailure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,8 +23,8 @@ class Outcome:
     """Those of the folders; of a command on several scenes none."""
     remarks: tuple[str, ...] = ()
     """Remarks for the user, one sentence each."""
-    failures: tuple[str, ...] = ()
-    """What was wrong with scenes that have no folder, one sentence each."""
+    failures: Mapping[str, WorkFailure] = field(default_factory=dict)
+    """Of a command on several scenes, why some have no folder."""
 
     @property
     def folder(self) -> Path:
