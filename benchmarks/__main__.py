@@ -6,6 +6,7 @@ without it, it is skipped aloud. Each runs in a process of its own.
 
 import ast
 import os
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -36,6 +37,19 @@ def missing(docstring: str) -> str | None:
     return None
 
 
+def machine() -> str:
+    """Processor, cores, memory and Python, in words."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    names = [one.split(":")[1].strip() for one in lines if one.startswith("model name")]
+    processor = names[0] if names else platform.processor() or platform.machine()
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
+    return (
+        f"{processor}, {os.cpu_count()} cores, {memory:.0f} GiB, "
+        f"{platform.system()}, Python {platform.python_version()}"
+    )
+
+
 def run_all() -> int:
     """Run those named on the command line, or all; the exit code."""
     known = benchmarks()
@@ -44,12 +58,13 @@ def run_all() -> int:
         print(f"No benchmark {', '.join(unknown)}; there are {', '.join(known)}.")
         return 2
     failed = []
+    print(f"== {machine()}")
     for name in sys.argv[1:] or known:
         lack = missing(known[name])
         if lack:
             print(f"== {name}: SKIPPED, {lack}", flush=True)
             continue
-        print(f"== {name}", flush=True)
+        print(f"== {name} (load {os.getloadavg()[0]:.1f})", flush=True)
         command = [sys.executable, "-m", f"benchmarks.{name}"]
         if subprocess.run(command, cwd=FOLDER.parent, check=False).returncode:
             failed.append(name)

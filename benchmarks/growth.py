@@ -16,6 +16,7 @@ from unittest import mock
 
 import numpy as np
 
+from benchmarks.tiled import tiled
 from pd_editor.av2_io.read import read_scenario
 from pd_editor.findings.scorecard import scorecard
 from pd_editor.generation import GenerationRequest, run_to_end
@@ -23,7 +24,6 @@ from pd_editor.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.road_map import Lane
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
@@ -57,49 +57,6 @@ def repeated(agents: AgentTracks, rows: np.ndarray, move_m: np.ndarray) -> Agent
     moved = values["position_m"] + move_m[:, None]
     values["position_m"] = np.where(values["is_valid"][..., None], moved, 0.0)
     return AgentTracks(**values)
-
-
-def tiled(scenario: Scenario, num_tiles: int, num_agents: int) -> Scenario:
-    """The map side by side in a grid, with the agents in turns on the tiles."""
-    road_map, agents = scenario.road_map, scenario.agents
-    low, high = road_map.bounds_m
-    columns = int(np.ceil(np.sqrt(num_tiles)))
-    grid = np.stack(np.divmod(np.arange(num_tiles), columns), axis=-1)
-    offset = grid * (high - low + 20.0)[:2]
-    first_id = 1 + max(lane.lane_id for lane in road_map.lanes)
-
-    def copied(lane: Lane, tile: int) -> Lane:
-        more = tile * first_id
-        left, right = lane.left_neighbor, lane.right_neighbor
-        return replace(
-            lane,
-            lane_id=lane.lane_id + more,
-            successors=tuple(one + more for one in lane.successors),
-            predecessors=tuple(one + more for one in lane.predecessors),
-            left_neighbor=None if left is None else left + more,
-            right_neighbor=None if right is None else right + more,
-        )
-
-    maps = [road_map.moved(lambda points, by=by: points + by) for by in offset]
-    tile_of = np.arange(num_agents) % num_tiles
-    here = agents.is_valid[:, scenario.current_step]
-    order = np.argsort(~here, kind="stable")
-    rows = order[np.arange(num_agents) // num_tiles % len(agents)]
-    return replace(
-        scenario,
-        road_map=replace(
-            road_map,
-            lanes=tuple(
-                copied(lane, tile)
-                for tile, one in enumerate(maps)
-                for lane in one.lanes
-            ),
-            crosswalks=tuple(walk for one in maps for walk in one.crosswalks),
-            drivable_areas=tuple(area for one in maps for area in one.drivable_areas),
-        ),
-        agents=repeated(agents, rows, offset[tile_of]),
-        focal_id="0",
-    )
 
 
 def crowd(scenario: Scenario, count: int) -> Scenario:
