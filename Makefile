@@ -26,6 +26,7 @@ check: install
 	$(BIN)/ruff check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/ratchet.py
 
 test: check
 	$(BIN)/pytest --numprocesses 2 --dist loadscope --no-loadscope-reorder $(if $(SLOW),-m '',)

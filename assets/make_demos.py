@@ -16,18 +16,18 @@ from jaxtyping import Bool
 
 from assets.stories import STORIES
 from assets.story import Story
-from pd_editor.av2_io.write import scenario_files
-from pd_editor.installed_files import SENTENCES_NAME
-from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.recordings.clip import cut_scenario
-from pd_editor.recordings.map_crop import cropped_map
-from pd_editor.recordings.recording import Recording, Window
+from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.base.installed_files import SENTENCES_NAME
+from pd_editor.experiments.recordings.clip import cut_scenario
+from pd_editor.experiments.recordings.map_crop import cropped_map
+from pd_editor.experiments.recordings.recording import Recording, Window
+from pd_editor.experiments.synthesis.road_network.generator import generate_network
+from pd_editor.experiments.synthesis.traffic.simulation import simulate
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
-from pd_editor.synthesis.road_network.generator import generate_network
-from pd_editor.synthesis.traffic.simulation import simulate
 
 CITY: Final = "synthetic"
 _PATH_STRIDE: Final = 5

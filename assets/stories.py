@@ -4,7 +4,10 @@ from dataclasses import replace
 from typing import Final
 
 from assets.story import Story
-from pd_editor.synthesis.traffic.demand_config import DemandOptions, ParkingOptions
+from pd_editor.experiments.synthesis.traffic.demand_config import (
+    DemandOptions,
+    ParkingOptions,
+)
 
 
 def _parking(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pd_editor.synthesis.traffic.demand_config import DemandOptions
+from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.errors import PdEditorError
-from pd_editor.synthesis.av2_to_sumo.network_conversion import (
+from pd_editor.base.errors import PdEditorError
+from pd_editor.experiments.synthesis.av2_to_sumo.network_conversion import (
     Av2Network,
     network_of_map,
 )
-from pd_editor.synthesis.sumo.sumo_net import read_sumo_net
+from pd_editor.experiments.synthesis.sumo.sumo_net import read_sumo_net
+from pd_editor.scene.av2_io.read import read_scenario
 
 
 def main() -> None:

@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks.figures import load_in_words
 from benchmarks.interleaved import crowd
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.generation import GenerationRequest, run_to_end
 
 NUM_SAMPLES = 8
 RUNS_EACH = 7

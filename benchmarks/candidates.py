@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.paths.lanes.lane_graph import lane_graph
-from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES
-from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.paths.lanes.lane_graph import lane_graph
+from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES
+from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.scenario import Scenario
 
 REPEATS = 60

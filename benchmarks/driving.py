@@ -16,18 +16,18 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
-from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import STANDING_MPS
-from pd_editor.training.data.augmentation import (
+from pd_editor.experiments.training.data.augmentation import (
     CRAWLING_MPS,
     DEFAULT_AUGMENTATION,
     augmented,
     crawling_share,
 )
-from pd_editor.training.data.scenario_source import ShardRoot
+from pd_editor.experiments.training.data.scenario_source import ShardRoot
+from pd_editor.model.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
 
 HORIZON_S = 5.9
 STRIDE = 5

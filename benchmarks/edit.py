@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
 from pd_editor.editor.commands import (
     AdoptTrajectory,
     Command,
@@ -36,11 +35,12 @@ from pd_editor.editor.commands.edit_limits import present_rows
 from pd_editor.editor.commands.poses import MAX_SNAP_M
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import Journal
-from pd_editor.generation import TrafficSample
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.paths.lanes.nearest_lane import nearest_lanes
-from pd_editor.paths.motion_primitives import candidates
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import TrafficSample
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
+from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 

@@ -17,13 +17,13 @@ from unittest import mock
 import numpy as np
 
 from benchmarks.tiled import tiled
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.findings.scorecard import scorecard
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.analysis.findings.scorecard import scorecard
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import GenerationRequest, run_to_end
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

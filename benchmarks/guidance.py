@@ -20,18 +20,18 @@ import numpy as np
 
 from benchmarks.candidates import full_scenarios
 from benchmarks.figures import load_in_words
-from pd_editor.generation import (
+from pd_editor.analysis.guidance.agent_now import AgentNow
+from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.outcomes import SLOWED
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationRequest,
     TrafficSample,
     guidance_settings,
     run_to_end,
 )
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.guidance.agent_now import AgentNow
-from pd_editor.guidance.feasibility import guidance_problems
-from pd_editor.guidance.outcomes import SLOWED
-from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.guidance_terms import (
     ComfortLimits,
     FollowPath,

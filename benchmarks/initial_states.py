@@ -16,48 +16,51 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.diffusion.checkpoints.model_folder import load_model
-from pd_editor.diffusion.core.devices import keep_freed_memory, lay_out_weights
-from pd_editor.diffusion.initial_state.attributes import (
-    AttributeRequest,
-    with_attributes,
+from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
+from pd_editor.analysis.metrics.collisions.center_collision import init_collision_2m
+from pd_editor.analysis.metrics.collisions.interaction import (
+    local_density,
+    nearest_distance,
 )
-from pd_editor.diffusion.initial_state.guidance import InitialStateGuidance
-from pd_editor.diffusion.initial_state.network.conditioning import (
-    CONDITIONED_NO,
-    sampling_conditioning,
-)
-from pd_editor.diffusion.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
-from pd_editor.diffusion.initial_state.sampler import (
-    InitialStateSamplerConfig,
-    finished_states,
-    sample_initial_states,
-)
-from pd_editor.diffusion.inputs.scene_batch import SceneTensors, batch_of
-from pd_editor.diffusion.stages import INITIAL_STATES, STAGE_KINDS
-from pd_editor.evaluation.report.distances import STATE_METRICS
-from pd_editor.features.encoded_scene import LATENT_SIZE, packed
-from pd_editor.features.scene_features import scene_center, scene_features
-from pd_editor.generation import TrafficSample, scene_seed
-from pd_editor.generators import SHIPPED_MODEL
-from pd_editor.installed_files import models_folder
-from pd_editor.metrics.collisions.box_collision import box_overlap
-from pd_editor.metrics.collisions.center_collision import init_collision_2m
-from pd_editor.metrics.collisions.interaction import local_density, nearest_distance
-from pd_editor.metrics.distributions.distribution_distance import HISTOGRAMS
-from pd_editor.metrics.distributions.noise_floor import noise_floor
-from pd_editor.metrics.motion.kinematics import motion_values
-from pd_editor.metrics.paper_agents import paper_init_agents
-from pd_editor.metrics.road.off_lane import nearest_edge, off_lane
-from pd_editor.metrics.traffic_view import (
+from pd_editor.analysis.metrics.distributions.distribution_distance import HISTOGRAMS
+from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
+from pd_editor.analysis.metrics.motion.kinematics import motion_values
+from pd_editor.analysis.metrics.paper_agents import paper_init_agents
+from pd_editor.analysis.metrics.road.off_lane import nearest_edge, off_lane
+from pd_editor.analysis.metrics.traffic_view import (
     TrafficView,
     generated_traffic,
     recorded_traffic,
 )
-from pd_editor.metrics.values import MetricValues
-from pd_editor.repair import project_to_lanes, separate_overlaps, slow_for_gaps
+from pd_editor.analysis.metrics.values import MetricValues
+from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
+from pd_editor.base.installed_files import models_folder
+from pd_editor.experiments.evaluation.report.distances import STATE_METRICS
+from pd_editor.model.checkpoints.model_folder import load_model
+from pd_editor.model.core.devices import keep_freed_memory, lay_out_weights
+from pd_editor.model.features.encoded_scene import LATENT_SIZE, packed
+from pd_editor.model.features.scene_features import scene_center, scene_features
+from pd_editor.model.generators import SHIPPED_MODEL
+from pd_editor.model.initial_state.attributes import (
+    AttributeRequest,
+    with_attributes,
+)
+from pd_editor.model.initial_state.guidance import InitialStateGuidance
+from pd_editor.model.initial_state.network.conditioning import (
+    CONDITIONED_NO,
+    sampling_conditioning,
+)
+from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.model.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.model.initial_state.sampler import (
+    InitialStateSamplerConfig,
+    finished_states,
+    sample_initial_states,
+)
+from pd_editor.model.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.model.stages import INITIAL_STATES, STAGE_KINDS
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import TrafficSample, scene_seed
 from pd_editor.scene.scenario import Scenario
 
 Values = dict[str, MetricValues]

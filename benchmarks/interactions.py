@@ -16,8 +16,17 @@ from typing import Final, get_args
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.generation import (
+from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.pair_outcomes import shared_places
+from pd_editor.analysis.threats.encounter import Track, encounter
+from pd_editor.analysis.threats.motion_limits import exertion, limits_of
+from pd_editor.analysis.threats.threat_feasibility import recorded_track
+from pd_editor.analysis.threats.threat_outcome import meets
+from pd_editor.analysis.threats.threat_plans import ThreatAim
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import (
     AVOIDANCE,
     GeneratedTraffic,
     GenerationRequest,
@@ -25,10 +34,6 @@ from pd_editor.generation import (
     TrafficSample,
     run_to_end,
 )
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.guidance.feasibility import guidance_problems
-from pd_editor.guidance.pair_outcomes import shared_places
-from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.guidance_outcome import Realism
 from pd_editor.scene.guidance_terms import (
     Approach,
@@ -40,11 +45,6 @@ from pd_editor.scene.guidance_terms import (
 )
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.threats.encounter import Track, encounter
-from pd_editor.threats.motion_limits import exertion, limits_of
-from pd_editor.threats.threat_feasibility import recorded_track
-from pd_editor.threats.threat_outcome import meets
-from pd_editor.threats.threat_plans import ThreatAim
 
 RAW: Final = GuidanceSetting(name=AVOIDANCE, weight=0.0)
 SEVERITIES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -2,11 +2,10 @@
 
 Machines differ by a factor of two from hour to hour, and other programs take their share:
 checkouts sample in turns, each in a process of its own, and the thread's processor time
-counts, on one thread. ``git worktree add ../former 3b06ae4``, then
+counts, on one thread. ``git worktree add ../former COMMIT``, then
 ``OMP_NUM_THREADS=1 python -m benchmarks.interleaved --other ../former [--rounds 12]
-[--only NAME ...] [--former-inputs]``. The last checkout is the one that others are compared
-with; ``--former-inputs`` times the present networks with the inputs of 3b06ae4 as well.
-Reads full scenes under PD_EDITOR_AV2.
+[--only NAME ...]``. The last checkout is the one that others are compared with. Reads
+full scenes under PD_EDITOR_AV2.
 """
 
 import argparse
@@ -19,14 +18,13 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario
 
 HERE: Final = Path(__file__).resolve().parents[1]
@@ -64,27 +62,24 @@ NAMES: Final = (
 def workloads() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a checkout leaves out what it does not have."""
     scenario = crowd()
-    if find_spec("pd_editor.diffusion.folded_denoiser") is not None:
-        from benchmarks.networks_of_3b06ae4 import network_works
-    else:
-        network_works = _network_works
-    of_networks = dict(zip(NETWORK_NAMES, network_works(scenario), strict=True))
+    of_networks = dict(zip(NETWORK_NAMES, _network_works(scenario), strict=True))
     found = {**of_networks, **_port_works(scenario), **_large_works()}
     return {name: found[name] for name in NAMES if name in found}
 
 
 def _port_works(scenario: Scenario) -> dict[str, Callable[[], object]]:
-    """Through the port of generators, whose names have changed since 3b06ae4."""
-    from pd_editor import generation
-    from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+    """Through the port of generators."""
+    from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+    from pd_editor.scene import generation
 
-    is_former = not hasattr(generation, "GuidanceSetting")
-    setting = getattr(generation, "GuidanceTerm" if is_former else "GuidanceSetting")
-    resampled = "redrawn_state_ids" if is_former else "resampled_state_ids"
     diffuser, ids = make_generator(DEFAULT_GENERATOR), scenario.agents.ids
     middle = scenario.agents.position_m[0, scenario.current_step]
     square = generation.Region(center_m=tuple(middle.tolist()), half_side_m=HALF_SIDE_M)
-    plain = (setting(name=generation.AVOIDANCE, parameters={"tries": 0.0}),)
+    plain = (
+        generation.GuidanceSetting(
+            name=generation.AVOIDANCE, parameters={"tries": 0.0}
+        ),
+    )
 
     def run(**settings: object) -> object:
         request = generation.GenerationRequest(
@@ -95,7 +90,7 @@ def _port_works(scenario: Scenario) -> dict[str, Callable[[], object]]:
         return generation.run_to_end(diffuser.generate(request))
 
     return {
-        STATES_AND_TRAJECTORIES: lambda: run(**{resampled: ids}, region=square),
+        STATES_AND_TRAJECTORIES: lambda: run(resampled_state_ids=ids, region=square),
         FOUR_STEPS: lambda: run(num_denoising_steps=4),
         TEN_STEPS: lambda: run(num_denoising_steps=10),
         FOUR_RAW: lambda: run(num_denoising_steps=4, guidance=plain),
@@ -107,13 +102,11 @@ def _port_works(scenario: Scenario) -> dict[str, Callable[[], object]]:
 def _large_works() -> dict[str, Callable[[], object]]:
     """On a map of ten real ones with 500 agents."""
     from benchmarks.tiled import tiled
-    from pd_editor import generation
     from pd_editor.editor.commands import TransformAgents, traffic_command
-    from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+    from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+    from pd_editor.scene import generation
     from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 
-    if not hasattr(generation, "GuidanceSetting"):
-        return {}
     folders = (Path(os.environ["PD_EDITOR_AV2"]) / "train").glob("*/scenario_*")
     scenes = [read_scenario(one.parent) for one in sorted(folders)]
     real = min(scenes, key=lambda one: abs(len(one.road_map.lanes) - 94))
@@ -156,27 +149,25 @@ def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
     """Networks of this checkout, in the order of ``NETWORK_NAMES``."""
     import torch
 
-    from pd_editor.diffusion.initial_state.network.denoiser import (
+    from pd_editor.base.installed_files import models_folder
+    from pd_editor.model.features.encoded_scene import packed
+    from pd_editor.model.features.scene_features import scene_features
+    from pd_editor.model.generators import SHIPPED_MODEL
+    from pd_editor.model.initial_state.network.denoiser import (
         InitialStateDenoiser,
     )
-    from pd_editor.diffusion.initial_state.sampler import sample_initial_states
-    from pd_editor.diffusion.inputs.scene_batch import batch_of
-    from pd_editor.diffusion.path_diffuser import PathDiffuser
-    from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
-    from pd_editor.diffusion.trajectory.network.denoiser import TrajectoryDenoiser
-    from pd_editor.diffusion.trajectory.task import TrajectoryTask
-    from pd_editor.features.encoded_scene import packed
-    from pd_editor.features.scene_features import scene_features
-    from pd_editor.generators import SHIPPED_MODEL
-    from pd_editor.installed_files import models_folder
+    from pd_editor.model.initial_state.sampler import sample_initial_states
+    from pd_editor.model.inputs.scene_batch import batch_of
+    from pd_editor.model.path_diffuser import PathDiffuser
+    from pd_editor.model.stages import INITIAL_STATES, TRAJECTORIES
+    from pd_editor.model.trajectory.network.denoiser import TrajectoryDenoiser
+    from pd_editor.model.trajectory.task import TrajectoryTask
 
     stages = PathDiffuser(models_folder() / SHIPPED_MODEL).model()
     states = stages.stage(INITIAL_STATES.name).model
     trajectories = stages.stage(TRAJECTORIES.name).model
     assert isinstance(states, InitialStateDenoiser)
     assert isinstance(trajectories, TrajectoryDenoiser)
-    if "--former-inputs" in sys.argv:
-        states, trajectories = _with_inputs_of_3b06ae4(states, trajectories)
     basis = trajectories.decoder.basis
     task = TrajectoryTask.of(scenario, np.arange(NUM_AGENTS), basis)
     features = scene_features(scenario, with_candidates=False)
@@ -199,33 +190,6 @@ def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
         return list(sample_initial_states(states, scene, samples=[0], seed=0))
 
     return [step, encode, place]
-
-
-def _with_inputs_of_3b06ae4(states: Any, trajectories: Any) -> tuple[Any, Any]:
-    """Networks of this checkout with the inputs of that commit, and random weights."""
-    from pd_editor.diffusion.core.devices import lay_out_weights
-
-    small = replace(
-        states.config,
-        sees_boundary=False,
-        relates_map_tokens=False,
-        sees_box_gaps=False,
-        folds_turns=False,
-        samples_activity=False,
-    )
-    few = replace(
-        trajectories.config,
-        num_near_agents=8,
-        sees_gaps=False,
-        sees_boundary=False,
-        sees_activity=False,
-        knows_leaders=False,
-    )
-    basis = trajectories.decoder.basis
-    found = type(states)(small).eval(), type(trajectories)(few, basis).eval()
-    for model in found:
-        lay_out_weights(model)
-    return found
 
 
 def crowd() -> Scenario:
@@ -273,14 +237,17 @@ class Checkout:
 
     label: str
     folder: Path
-    options: tuple[str, ...] = ()
     spent: dict[str, list[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         # The package of the checkout comes before that of this one.
         paths = os.pathsep.join([str(self.folder.resolve()), str(HERE)])
         self._process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).resolve()), "--work", *self.options],
+            [
+                sys.executable,
+                str(self.folder / "benchmarks" / Path(__file__).name),
+                "--work",
+            ],
             env={**os.environ, "PYTHONPATH": paths},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -311,12 +278,8 @@ def main() -> None:
     parser.add_argument("--other", type=Path, nargs="*", default=())
     parser.add_argument("--rounds", type=int, default=12)
     parser.add_argument("--only", nargs="*", default=NAMES, metavar="NAME")
-    parser.add_argument("--former-inputs", action="store_true")
     options = parser.parse_args()
     checkouts = [Checkout(label="here", folder=HERE)]
-    if options.former_inputs:
-        few = Checkout(label="few inputs", folder=HERE, options=("--former-inputs",))
-        checkouts.append(few)
     checkouts += [Checkout(label=one.name, folder=one) for one in options.other]
     for checkout in checkouts:
         for name in options.only:

@@ -28,14 +28,14 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from benchmarks.figures import load_in_words
+from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.unfinished_work import (
     UnfinishedWork,
     find_unfinished,
     restore,
 )
-from pd_editor.errors import PdEditorError
-from pd_editor.scenario_store import open_scenario
 from tests.viewer.fake_browser import CAMERA
 
 LONGEST_S = 5.0

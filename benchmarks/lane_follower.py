@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.geometry.oriented_box import Boxes
-from pd_editor.lane_follower import LaneFollower
-from pd_editor.metrics.collisions.box_tests import boxes_touch
-from pd_editor.paths.lanes.nearest_lane import nearest_lanes
+from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
+from pd_editor.model.lane_follower import LaneFollower
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import GenerationRequest, run_to_end
+from pd_editor.scene.geometry.oriented_box import Boxes
+from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.scenario import Scenario
 
 NUM_SAMPLES = 6

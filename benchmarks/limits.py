@@ -17,15 +17,15 @@ import numpy as np
 
 from benchmarks.growth import base, three_terms
 from benchmarks.tiled import tiled
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.av2_io.write import scenario_files
+from pd_editor.analysis.findings.scorecard import scorecard
 from pd_editor.editor.commands import SetRoadWarp
 from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.session import EditorSession
-from pd_editor.exporters.bundle import write_files
-from pd_editor.findings.scorecard import scorecard
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_LANES, MAX_STATES

@@ -26,18 +26,18 @@ from pd_editor.editor.commands import (
     TransformAgents,
     traffic_command,
 )
-from pd_editor.generation import (
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.generation import (
     GenerationRequest,
     Region,
     ScenarioGenerator,
     guidance_settings,
     run_to_end,
 )
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.geometry.angles import unit_vector
-from pd_editor.perturbation.anchor import pose_of_anchor
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.guidance_terms import GoalPoint
+from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

@@ -16,18 +16,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.candidates import full_scenarios
+from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
+from pd_editor.analysis.repair.box_overlaps import counted
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.commands.locks import apply_within_locks
-from pd_editor.evaluation.scene_bootstrap import mean_over_scenes, scene_weights
-from pd_editor.generation import (
+from pd_editor.experiments.evaluation.scene_bootstrap import (
+    mean_over_scenes,
+    scene_weights,
+)
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.generation import (
     GenerationRequest,
     ScenarioGenerator,
     guidance_settings,
     run_to_end,
 )
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.metrics.collisions.box_tests import first_overlap
-from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.roles.traffic_choice import (

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 import pd_editor
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.metrics.collisions.box_tests import first_overlap
-from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.repair.back_casting import made_up_past
+from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
+from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.repair.back_casting import made_up_past
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -14,10 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.guidance.possible_encounters import endangered_id, possible_encounters
+from pd_editor.analysis.guidance.possible_encounters import (
+    endangered_id,
+    possible_encounters,
+)
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.guidance_outcome import TermOutcome
 from pd_editor.scene.guidance_terms import Approach, GuidanceTerm, Threaten, YieldTo
 from pd_editor.scene.locks import TRAJECTORY_LOCK

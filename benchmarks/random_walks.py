@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures import load_in_words
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.viewer.state.session_shelf import SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 from tests.random_walk import walk

@@ -13,10 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
-from pd_editor.features.scene_features import scene_features
+from pd_editor.experiments.training.data.augmentation import (
+    DEFAULT_AUGMENTATION,
+    augmented,
+)
+from pd_editor.experiments.training.data.feature_preparation import (
+    fit_basis,
+    prepare_features,
+)
+from pd_editor.model.features.scene_features import scene_features
 from pd_editor.scene.scenario import Scenario
-from pd_editor.training.data.augmentation import DEFAULT_AUGMENTATION, augmented
-from pd_editor.training.data.feature_preparation import fit_basis, prepare_features
 
 REPEATS = 60
 

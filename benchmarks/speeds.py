@@ -13,17 +13,20 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.initial_states import load_pose_model, real_scenes, sampled
-from pd_editor.diffusion.initial_state.attributes import AttributeRequest
-from pd_editor.diffusion.initial_state.network.state_encoding import POSITION_UNIT_M
-from pd_editor.diffusion.initial_state.sampler import InitialStateSamplerConfig
-from pd_editor.features.scene_features import AGENT_KINDS
-from pd_editor.generators import SHIPPED_MODEL
-from pd_editor.installed_files import models_folder
+from pd_editor.base.installed_files import models_folder
+from pd_editor.experiments.training.data.augmentation import (
+    CRAWLING_MPS,
+    DEFAULT_AUGMENTATION,
+)
+from pd_editor.experiments.training.data.training_data import prepared_data
+from pd_editor.experiments.training.warm_start import basis_of, starting_model
+from pd_editor.model.features.scene_features import AGENT_KINDS
+from pd_editor.model.generators import SHIPPED_MODEL
+from pd_editor.model.initial_state.attributes import AttributeRequest
+from pd_editor.model.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.model.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.thresholds import MOVING_MPS
-from pd_editor.training.data.augmentation import CRAWLING_MPS, DEFAULT_AUGMENTATION
-from pd_editor.training.data.training_data import prepared_data
-from pd_editor.training.warm_start import basis_of, starting_model
 
 SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
 RESAMPLES = 1000

@@ -17,20 +17,29 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.figures import load_in_words
-from pd_editor.evaluation.evaluation import Scene, scenes_of
-from pd_editor.evaluation.method import Method
-from pd_editor.generators import make_generator
-from pd_editor.studies.study_folder import StudyFolder, run_study
-from pd_editor.studies.study_plan import StudyPlan, grid_conditions, study_items
-from pd_editor.studies.variant_rows import study_scene
-from pd_editor.studies.worst_case import (
+from pd_editor.experiments.evaluation.evaluation import Scene, scenes_of
+from pd_editor.experiments.evaluation.method import Method
+from pd_editor.experiments.studies.study_folder import StudyFolder, run_study
+from pd_editor.experiments.studies.study_plan import (
+    StudyPlan,
+    grid_conditions,
+    study_items,
+)
+from pd_editor.experiments.studies.variant_rows import study_scene
+from pd_editor.experiments.studies.worst_case import (
     SearchItem,
     SearchSettings,
     grid_worst_cases,
     search_scene,
 )
-from pd_editor.work_engine import LocalProcesses, WorkEngine, WorkResult, run_items
-from pd_editor.work_engine.ray_cluster import RayCluster
+from pd_editor.experiments.work_engine import (
+    LocalProcesses,
+    WorkEngine,
+    WorkResult,
+    run_items,
+)
+from pd_editor.experiments.work_engine.ray_cluster import RayCluster
+from pd_editor.model.generators import make_generator
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")

@@ -13,17 +13,17 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 
-from pd_editor.training.config.presets import PRESETS
-from pd_editor.training.config.run_config import Budget, RunConfig
-from pd_editor.training.data.batch_sampler import BatchSampler
-from pd_editor.training.data.training_data import (
+from pd_editor.experiments.training.config.presets import PRESETS
+from pd_editor.experiments.training.config.run_config import Budget, RunConfig
+from pd_editor.experiments.training.data.batch_sampler import BatchSampler
+from pd_editor.experiments.training.data.training_data import (
     default_cache,
     prepared_data,
     training_data,
 )
-from pd_editor.training.loop.run_folder import RunFolder
-from pd_editor.training.loop.train_loop import TrainLoop
-from pd_editor.training.stage_objective import STAGES
+from pd_editor.experiments.training.loop.run_folder import RunFolder
+from pd_editor.experiments.training.loop.train_loop import TrainLoop
+from pd_editor.experiments.training.stage_objective import STAGES
 
 _STEPS = 30
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.findings import scorecard as scorecard_module
-from pd_editor.findings.scorecard import ROWS, UsualRange, scorecard
+from pd_editor.analysis.findings import scorecard as scorecard_module
+from pd_editor.analysis.findings.scorecard import ROWS, UsualRange, scorecard
+from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.viewer.meshes.flat_mesh import glb_of
 from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.views.findings_view import finding_primitives

@@ -18,19 +18,19 @@ from pathlib import Path
 
 import tyro
 
+from pd_editor.base.errors import PdEditorError, TrainingError
 from pd_editor.cli.evaluate import evaluate
 from pd_editor.cli.model import model
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
-from pd_editor.errors import PdEditorError, TrainingError
-from pd_editor.training.config.run_request import (
+from pd_editor.experiments.training.config.run_request import (
     RunRequest,
     StageName,
     new_config,
     other_fields,
 )
-from pd_editor.training.config.settings import settings_of
-from pd_editor.training.loop.run_folder import CONFIG_NAME, RunFolder
+from pd_editor.experiments.training.config.settings import settings_of
+from pd_editor.experiments.training.loop.run_folder import CONFIG_NAME, RunFolder
 
 FOLDER = Path(__file__).parents[1] / "examples" / "variants"
 BASE = FOLDER / "study" / "base.toml"

@@ -21,8 +21,8 @@ from websockets.asyncio.server import ServerConnection
 from benchmarks.chromium import opened_chromium
 from benchmarks.figures import load_in_words, spread
 from benchmarks.warp_scenario import busiest_scenario, with_largest_map
-from pd_editor.av2_io.write import scenario_files
-from pd_editor.exporters.bundle import write_files
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.ui_context import GESTURE_PAUSE_S

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.map_file import read_map
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.findings.check import scene_problems
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.metrics.collisions.box_tests import first_overlap
-from pd_editor.metrics.road.off_road import is_off_road
-from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.analysis.findings.check import scene_problems
+from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
+from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.scene.av2_io.map_file import read_map
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 

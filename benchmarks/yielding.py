@@ -12,17 +12,20 @@ import numpy as np
 import torch
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
-from pd_editor.diffusion.trajectory.sample_yielding import with_yielding
+from pd_editor.analysis.metrics.collisions.box_tests import (
+    first_overlap,
+    overlapping_pairs,
+)
+from pd_editor.analysis.repair.box_overlaps import counted
 from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
-from pd_editor.generation import (
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.model.trajectory.sample_yielding import with_yielding
+from pd_editor.scene.generation import (
     GenerationRequest,
     TrafficSample,
     guidance_settings,
     run_to_end,
 )
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.metrics.collisions.box_tests import first_overlap, overlapping_pairs
-from pd_editor.repair.box_overlaps import counted
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 

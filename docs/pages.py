@@ -5,10 +5,10 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from pd_editor.markdown import markdown_table
-from pd_editor.metrics.metric_table import METRICS
-from pd_editor.training.config.field_table import fields_table
-from pd_editor.training.config.settings import STAGES
+from pd_editor.analysis.metrics.metric_table import METRICS
+from pd_editor.base.markdown import markdown_table
+from pd_editor.experiments.training.config.field_table import fields_table
+from pd_editor.experiments.training.config.settings import STAGES
 
 ROOT = Path(__file__).parents[1]
 PAGES = (

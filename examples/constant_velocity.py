@@ -6,7 +6,7 @@ pd-editor evaluate --data $AV2/val --methods ground-truth examples.constant_velo
 
 import numpy as np
 
-from pd_editor.prediction import Prediction, PredictionRequest
+from pd_editor.scene.prediction import Prediction, PredictionRequest
 
 BRAKING_MPS2 = 3.0
 

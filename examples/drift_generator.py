@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pd_editor.generation import (
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from pd_editor.errors import GenerationError
-from pd_editor.prediction import Prediction, PredictionRequest
+from pd_editor.base.errors import GenerationError
+from pd_editor.scene.prediction import Prediction, PredictionRequest
 
 
 class Predictor:

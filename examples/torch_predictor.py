@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from pd_editor.prediction import Prediction, PredictionRequest
+from pd_editor.scene.prediction import Prediction, PredictionRequest
 
 NUM_PAST, NUM_FUTURE, NUM_MODES = 10, 60, 6
 

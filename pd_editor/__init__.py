@@ -39,6 +39,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pd_editor.base.errors import PdEditorError
+    from pd_editor.base.installed_files import demo_names
     from pd_editor.cli.edit import edit
     from pd_editor.cli.evaluate import evaluate
     from pd_editor.cli.export import export
@@ -52,10 +54,8 @@ if TYPE_CHECKING:
     from pd_editor.cli.warp import warp
     from pd_editor.editor import commands
     from pd_editor.editor.recipe import Recipe
+    from pd_editor.editor.scenario_store import open_scenario
     from pd_editor.editor.session import EditorSession
-    from pd_editor.errors import PdEditorError
-    from pd_editor.installed_files import demo_names
-    from pd_editor.scenario_store import open_scenario
     from pd_editor.scene.scenario import Scenario
 
 __all__ = [
@@ -88,16 +88,16 @@ os.environ.setdefault("KMP_BLOCKTIME", "0")
 _HOMES = {
     "EditorSession": "pd_editor.editor.session",
     "Outcome": "pd_editor.cli.output.outcome",
-    "PdEditorError": "pd_editor.errors",
+    "PdEditorError": "pd_editor.base.errors",
     "Recipe": "pd_editor.editor.recipe",
     "Scenario": "pd_editor.scene.scenario",
-    "demo_names": "pd_editor.installed_files",
+    "demo_names": "pd_editor.base.installed_files",
     "edit": "pd_editor.cli.edit",
     "evaluate": "pd_editor.cli.evaluate",
     "export": "pd_editor.cli.export",
     "generate": "pd_editor.cli.generate",
     "model": "pd_editor.cli.model",
-    "open_scenario": "pd_editor.scenario_store",
+    "open_scenario": "pd_editor.editor.scenario_store",
     "replay": "pd_editor.cli.replay",
     "study": "pd_editor.cli.study",
     "synth": "pd_editor.cli.synth",

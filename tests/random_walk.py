@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.av2_io.official import check_with_official_loaders
+from pd_editor.base.errors import PdEditorError
+from pd_editor.base.plain_text import is_plain
 from pd_editor.cli.replay import read_recipe
 from pd_editor.editor.commands import (
     Command,
@@ -24,21 +25,20 @@ from pd_editor.editor.commands import (
     traffic_command,
 )
 from pd_editor.editor.recipe import replay
-from pd_editor.editor.session import EditorSession
-from pd_editor.editor.unfinished_work import find_unfinished, restore
-from pd_editor.editor.variant import Variant, name_from_text
-from pd_editor.errors import PdEditorError
-from pd_editor.exporters.bundle import write_files
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.plain_text import is_plain
-from pd_editor.scenario_store import (
+from pd_editor.editor.scenario_store import (
     exported_files,
     has_same_content,
     open_scenario,
 )
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import find_unfinished, restore
+from pd_editor.editor.variant import Variant, name_from_text
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.av2_io.official import check_with_official_loaders
+from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.generation import GenerationRequest, run_to_end
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import replaceable_agent_ids
 from pd_editor.scene.scenario import Scenario

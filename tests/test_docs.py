@@ -25,7 +25,7 @@ def test_the_documentation_builds_without_a_warning(tmp_path: Path):
     for page, name in (
         ("python.html", "pd_editor.editor.session.EditorSession"),
         ("commands.html", "pd_editor.editor.commands.road.SetRoadWarp"),
-        ("generation.html", "pd_editor.generation.ScenarioGenerator"),
+        ("generation.html", "pd_editor.scene.generation.ScenarioGenerator"),
         ("metrics.html", "min_ade"),
     ):
         assert name in pages[page]

@@ -5,8 +5,8 @@ import pytest
 from benchmarks.kills import found_afterwards
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.editor.journal import Journal
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.session import EditorSession
-from pd_editor.scenario_store import open_scenario
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pd_editor.installed_files import demo_names
+from pd_editor.base.installed_files import demo_names
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -106,8 +106,8 @@ def test_the_wheel_holds_what_is_used_and_no_more(wheel: Path):
         assert f"pd_editor/assets/demos/{name}/log_map_archive_{name}.json" in names
     assert "pd_editor/assets/demos/README.md" in names
     assert "pd_editor/models/README.md" in names
-    assert "pd_editor/evaluation/report/report.html.jinja" in names
-    assert "pd_editor/metrics/metric_table.csv" in names
+    assert "pd_editor/experiments/evaluation/report/report.html.jinja" in names
+    assert "pd_editor/analysis/metrics/metric_table.csv" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     modules = [name for name in names if name.endswith(".py")]
     assert not [name for name in modules if {"assets", "tests"} & {*name.split("/")}]
@@ -138,7 +138,7 @@ def test_the_wheel_works_in_an_environment_of_its_own(
     outside.mkdir()
     code = (
         "import pd_editor; print(pd_editor.__file__); print(*pd_editor.demo_names());"
-        "from pd_editor.installed_files import models_folder; print(models_folder())"
+        "from pd_editor.base.installed_files import models_folder; print(models_folder())"
     )
     found = subprocess.run(
         [python, "-c", code], cwd=outside, capture_output=True, text=True, check=True

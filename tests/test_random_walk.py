@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.installed_files import demo_folder
-from pd_editor.scenario_store import open_scenario
+from pd_editor.base.installed_files import demo_folder
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.viewer.state.session_shelf import SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 from tests.random_walk import walk

@@ -8,9 +8,13 @@ import pytest
 
 from benchmarks import variants
 from benchmarks.variants import BASE, VARIANTS, Study, run_study, stages_of, tasks_of
-from pd_editor.errors import TrainingError
-from pd_editor.training.config.run_request import RunRequest, StageName, new_config
-from pd_editor.training.config.settings import settings_of
+from pd_editor.base.errors import TrainingError
+from pd_editor.experiments.training.config.run_request import (
+    RunRequest,
+    StageName,
+    new_config,
+)
+from pd_editor.experiments.training.config.settings import settings_of
 
 
 def test_each_variant_trains_the_stages_that_it_changes(tmp_path: Path):

@@ -20,18 +20,18 @@ import numpy as np
 import torch
 from torch import nn
 
-from pd_editor.av2_io.dataset import DatasetIndex
-from pd_editor.av2_io.read import read_scenario
-from pd_editor.evaluation.road_condition import road_conditions
-from pd_editor.paths.driving_paths import paths_along_routes
-from pd_editor.paths.lanes.route_choice import choose_routes
-from pd_editor.prediction import (
+from pd_editor.experiments.evaluation.road_condition import road_conditions
+from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
+from pd_editor.scene.av2_io.dataset import DatasetIndex
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.paths.driving_paths import paths_along_routes
+from pd_editor.scene.paths.lanes.route_choice import choose_routes
+from pd_editor.scene.prediction import (
     AgentHistory,
     Prediction,
     PredictionRequest,
     prediction_request,
 )
-from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 

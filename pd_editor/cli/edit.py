@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from pd_editor.base.errors import InputError
 from pd_editor.cli.options.arguments import (
     CurrentOption,
     OptionalFolder,
@@ -16,7 +17,6 @@ from pd_editor.cli.options.arguments import (
     UntilOption,
     several,
 )
-from pd_editor.errors import InputError
 from pd_editor.scene.base_reference import TimeCut
 
 DEFAULT_DEMO = "signalised-junction"

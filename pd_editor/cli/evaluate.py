@@ -9,6 +9,8 @@ from typing import Annotated, Final
 
 import tyro
 
+from pd_editor.base.errors import GenerationError, InputError
+from pd_editor.base.plain_text import nearest_or_all
 from pd_editor.cli.options.arguments import (
     AddressOption,
     FolderOption,
@@ -22,9 +24,7 @@ from pd_editor.cli.options.arguments import (
 )
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.cli.paper import PaperEvaluation, evaluate_paper
-from pd_editor.diffusion.defaults import DeviceName
-from pd_editor.errors import GenerationError, InputError
-from pd_editor.evaluation.evaluation import (
+from pd_editor.experiments.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
     EvaluationSplits,
@@ -33,37 +33,44 @@ from pd_editor.evaluation.evaluation import (
     scenes_of,
     splits_of,
 )
-from pd_editor.evaluation.evaluation_task import (
+from pd_editor.experiments.evaluation.evaluation_task import (
     DRIVING,
     AgentsChoice,
     EvaluationTask,
     StatesChoice,
 )
-from pd_editor.evaluation.method import Method
-from pd_editor.evaluation.reference_methods import GROUND_TRUTH, REFERENCE_METHODS
-from pd_editor.evaluation.report.distances import distance_tables
-from pd_editor.evaluation.report.figures import PLACING_SHOWN, SHOWN, figures_of
-from pd_editor.evaluation.report.formats import html_of, markdown_of
-from pd_editor.evaluation.report.scene_test import scene_test_tables
-from pd_editor.evaluation.report.sections import Findings, report_of
-from pd_editor.evaluation.results_folder import EvaluationFolder
-from pd_editor.evaluation.road_condition import road_conditions
-from pd_editor.evaluation.summary import Summary, summarise
-from pd_editor.generation import (
+from pd_editor.experiments.evaluation.method import Method
+from pd_editor.experiments.evaluation.reference_methods import (
+    GROUND_TRUTH,
+    REFERENCE_METHODS,
+)
+from pd_editor.experiments.evaluation.report.distances import distance_tables
+from pd_editor.experiments.evaluation.report.figures import (
+    PLACING_SHOWN,
+    SHOWN,
+    figures_of,
+)
+from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
+from pd_editor.experiments.evaluation.report.scene_test import scene_test_tables
+from pd_editor.experiments.evaluation.report.sections import Findings, report_of
+from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
+from pd_editor.experiments.evaluation.road_condition import road_conditions
+from pd_editor.experiments.evaluation.summary import Summary, summarise
+from pd_editor.experiments.work_engine import EngineChoice, EngineName
+from pd_editor.model.defaults import DeviceName
+from pd_editor.model.generators import (
+    DEFAULT_GENERATOR,
+    GENERATORS,
+    is_generator,
+    make_generator,
+)
+from pd_editor.scene.generation import (
     MAX_SAMPLES,
     MAX_SEED,
     ScenarioGenerator,
     is_reference,
     supported_by,
 )
-from pd_editor.generators import (
-    DEFAULT_GENERATOR,
-    GENERATORS,
-    is_generator,
-    make_generator,
-)
-from pd_editor.plain_text import nearest_or_all
-from pd_editor.work_engine import EngineChoice, EngineName
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower", DEFAULT_GENERATOR)
 DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)

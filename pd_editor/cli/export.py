@@ -7,8 +7,8 @@ from typing import Annotated, Final, Literal
 import numpy as np
 import tyro
 
-from pd_editor.av2_io.official import check_with_official_loaders
-from pd_editor.basket.index_table import INDEX_NAME, index_csv, index_row
+from pd_editor.base.errors import EditError, ExportError
+from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.options.arguments import (
     CurrentOption,
     FocalOption,
@@ -26,14 +26,14 @@ from pd_editor.cli.output.outcome import (
     write_session,
 )
 from pd_editor.cli.replay import open_base, read_recipe
+from pd_editor.editor.basket.index_table import INDEX_NAME, index_csv, index_row
 from pd_editor.editor.commands import SetFocalAgent
+from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name
-from pd_editor.errors import EditError, ExportError
-from pd_editor.exporters.bundle import zip_folders
-from pd_editor.regular_file import write_whole
-from pd_editor.scenario_store import exported_files, open_scenario
+from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.exporters.bundle import zip_folders
 
 ZIP_NAME: Final = "scenarios.zip"
 Format = Literal["av2"]

@@ -9,6 +9,9 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from pd_editor.analysis.findings.sample_ranking import Ranking
+from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.base.errors import GenerationError
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
@@ -33,12 +36,6 @@ from pd_editor.cli.output.guidance_table import GuidanceTable, reports_of
 from pd_editor.cli.output.outcome import Outcome, described, write_session
 from pd_editor.cli.output.progress import run_showing_progress
 from pd_editor.cli.output.sample_table import SampleTable
-from pd_editor.diffusion.defaults import (
-    DEFAULT_WEIGHT,
-    NUM_STEPS,
-    NUM_TRIES,
-    DeviceName,
-)
 from pd_editor.editor.commands import (
     AddGuidance,
     SetAgentActivity,
@@ -46,12 +43,21 @@ from pd_editor.editor.commands import (
     traffic_command,
 )
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.scenario_store import check_free, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
-from pd_editor.errors import GenerationError
-from pd_editor.features.lane_tokens import lane_pieces
-from pd_editor.findings.sample_ranking import Ranking
-from pd_editor.generation import (
+from pd_editor.experiments.work_engine import EngineName
+from pd_editor.model.defaults import (
+    DEFAULT_WEIGHT,
+    NUM_STEPS,
+    NUM_TRIES,
+    DeviceName,
+)
+from pd_editor.model.features.lane_tokens import lane_pieces
+from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.generation import (
     GenerationRequest,
     GuidanceSetting,
     Quality,
@@ -63,18 +69,12 @@ from pd_editor.generation import (
     guidance_settings,
     supported_by,
 )
-from pd_editor.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.guidance.feasibility import guidance_problems
-from pd_editor.scenario_store import check_free, open_scenario
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.traffic_choice import (
     replaceable_agent_ids,
     resamplable_agent_ids,
 )
 from pd_editor.scene.scenario import Scenario
-from pd_editor.work_engine import EngineName
 
 AgentsOption = Annotated[
     str | tuple[str, ...],

@@ -15,10 +15,10 @@ from typing import Any, Final
 
 import tyro
 
+from pd_editor.base.errors import InputError, PdEditorError, WorkDone
+from pd_editor.base.installed_files import demo_names
+from pd_editor.base.plain_text import one_line
 from pd_editor.cli.output.usage_error import usage_error
-from pd_editor.errors import InputError, PdEditorError, WorkDone
-from pd_editor.installed_files import demo_names
-from pd_editor.plain_text import one_line
 
 _PLACE_ERRORS: Final = frozenset(
     {

@@ -14,13 +14,13 @@ from typing import Annotated, Any, Concatenate, Final, ParamSpec
 
 import tyro
 
+from pd_editor.base.errors import EditError, FolderInUseError, InputError
+from pd_editor.base.installed_files import ALL_DEMOS, demo_names
+from pd_editor.base.regular_file import check_path
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.editor.variant import short_id
-from pd_editor.errors import EditError, FolderInUseError, InputError
-from pd_editor.installed_files import ALL_DEMOS, demo_names
-from pd_editor.regular_file import check_path
-from pd_editor.work_engine import EngineChoice, InThisProcess, run_items
+from pd_editor.experiments.work_engine import EngineChoice, InThisProcess, run_items
 
 Options = ParamSpec("Options")
 Scenes = str | Path | tuple[str | Path, ...]

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pd_editor.base.errors import ModelError
+from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.options.arguments import FolderOption, OptionalFolders, folders
 from pd_editor.cli.output.progress import preparation_shown
-from pd_editor.errors import ModelError
-from pd_editor.regular_file import write_whole
 
 if TYPE_CHECKING:
-    from pd_editor.diffusion.checkpoints.model_folder import TrainedStage
+    from pd_editor.model.checkpoints.model_folder import TrainedStage
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,15 +42,19 @@ def model(
         traj: Folder of a run that trained trajectories, or of a model; of several likewise.
         measure: Training data, on which to measure what the sampler of initial states needs to know; for weights that were trained before it was measured.
     """
-    from pd_editor.diffusion.checkpoints.model_folder import (
+    from pd_editor.experiments.training.loop.run_folder import MODEL_NAME
+    from pd_editor.experiments.training.model_card import (
+        CARD_NAME,
+        card_of,
+        copied_curves,
+    )
+    from pd_editor.model.checkpoints.model_folder import (
         CONFIG_NAME,
         load_model,
         save_model,
     )
-    from pd_editor.diffusion.checkpoints.weight_average import averaged_stage
-    from pd_editor.diffusion.stages import STAGE_KINDS
-    from pd_editor.training.loop.run_folder import MODEL_NAME
-    from pd_editor.training.model_card import CARD_NAME, card_of, copied_curves
+    from pd_editor.model.checkpoints.weight_average import averaged_stage
+    from pd_editor.model.stages import STAGE_KINDS
 
     given = {"init": folders(init), "traj": folders(traj)}
     folder, stages, curves = Path(out), {}, []
@@ -88,8 +92,8 @@ def model(
 def _measured(
     stages: Mapping[str, "TrainedStage"], roots: tuple[Path, ...]
 ) -> "TrainedStage":
-    from pd_editor.training.data.training_data import default_cache
-    from pd_editor.training.training_run import measured
+    from pd_editor.experiments.training.data.training_data import default_cache
+    from pd_editor.experiments.training.training_run import measured
 
     if "init" not in stages:
         raise ModelError("There are no initial states to measure; expected --init.")

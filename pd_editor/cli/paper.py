@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pd_editor.av2_io.read import read_scenario
+from pd_editor.base.errors import InputError, PdEditorError
+from pd_editor.base.installed_files import models_folder
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.errors import InputError, PdEditorError
-from pd_editor.evaluation.evaluation import (
+from pd_editor.experiments.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
     RunRecord,
@@ -16,21 +16,24 @@ from pd_editor.evaluation.evaluation import (
     scenes_of,
     splits_of,
 )
-from pd_editor.evaluation.paper.attention_scores import attention_scores
-from pd_editor.evaluation.paper.measures import RowTable
-from pd_editor.evaluation.paper.paper_report import paper_report
-from pd_editor.evaluation.paper.paper_tables import STATE_COLUMNS, TRAJECTORY_COLUMNS
-from pd_editor.evaluation.paper.pictures import PaperPicture, PictureBook
-from pd_editor.evaluation.paper.plans import PaperPlan, Part, paper_plan
-from pd_editor.evaluation.paper.systems import Trained, trained_systems
-from pd_editor.evaluation.report.figures import Figure
-from pd_editor.evaluation.report.formats import html_of, markdown_of
-from pd_editor.evaluation.results_folder import EvaluationFolder
-from pd_editor.generation import ScenarioGenerator
-from pd_editor.generators import shipped_models
-from pd_editor.installed_files import models_folder
-from pd_editor.work_engine import EngineChoice, WorkEngine
-from pd_editor.work_engine.work_folder import WorkFolder
+from pd_editor.experiments.evaluation.paper.attention_scores import attention_scores
+from pd_editor.experiments.evaluation.paper.measures import RowTable
+from pd_editor.experiments.evaluation.paper.paper_report import paper_report
+from pd_editor.experiments.evaluation.paper.paper_tables import (
+    STATE_COLUMNS,
+    TRAJECTORY_COLUMNS,
+)
+from pd_editor.experiments.evaluation.paper.pictures import PaperPicture, PictureBook
+from pd_editor.experiments.evaluation.paper.plans import PaperPlan, Part, paper_plan
+from pd_editor.experiments.evaluation.paper.systems import Trained, trained_systems
+from pd_editor.experiments.evaluation.report.figures import Figure
+from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
+from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
+from pd_editor.experiments.work_engine import EngineChoice, WorkEngine
+from pd_editor.experiments.work_engine.work_folder import WorkFolder
+from pd_editor.model.generators import shipped_models
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import ScenarioGenerator
 
 PAGE_NAME: Final = "paper.html"
 TEXT_NAME: Final = "paper.md"
@@ -122,8 +125,8 @@ def evaluate_paper(
 
 def _check_weights(folder: Path) -> None:
     """Raise for weights that do not fit, once and not for each scene."""
-    from pd_editor.diffusion.checkpoints.model_folder import load_model
-    from pd_editor.diffusion.stages import STAGE_KINDS
+    from pd_editor.model.checkpoints.model_folder import load_model
+    from pd_editor.model.stages import STAGE_KINDS
 
     load_model(folder, STAGE_KINDS)
 

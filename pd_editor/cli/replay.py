@@ -7,6 +7,8 @@ from typing import Annotated
 
 import tyro
 
+from pd_editor.base.errors import InputError, RecipeError
+from pd_editor.base.regular_file import check_path, read_regular
 from pd_editor.cli.many_scenes import over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
@@ -19,13 +21,11 @@ from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, RegeneratedEntry
 from pd_editor.editor.recipe import regenerate as regenerate_recipe
 from pd_editor.editor.recipe import replay as replay_recipe
-from pd_editor.errors import InputError, RecipeError
-from pd_editor.generators import make_generator
-from pd_editor.regular_file import check_path, read_regular
-from pd_editor.scenario_store import RECIPE_NAME, export_into
-from pd_editor.scenario_store import open_base as open_base_of
+from pd_editor.editor.scenario_store import RECIPE_NAME, export_into
+from pd_editor.editor.scenario_store import open_base as open_base_of
+from pd_editor.experiments.work_engine import EngineName
+from pd_editor.model.generators import make_generator
 from pd_editor.scene.scenario import Scenario
-from pd_editor.work_engine import EngineName
 
 
 @over_scenes(RECIPE_NAME)

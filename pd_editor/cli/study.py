@@ -5,6 +5,7 @@ from typing import Annotated
 
 import tyro
 
+from pd_editor.base.errors import InputError
 from pd_editor.cli.evaluate import checked_methods, limit_in_s, within
 from pd_editor.cli.options.arguments import (
     AddressOption,
@@ -16,25 +17,31 @@ from pd_editor.cli.options.arguments import (
     several,
 )
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.diffusion.defaults import DeviceName
-from pd_editor.errors import InputError
-from pd_editor.evaluation.evaluation import scenes_of
-from pd_editor.evaluation.evaluation_task import DRIVING
-from pd_editor.evaluation.road_condition import DEFAULT_ANCHOR, road_conditions
-from pd_editor.generation import MAX_SAMPLES, MAX_SEED
-from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
-from pd_editor.scene.road_warp import WARP_KINDS
-from pd_editor.studies.study_folder import StudyFolder
-from pd_editor.studies.study_plan import (
+from pd_editor.experiments.evaluation.evaluation import scenes_of
+from pd_editor.experiments.evaluation.evaluation_task import DRIVING
+from pd_editor.experiments.evaluation.road_condition import (
+    DEFAULT_ANCHOR,
+    road_conditions,
+)
+from pd_editor.experiments.studies.study_folder import StudyFolder
+from pd_editor.experiments.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
     grid_conditions,
     study_command,
 )
-from pd_editor.studies.variant_rows import STUDY_METRICS
-from pd_editor.studies.whole_study import Study, StudyExtras, run_whole_study
-from pd_editor.studies.worst_case import SearchSettings
-from pd_editor.work_engine import EngineChoice, EngineName
+from pd_editor.experiments.studies.variant_rows import STUDY_METRICS
+from pd_editor.experiments.studies.whole_study import (
+    Study,
+    StudyExtras,
+    run_whole_study,
+)
+from pd_editor.experiments.studies.worst_case import SearchSettings
+from pd_editor.experiments.work_engine import EngineChoice, EngineName
+from pd_editor.model.defaults import DeviceName
+from pd_editor.scene.generation import MAX_SAMPLES, MAX_SEED
+from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.road_warp import WARP_KINDS
 
 _Texts = str | tuple[str, ...]
 _BY_DEFAULT = "(default: -9 to 9 without 0)"

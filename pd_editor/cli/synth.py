@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from pd_editor.base.errors import InputError, SynthesisError
 from pd_editor.cli.options.arguments import (
     AddressOption,
     FolderOption,
@@ -17,20 +18,22 @@ from pd_editor.cli.options.arguments import (
     folders,
 )
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.errors import InputError, SynthesisError
-from pd_editor.synthesis.dataset.builder import (
+from pd_editor.experiments.synthesis.dataset.builder import (
     DatasetPlan,
     DatasetRecord,
     build_dataset,
 )
-from pd_editor.synthesis.dataset.dataset_folder import MANIFEST_NAME, DatasetFolder
-from pd_editor.synthesis.dataset.scene_source import (
+from pd_editor.experiments.synthesis.dataset.dataset_folder import (
+    MANIFEST_NAME,
+    DatasetFolder,
+)
+from pd_editor.experiments.synthesis.dataset.scene_source import (
     dataset_scenes,
     real_scenes,
     scenario_folders,
 )
-from pd_editor.synthesis.realism.realism_report import realism_report
-from pd_editor.work_engine import EngineChoice, EngineName
+from pd_editor.experiments.synthesis.realism.realism_report import realism_report
+from pd_editor.experiments.work_engine import EngineChoice, EngineName
 
 _MAX_REASONS = 5
 

@@ -4,11 +4,14 @@ from typing import Annotated
 
 import tyro
 
+from pd_editor.analysis.guidance.possible_encounters import (
+    endangered_id,
+    possible_encounters,
+)
+from pd_editor.base.errors import EditError
 from pd_editor.cli.options.arguments import ScenarioArgument
 from pd_editor.cli.options.guide_option import text_of
-from pd_editor.errors import EditError
-from pd_editor.guidance.possible_encounters import endangered_id, possible_encounters
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
 
 
 def threats(

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import tyro
 
+from pd_editor.base.errors import WorkDone
+from pd_editor.base.installed_files import models_folder
+from pd_editor.base.regular_file import check_path
 from pd_editor.cli.options.arguments import (
     OptionalFolder,
     OptionalFolders,
@@ -19,20 +22,17 @@ from pd_editor.cli.options.arguments import (
     several,
 )
 from pd_editor.cli.output.progress import ProgressLine, preparation_shown
-from pd_editor.diffusion.defaults import DeviceName
-from pd_editor.errors import WorkDone
-from pd_editor.generators import SHIPPED_MODEL
-from pd_editor.installed_files import models_folder
-from pd_editor.regular_file import check_path
-from pd_editor.training.outcome import Training
-from pd_editor.work_engine.work_engine import minutes_left
+from pd_editor.experiments.training.outcome import Training
+from pd_editor.experiments.work_engine.work_engine import minutes_left
+from pd_editor.model.defaults import DeviceName
+from pd_editor.model.generators import SHIPPED_MODEL
 
 if TYPE_CHECKING:
-    from pd_editor.training.config.run_request import RunRequest
-    from pd_editor.training.config.settings import Settings
-    from pd_editor.training.loop.train_loop import TrainingProgress
-    from pd_editor.training.monitoring import Monitoring, SampleCheck
-    from pd_editor.training.training_run import Hardware
+    from pd_editor.experiments.training.config.run_request import RunRequest
+    from pd_editor.experiments.training.config.settings import Settings
+    from pd_editor.experiments.training.loop.train_loop import TrainingProgress
+    from pd_editor.experiments.training.monitoring import Monitoring, SampleCheck
+    from pd_editor.experiments.training.training_run import Hardware
 
 StageName = Literal["init", "traj", "all"]
 _STAGES: tuple[Literal["init", "traj"], ...] = ("init", "traj")
@@ -130,10 +130,10 @@ def train(
         tensorboard: Write losses and figures of samples for TensorBoard (extra "monitor") into the folder tensorboard of the run.
         resume: Go on with the run in the folder; its settings are taken from there, but for --evaluate-every and --tensorboard.
     """
-    from pd_editor.training.config.run_request import RunRequest
-    from pd_editor.training.config.settings import settings_of
-    from pd_editor.training.monitoring import Monitoring
-    from pd_editor.training.training_run import Hardware
+    from pd_editor.experiments.training.config.run_request import RunRequest
+    from pd_editor.experiments.training.config.settings import settings_of
+    from pd_editor.experiments.training.monitoring import Monitoring
+    from pd_editor.experiments.training.training_run import Hardware
 
     stages = _STAGES if stage == "all" else (stage,)
     if fields:
@@ -177,7 +177,7 @@ def train(
 
 def _list_fields(stages: Sequence[Literal["init", "traj"]]) -> NoReturn:
     """Print the fields of stages as tables, and end."""
-    from pd_editor.training.config.field_table import fields_table
+    from pd_editor.experiments.training.config.field_table import fields_table
 
     sys.stdout.write("\n\n".join(map(fields_table, stages)) + "\n")
     raise WorkDone(0)
@@ -202,7 +202,7 @@ def _both_trained(
 ) -> Training:
     """Train one stage after the other, then join them into a model."""
     from pd_editor.cli.model import model
-    from pd_editor.training.training_run import config_asked_for
+    from pd_editor.experiments.training.training_run import config_asked_for
 
     folder = Path("runs/all") if out is None else Path(out)
     runs = {stage: folder / "runs" / stage for stage in _STAGES}
@@ -245,8 +245,8 @@ def _trained(
     *,
     resume: bool,
 ) -> Training:
-    from pd_editor.training.data.training_data import default_cache
-    from pd_editor.training.training_run import run_asked_for
+    from pd_editor.experiments.training.data.training_data import default_cache
+    from pd_editor.experiments.training.training_run import run_asked_for
 
     return run_asked_for(
         request,
@@ -264,10 +264,10 @@ def _sample_check(
     device: DeviceName, roots: Sequence[Path], stage: str
 ) -> "SampleCheck":
     """Evaluation of samples of a stage; initial states get the shipped trajectories."""
-    from pd_editor.diffusion.checkpoints.model_folder import load_model, save_model
-    from pd_editor.diffusion.path_diffuser import PathDiffuser
-    from pd_editor.diffusion.stages import STAGE_KINDS
-    from pd_editor.evaluation.report.sample_figures import figure_scenes
+    from pd_editor.experiments.evaluation.report.sample_figures import figure_scenes
+    from pd_editor.model.checkpoints.model_folder import load_model, save_model
+    from pd_editor.model.path_diffuser import PathDiffuser
+    from pd_editor.model.stages import STAGE_KINDS
 
     places = stage == "init"
     scenes = figure_scenes(roots, samples_states=places)

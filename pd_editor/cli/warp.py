@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from pd_editor.base.errors import EditError
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
@@ -19,12 +20,12 @@ from pd_editor.cli.options.arguments import (
 )
 from pd_editor.cli.output.outcome import Outcome, described, write_session
 from pd_editor.editor.commands import SetFocalAgent, SetRoadWarp
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.perturbation.anchor import pose_of_anchor
-from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
-from pd_editor.scenario_store import open_scenario
+from pd_editor.experiments.work_engine import EngineName
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
     WARP_KINDS,
@@ -33,7 +34,6 @@ from pd_editor.scene.road_warp import (
     WarpTerm,
 )
 from pd_editor.scene.scenario import Scenario
-from pd_editor.work_engine import EngineName
 
 
 @over_scenes(SCENE_FILES)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from pd_editor.errors import PdEditorError
+from pd_editor.base.errors import PdEditorError
 
 _logger = logging.getLogger(__name__)
 _Result = TypeVar("_Result")

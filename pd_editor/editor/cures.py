@@ -4,6 +4,13 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from pd_editor.analysis.findings.check import scene_findings
+from pd_editor.analysis.findings.finding import Finding
+from pd_editor.analysis.findings.friction import friction_coefficient_of
+from pd_editor.analysis.findings.road_shape import weakened_to_radius
+from pd_editor.analysis.findings.scorecard import scorecard
+from pd_editor.analysis.metrics.road.off_road import nearest_on_road
+from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands.agents import DeleteAgents
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.guidance import RemoveGuidance
@@ -16,13 +23,6 @@ from pd_editor.editor.commands.motion import (
 from pd_editor.editor.commands.poses import SetAgentPosition, SnapToLane
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.editor.edit_findings import about_term
-from pd_editor.errors import PdEditorError
-from pd_editor.findings.check import scene_findings
-from pd_editor.findings.finding import Finding
-from pd_editor.findings.friction import friction_coefficient_of
-from pd_editor.findings.road_shape import weakened_to_radius
-from pd_editor.findings.scorecard import scorecard
-from pd_editor.metrics.road.off_road import nearest_on_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario

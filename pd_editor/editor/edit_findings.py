@@ -5,13 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from pd_editor.analysis.findings.check import SceneCheck, checked, scene_findings
+from pd_editor.analysis.findings.finding import (
+    Finding,
+    FindingKind,
+    Source,
+    capitalised,
+)
+from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.guidance import AddGuidance, ChangeGuidance
 from pd_editor.editor.commands.traffic import ReplaceTraffic
-from pd_editor.findings.check import SceneCheck, checked, scene_findings
-from pd_editor.findings.finding import Finding, FindingKind, Source, capitalised
-from pd_editor.generation import GuidanceSetting, TrafficSample
-from pd_editor.guidance.outcomes import term_outcomes
+from pd_editor.scene.generation import GuidanceSetting, TrafficSample
 from pd_editor.scene.guidance_outcome import TermOutcome
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario

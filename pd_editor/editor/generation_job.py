@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from contextlib import closing
 
+from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.commands.traffic import traffic_command
-from pd_editor.errors import GenerationError, PdEditorError
-from pd_editor.generation import (
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,

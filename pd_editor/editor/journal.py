@@ -22,11 +22,11 @@ from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
+from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands import command_to_json
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.json_values import to_json
 from pd_editor.editor.variant import ExportMark, Variant
-from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 
 JOURNAL_FORMAT: Final = "pd-editor journal"

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
+from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import (
     Command,
     RegeneratedEdit,
@@ -15,8 +16,11 @@ from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.regenerated_edit import carried_to
 from pd_editor.editor.newest_run import NewestRun
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import PdEditorError
-from pd_editor.generation import GeneratedTraffic, GenerationRequest, ScenarioGenerator
+from pd_editor.scene.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    ScenarioGenerator,
+)
 from pd_editor.scene.scenario import Scenario
 
 CLOSE_WAIT_S: Final = 2.0

@@ -8,8 +8,8 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Final
 
-from pd_editor.errors import GenerationError, PdEditorError
-from pd_editor.generation import (
+from pd_editor.base.errors import GenerationError, PdEditorError
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,

@@ -9,6 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from pd_editor.analysis.findings.finding import FindingKey
+from pd_editor.base.errors import PdEditorError, RecipeError
+from pd_editor.base.plain_text import is_note
+from pd_editor.base.regular_file import json_value
 from pd_editor.editor.commands import (
     Command,
     RegeneratedEdit,
@@ -23,12 +27,8 @@ from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import edit_findings, edited_by
 from pd_editor.editor.variant import Variant
-from pd_editor.errors import PdEditorError, RecipeError
-from pd_editor.findings.finding import FindingKey
-from pd_editor.generation import ScenarioGenerator, run_to_end
-from pd_editor.plain_text import is_note
-from pd_editor.regular_file import json_value
 from pd_editor.scene.base_reference import BaseReference
+from pd_editor.scene.generation import ScenarioGenerator, run_to_end
 from pd_editor.scene.scenario import Scenario
 
 RECIPE_FORMAT: Final = "pd-editor recipe"

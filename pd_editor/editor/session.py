@@ -8,13 +8,13 @@ from operator import is_
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from pd_editor.base.errors import EditError, PdEditorError, RecipeError
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, checked_base, moment
 from pd_editor.editor.variant import ExportMark, Variant, proposed_name
-from pd_editor.errors import EditError, PdEditorError, RecipeError
 from pd_editor.scene.scenario import Scenario
 
 

@@ -11,6 +11,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
+from pd_editor.base.errors import PdEditorError, RecipeError
+from pd_editor.base.regular_file import read_regular
 from pd_editor.editor.commands import command_from_json
 from pd_editor.editor.commands.json_values import from_json
 from pd_editor.editor.journal import (
@@ -33,8 +35,6 @@ from pd_editor.editor.recipe import (
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import ExportMark, Variant
-from pd_editor.errors import PdEditorError, RecipeError
-from pd_editor.regular_file import read_regular
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.scenario import Scenario
 

@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from pd_editor.base.errors import EditError
+from pd_editor.base.plain_text import is_note, is_plain
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.editor.commands.traffic import ReplaceTraffic
-from pd_editor.errors import EditError
-from pd_editor.plain_text import is_note, is_plain
 from pd_editor.scene.scenario import Scenario
 
 MAX_NAME_CHARACTERS: Final = 80

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.errors import EditError
-from pd_editor.geometry.oriented_box import BoxStates
+from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import GROUP_KINDS, AgentGroup, AgentKind
+from pd_editor.scene.geometry.oriented_box import BoxStates
 
 _States = TypeVar("_States", bound="AgentStates")
 

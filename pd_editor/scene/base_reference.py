@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from pd_editor.errors import RecipeError
+from pd_editor.base.errors import RecipeError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class BaseReference:
     edited_ids: tuple[str, ...] = ()
     """Ids of its agents that were generated or edited already."""
     current_step: int | None = None
-    """Its current step; None in files written when that was the first predicted step."""
+    """Its current step; None: as the file has it."""
     cut: TimeCut | None = field(default=None, metadata={"omit_none": True})
     """What is used of the source; None: all of it."""
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.errors import GenerationError
+from pd_editor.base.errors import GenerationError
 
 
 def check_finite(

@@ -14,8 +14,8 @@ from typing import ClassVar, Final, Literal, TypeVar, get_args
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.errors import EditError
-from pd_editor.plain_text import is_plain, one_line
+from pd_editor.base.errors import EditError
+from pd_editor.base.plain_text import is_plain, one_line
 from pd_editor.scene.scene_limits import MAX_POSITION_M
 
 MAX_TERMS: Final = 200

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Bool
 
-from pd_editor.errors import EditError
+from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.time_axis import TimeAxis
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.geometry.lines import Lines
+from pd_editor.scene.geometry.lines import Lines
 
 DENSE_SPACING_M = 2.0
 """Spacing at which a polyline follows the sharpest allowed curve within 0.1 m."""

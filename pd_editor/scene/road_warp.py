@@ -14,8 +14,8 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.base.errors import EditError
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 
 MAX_POWER: Final = 10.0
 BEND_LENGTH_M: Final = 10.0

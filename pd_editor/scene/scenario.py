@@ -16,8 +16,6 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.time_axis import TimeAxis
 
-_FORMER_STEP: Final = 50
-"""Current step of recipes that do not name theirs: Argoverse 2's first predicted step."""
 EGO_ID: Final = "AV"
 """Track id of the recording vehicle in Argoverse 2."""
 
@@ -123,8 +121,7 @@ class Scenario:
         """This scenario as opened, with the current step that a reference names."""
         step = reference.current_step
         if step is None:
-            last = self.time_axis.num_steps - 1
-            step = _FORMER_STEP if last >= _FORMER_STEP else self.current_step
+            return self
         return self.at_step(min(step, self.time_axis.num_steps - 1))
 
     def at_step(self, current_step: int) -> "Scenario":

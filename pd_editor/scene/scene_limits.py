@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from pd_editor.geometry.polyline import arc_length
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.road_map import RoadMap
 
 MAX_AGENTS: Final = 500

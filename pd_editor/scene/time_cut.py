@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.errors import InputError
+from pd_editor.base.errors import InputError
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis

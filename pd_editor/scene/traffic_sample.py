@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from pd_editor.errors import GenerationError
+from pd_editor.base.errors import GenerationError
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.finite_numbers import check_finite

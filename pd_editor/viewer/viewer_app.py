@@ -12,10 +12,10 @@ from typing import Final
 
 import viser
 
-from pd_editor.av2_io.dataset import DatasetIndex
-from pd_editor.errors import PdEditorError
-from pd_editor.generators import catalogue_with
-from pd_editor.scenario_store import open_scenario
+from pd_editor.base.errors import PdEditorError
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.model.generators import catalogue_with
+from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import (

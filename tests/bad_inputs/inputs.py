@@ -20,21 +20,21 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from pd_editor.av2_io.map_file import map_bytes
-from pd_editor.av2_io.tracks_writer import tracks_bytes
-from pd_editor.av2_io.upload import scenario_from_upload
+from pd_editor.analysis.findings.check import scene_problems
+from pd_editor.base.installed_files import demo_folder, models_folder
 from pd_editor.cli.main import main
 from pd_editor.editor.commands import AdoptTrajectory, SetAgentSpeed, traffic_command
 from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import Journal, find_unfinished, restore
-from pd_editor.findings.check import scene_problems
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.generators import SHIPPED_MODEL
-from pd_editor.installed_files import demo_folder, models_folder
-from pd_editor.lane_follower import LaneFollower
-from pd_editor.paths.motion_primitives import candidates
-from pd_editor.scenario_store import exported_files, open_scenario
+from pd_editor.model.generators import SHIPPED_MODEL
+from pd_editor.model.lane_follower import LaneFollower
+from pd_editor.scene.av2_io.map_file import map_bytes
+from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
+from pd_editor.scene.av2_io.upload import scenario_from_upload
+from pd_editor.scene.generation import GenerationRequest, run_to_end
+from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.road_mesh import road_parts
 from tests.bad_inputs.mutations import (

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pd_editor.errors import PdEditorError
+from pd_editor.base.errors import PdEditorError
 
 Verdict = Literal["refused", "accepted", "unclear", "crash", "hang", "memory"]
 VERDICTS: tuple[Verdict, ...] = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.av2_io.upload import scenario_from_upload
+from pd_editor.scene.av2_io.upload import scenario_from_upload
 
 pytestmark = pytest.mark.browser
 

@@ -9,9 +9,9 @@ import threading
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import SetAgentSpeed
-from pd_editor.exporters.bundle import write_files, zip_files
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files, zip_files
 from tests.builders import two_agents_that_pass
 
 pytestmark = pytest.mark.browser
@@ -133,7 +133,7 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
     library = tmp_path / "library"
     code = (
         "import sys, time; from pathlib import Path;"
-        "from pd_editor.scenario_store import open_scenario;"
+        "from pd_editor.editor.scenario_store import open_scenario;"
         "from pd_editor.viewer.state.session_shelf import SessionShelf;"
         "from pd_editor.viewer.state.workspace import Workspace;"
         "from pd_editor.editor.commands import SetAgentSpeed;"

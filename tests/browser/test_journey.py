@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.av2_io.upload import scenario_from_upload
 from pd_editor.editor.recipe import Recipe, replay
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.av2_io.upload import scenario_from_upload
 from tests.editor.same_scenario import same_scenario
 
 pytestmark = pytest.mark.browser

@@ -5,8 +5,8 @@ import pytest
 from playwright.sync_api import expect
 
 from pd_editor.editor.commands import SetLocks, SetRoadWarp, TransformAgents
-from pd_editor.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.locks import Lock
+from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.meshes.palette import DARK, LIGHT
 

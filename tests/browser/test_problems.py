@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.diffusion.path_diffuser import PathDiffuser
 from pd_editor.editor.commands import DuplicateAgents, SetRoadWarp, TransformAgents
 from pd_editor.editor.session import EditorSession
-from pd_editor.perturbation.anchor import pose_of_anchor
+from pd_editor.model.path_diffuser import PathDiffuser
+from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 
 pytestmark = pytest.mark.browser

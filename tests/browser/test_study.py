@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser.editor_page import EditorPage
-from tests.evaluation.small_dataset import write_dataset
+from tests.experiments.evaluation.small_dataset import write_dataset
 
 pytestmark = pytest.mark.browser
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.synthesis.dataset import network_worker
-from pd_editor.work_engine import LocalProcesses
+from pd_editor.experiments.synthesis.dataset import network_worker
+from pd_editor.experiments.work_engine import LocalProcesses
 from tests.cli.shell import Shell
-from tests.evaluation.small_dataset import write_dataset
-from tests.recordings.recordings import drive
-from tests.synthesis.serial_engine import SerialEngine
-from tests.work_engine.fake_ray import FakeRay
+from tests.experiments.evaluation.small_dataset import write_dataset
+from tests.experiments.recordings.recordings import drive
+from tests.experiments.synthesis.serial_engine import SerialEngine
+from tests.experiments.work_engine.fake_ray import FakeRay
 
 METHODS = ("--methods", "ground-truth", "constant-velocity")
 COMMANDS = {

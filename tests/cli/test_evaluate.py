@@ -11,10 +11,10 @@ import pytest
 import pd_editor
 from pd_editor.cli import evaluate as evaluate_module
 from pd_editor.cli.output.progress import progress_line
-from pd_editor.work_engine.work_engine import WorkProgress
+from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from tests.builders import scenario_with, straight_drivers
 from tests.cli.shell import ROOT, Shell
-from tests.evaluation.small_dataset import (
+from tests.experiments.evaluation.small_dataset import (
     COLLIDING,
     make_sideways,
     without_future,

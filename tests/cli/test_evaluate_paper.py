@@ -7,14 +7,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.cli import paper
-from pd_editor.diffusion.checkpoints.model_folder import TrainedStage, save_model
-from pd_editor.diffusion.initial_state.network.agent_count_prior import AgentCounts
-from pd_editor.diffusion.stages import INITIAL_STATES, TRAJECTORIES
-from pd_editor.evaluation.paper.pictures import PaperPicture
+from pd_editor.experiments.evaluation.paper.pictures import PaperPicture
+from pd_editor.model.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.model.initial_state.network.agent_count_prior import AgentCounts
+from pd_editor.model.stages import INITIAL_STATES, TRAJECTORIES
 from tests.cli.shell import Shell
-from tests.diffusion.initial_state.scenes import small_model as small_placer
-from tests.diffusion.trajectory.scenes import small_model as small_driver
-from tests.evaluation.small_dataset import write_dataset
+from tests.experiments.evaluation.small_dataset import write_dataset
+from tests.model.initial_state.scenes import small_model as small_placer
+from tests.model.trajectory.scenes import small_model as small_driver
 
 
 def write_variant(folder: Path, *own: str) -> None:

@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
 from tests.cli.shell import JUNCTION, ROOT, Shell
-from tests.evaluation.small_dataset import write_dataset
+from tests.experiments.evaluation.small_dataset import write_dataset
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 GENERATING = (

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.base.installed_files import demo_folder, demo_names
 from pd_editor.cli.export import export
 from pd_editor.cli.generate import generate
 from pd_editor.cli.warp import warp
-from pd_editor.installed_files import demo_folder, demo_names
-from pd_editor.scenario_store import open_scenario
-from tests.av2_io.small_files import MAP, TRACKS, changed_map, rows, with_cell
+from pd_editor.editor.scenario_store import open_scenario
 from tests.cli.shell import JUNCTION, Shell, files_of
+from tests.scene.av2_io.small_files import MAP, TRACKS, changed_map, rows, with_cell
 
 
 def folder_with(folder: Path, **files: bytes) -> Path:

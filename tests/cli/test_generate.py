@@ -5,14 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import GenerationError
 from pd_editor.cli.generate import generate
 from pd_editor.editor.recipe import Recipe, replay
-from pd_editor.errors import GenerationError
-from pd_editor.generation import CAPABILITIES, LANE_GUIDANCE, GeneratorSpec, Region
-from pd_editor.generators import registry
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.model.generators import registry
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.generation import (
+    CAPABILITIES,
+    LANE_GUIDANCE,
+    GeneratorSpec,
+    Region,
+)
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.roles.traffic_choice import agent_ids_of_kinds, drivable_agent_ids
 from pd_editor.scene.scenario import EGO_ID

@@ -94,7 +94,7 @@ def test_a_process_of_its_own(tmp_path):
 
 def test_a_bug_exits_with_1_and_a_traceback(tmp_path):
     (tmp_path / "sitecustomize.py").write_text(
-        "import pd_editor.scenario_store as store\n"
+        "import pd_editor.editor.scenario_store as store\n"
         "def broken(*_a, **_k):\n"
         "    raise ZeroDivisionError('a bug')\n"
         "store.open_scenario = broken\n"

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 import pd_editor
+from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers
+from pd_editor.editor.scenario_store import export_into
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import GenerationError
-from pd_editor.generation import GenerationRequest
-from pd_editor.generators import GENERATORS
-from pd_editor.guidance.feasibility import guidance_problems
-from pd_editor.scenario_store import export_into
+from pd_editor.model.generators import GENERATORS
+from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis

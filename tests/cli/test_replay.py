@@ -7,8 +7,8 @@ import pytest
 from pd_editor.cli.generate import generate
 from pd_editor.cli.warp import warp
 from pd_editor.editor.commands import DeleteAgents
+from pd_editor.editor.scenario_store import export_into, open_scenario
 from pd_editor.editor.session import EditorSession
-from pd_editor.scenario_store import export_into, open_scenario
 from tests.cli.shell import JUNCTION, Shell, files_of
 
 

@@ -3,9 +3,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from pd_editor.errors import EditError, ExportError
+from pd_editor.base.errors import EditError, ExportError
 from tests.cli.shell import Shell
-from tests.evaluation.small_dataset import write_dataset
+from tests.experiments.evaluation.small_dataset import write_dataset
 
 GRID = ("--kinds", "ripple-road", "--powers", -6, 6, "--methods", "constant-velocity")
 
@@ -93,7 +93,7 @@ def test_scenes_that_cannot_be_written_are_told(
     def full(*_: object, **__: object) -> None:
         raise ExportError(reason) from OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pd_editor.studies.gallery.export_into", full)
+    monkeypatch.setattr("pd_editor.experiments.studies.gallery.export_into", full)
     options = (*GRID, "--gallery", 1, "--workers", 1)
     out = tmp_path / "out"
     assert shell.refused("study", "--data", data, "--out", out, *options) == reason
@@ -107,7 +107,9 @@ def test_a_scene_that_cannot_be_made_again_is_told(
     def refused(*_: object, **__: object) -> None:
         raise EditError("Agent 5 would move at 250 m/s.")
 
-    monkeypatch.setattr("pd_editor.studies.gallery.EditorSession.apply", refused)
+    monkeypatch.setattr(
+        "pd_editor.experiments.studies.gallery.EditorSession.apply", refused
+    )
     options = (*GRID, "--gallery", 2, "--workers", 1)
     result = shell.run("study", "--data", data, "--out", tmp_path / "out", *options)
     assert result.code == 0

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 import pd_editor
-from pd_editor.recordings.shards import ShardReader
-from pd_editor.synthesis.dataset import network_worker as corpus_networks
-from pd_editor.work_engine import LocalProcesses
+from pd_editor.experiments.recordings.shards import ShardReader
+from pd_editor.experiments.synthesis.dataset import network_worker as corpus_networks
+from pd_editor.experiments.work_engine import LocalProcesses
 from tests.cli.shell import Shell, run_in_process
-from tests.recordings.recordings import drive
-from tests.synthesis.serial_engine import SerialEngine
+from tests.experiments.recordings.recordings import drive
+from tests.experiments.synthesis.serial_engine import SerialEngine
 
 GRID = ("--families", "grid", "--workers", 1)
 

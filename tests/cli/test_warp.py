@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.cli.warp import warp
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M
 from tests.cli.shell import JUNCTION, Shell
 

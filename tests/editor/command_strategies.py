@@ -38,10 +38,10 @@ from pd_editor.editor.commands import (
     new_agent_id,
     new_agent_ids,
 )
-from pd_editor.generation import GuidanceSetting, TrafficSample
-from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
+from pd_editor.scene.generation import GuidanceSetting, TrafficSample
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, SpeedLimit
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pd_editor.generation import (
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.generation import (
     CAPABILITIES,
     Capability,
     GeneratedTraffic,
@@ -14,7 +15,6 @@ from pd_editor.generation import (
     GenerationRequest,
     TrafficSample,
 )
-from pd_editor.scene.agent_kind import AgentKind
 
 
 @dataclass

@@ -7,6 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError, RecipeError
 from pd_editor.editor.commands import (
     AdoptTrajectory,
     ReplaceTraffic,
@@ -15,7 +16,6 @@ from pd_editor.editor.commands import (
 from pd_editor.editor.commands.agents import DuplicateAgents
 from pd_editor.editor.commands.json_values import to_json
 from pd_editor.editor.commands.placement import PlaceAgent
-from pd_editor.errors import EditError, RecipeError
 from pd_editor.scene.agent_kind import AgentKind
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
 

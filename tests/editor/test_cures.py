@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.analysis.findings.check import scene_problems
 from pd_editor.editor.cures import cures
-from pd_editor.findings.check import scene_problems
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers, two_lane_road

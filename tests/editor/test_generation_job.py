@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
+from pd_editor.base.errors import GenerationError
 from pd_editor.editor.generation_job import GenerationJob
-from pd_editor.errors import GenerationError
-from pd_editor.generation import GenerationRequest
+from pd_editor.scene.generation import GenerationRequest
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.fake_generators import DriftGenerator
 

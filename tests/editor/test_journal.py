@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import RecipeError
 from pd_editor.editor import journal as journal_file
 from pd_editor.editor.commands import DeleteAgents, TransformAgents
 from pd_editor.editor.session import EditorSession
@@ -24,7 +25,6 @@ from pd_editor.editor.unfinished_work import (
     restore,
 )
 from pd_editor.editor.variant import Variant
-from pd_editor.errors import RecipeError
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.random_edits import random_command
 from tests.editor.same_scenario import same_scenario

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pd_editor.base.errors import EditError, RecipeError
 from pd_editor.editor import recipe as recipes
 from pd_editor.editor.commands import (
     DeleteAgents,
@@ -21,7 +22,6 @@ from pd_editor.editor.recipe import Recipe, moment
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import find_unfinished, restore
 from pd_editor.editor.variant import Variant
-from pd_editor.errors import EditError, RecipeError
 from pd_editor.scene.agent_kind import AgentKind
 from tests.builders import two_agents_that_pass
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.editor.commands import RegeneratedEdit, TransformAgents
 from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import EditError, GenerationError
-from pd_editor.generation import GenerationRequest
+from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.fake_generators import DriftGenerator

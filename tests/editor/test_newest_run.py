@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
+from pd_editor.base.errors import GenerationError
 from pd_editor.editor import newest_run
 from pd_editor.editor.newest_run import NewestRun
-from pd_editor.errors import GenerationError
-from pd_editor.generation import GenerationRequest
+from pd_editor.scene.generation import GenerationRequest
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.fake_generators import DriftGenerator
 

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.av2_io.read import read_scenario
 from pd_editor.editor.commands import (
     PlaceAgent,
     SetAgentSpeed,
@@ -17,9 +16,10 @@ from pd_editor.editor.commands import (
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import Journal, find_unfinished, restore
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import GenerationRequest, run_to_end
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import present_ids

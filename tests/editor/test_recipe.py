@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands import DeleteAgents, TransformAgents
 from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.editor.recipe import Recipe, regenerate, replay
-from pd_editor.errors import RecipeError
-from pd_editor.generation import GenerationRequest, run_to_end
+from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.scenario import Provenance
 from tests.editor.command_strategies import (
     any_command,

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
@@ -14,8 +15,7 @@ from pd_editor.editor.variant import (
     short_id,
     tags_from_text,
 )
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import two_agents_that_pass
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pd_editor.errors import EditError
+from pd_editor.base.errors import EditError
 from pd_editor.scene.guidance_terms import (
     GUIDANCE_KINDS,
     ComfortLimits,

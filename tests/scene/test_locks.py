@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.errors import EditError, GenerationError
-from pd_editor.generation import GenerationRequest
+from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.roles.traffic_choice import (
     agent_ids_of_kinds,

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.base.errors import EditError
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 
 POWERS = st.floats(-10, 10).map(lambda value: round(value, 2))

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.av2_io.write import scenario_files
+from pd_editor.base.errors import InputError
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.editor.recipe import Recipe, replay
+from pd_editor.editor.scenario_store import export_into, open_base, open_scenario
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import InputError
-from pd_editor.exporters.bundle import write_files
-from pd_editor.scenario_store import export_into, open_base, open_scenario
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import straight_drivers, two_agents_that_pass

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from pd_editor.av2_io.write import scenario_files
+from pd_editor.base.errors import EditError, InputError
 from pd_editor.editor.commands import (
     AddGuidance,
     DeleteAgents,
@@ -16,9 +16,9 @@ from pd_editor.editor.commands import (
     SetFocalAgent,
     TransformAgents,
 )
-from pd_editor.errors import EditError, InputError
-from pd_editor.exporters.bundle import write_files
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.viewer.state import ui_context as ui_module
 from tests.builders import two_agents_that_pass

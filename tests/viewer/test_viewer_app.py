@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.base.errors import InputError
 from pd_editor.editor.commands import SetAgentSpeed
-from pd_editor.errors import InputError
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.cli.shell import ROOT

@@ -13,10 +13,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, get_args
 
+from pd_editor.base.errors import InputError, PdEditorError
+from pd_editor.base.plain_text import one_line
+from pd_editor.base.regular_file import read_regular
 from pd_editor.editor.commands.json_values import from_json
-from pd_editor.errors import InputError, PdEditorError
-from pd_editor.plain_text import one_line
-from pd_editor.regular_file import read_regular
 from pd_editor.scene.guidance_terms import (
     GUIDANCE_KINDS,
     MAX_TERMS,

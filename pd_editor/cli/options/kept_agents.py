@@ -3,10 +3,10 @@
 import math
 from collections.abc import Collection, Sequence
 
+from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import SetLocks
-from pd_editor.errors import GenerationError
-from pd_editor.generation import Region
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.generation import Region
 from pd_editor.scene.locks import MAX_KEPT_S, STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.roles.traffic_choice import agent_ids_of_kinds, drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pd_editor.errors import ExportError
-from pd_editor.generation import GuidanceReport
-from pd_editor.regular_file import write_whole
+from pd_editor.base.errors import ExportError
+from pd_editor.base.regular_file import write_whole
+from pd_editor.scene.generation import GuidanceReport
 from pd_editor.scene.guidance_outcome import Realism, TermOutcome
 
 _REALISM = (

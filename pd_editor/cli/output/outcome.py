@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.scenario_store import export_into
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
-from pd_editor.scenario_store import export_into
+from pd_editor.experiments.work_engine.work_engine import WorkFailure
 from pd_editor.scene.scenario import Scenario
-from pd_editor.work_engine.work_engine import WorkFailure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,8 +6,12 @@ from collections.abc import Callable, Generator
 from functools import cache
 from typing import Final
 
-from pd_editor.generation import GeneratedTraffic, GenerationProgress, run_to_end
-from pd_editor.work_engine.work_engine import WorkProgress, minutes_left, rate_in_words
+from pd_editor.experiments.work_engine.work_engine import (
+    WorkProgress,
+    minutes_left,
+    rate_in_words,
+)
+from pd_editor.scene.generation import GeneratedTraffic, GenerationProgress, run_to_end
 
 _SECONDS_BETWEEN_LINES: Final = 30.0
 _WIDTH: Final = 78

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pd_editor.errors import ExportError
-from pd_editor.findings.check import scene_findings
-from pd_editor.findings.sample_ranking import (
+from pd_editor.analysis.findings.check import scene_findings
+from pd_editor.analysis.findings.sample_ranking import (
     Ranking,
     SampleNumbers,
     numbers_of,
@@ -16,7 +15,8 @@ from pd_editor.findings.sample_ranking import (
     spread_pick,
     with_fullness,
 )
-from pd_editor.generation import TrafficSample
+from pd_editor.base.errors import ExportError
+from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
 
 COLUMNS: Final = (

@@ -2,6 +2,7 @@
 
 from typing import Any, Final
 
+from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands.agents import (
     DeleteAgents,
     DuplicateAgents,
@@ -42,7 +43,6 @@ from pd_editor.editor.commands.traffic import (
     RequestSummary,
     traffic_command,
 )
-from pd_editor.errors import RecipeError
 
 COMMANDS: Final[dict[str, type[Command]]] = {
     command.__name__: command

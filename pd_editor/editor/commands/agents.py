@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import Command, agents_in_words, names_after
 from pd_editor.editor.commands.edit_limits import (
     check_new_id,
@@ -15,7 +16,6 @@ from pd_editor.editor.commands.edit_limits import (
     present_rows,
     rows_of,
 )
-from pd_editor.errors import EditError
 from pd_editor.scene.activity import Activity, stands
 from pd_editor.scene.agent_kind import DEFAULT_SIZE_M, AgentCategory, AgentKind
 from pd_editor.scene.roles.focal_agent import with_focal_category

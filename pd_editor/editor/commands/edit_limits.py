@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
+from pd_editor.base.errors import EditError
+from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import (
     MAX_AGENTS,

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import Command
-from pd_editor.errors import EditError
 from pd_editor.scene.guidance_terms import MAX_TERMS, FollowLane, GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 

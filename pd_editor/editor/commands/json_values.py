@@ -14,17 +14,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from pd_editor.errors import PdEditorError, RecipeError
-from pd_editor.plain_text import MAX_TEXT_CHARACTERS, is_note
+from pd_editor.base.errors import PdEditorError, RecipeError
+from pd_editor.base.plain_text import MAX_TEXT_CHARACTERS, is_note
 from pd_editor.scene.scene_limits import MAX_STATES
 
 _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
 """Limit of stored arrays, so that a small file cannot fill the memory."""
 _MAX_INTEGER: Final = 2**63 - 1
-FORMER_NAME: Final = "former_name"
-"""Metadata of a dataclass field: its name in files of earlier versions."""
-FORMER_VALUE: Final = "former_value"
-"""Metadata of a dataclass field: its value in files of earlier versions, which lack it."""
 OMIT_NONE: Final = "omit_none"
 """Metadata of a dataclass field that is written only if it is not None."""
 _TAG: Final = "kind"
@@ -174,12 +170,6 @@ def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
     if not isinstance(data, dict):
         raise _misfit(where, "an object", data)
     known = {item.name: item for item in fields(cls)}
-    renamed = {
-        item.metadata[FORMER_NAME]: item.name
-        for item in fields(cls)
-        if FORMER_NAME in item.metadata
-    }
-    data = {renamed.get(name, name): item for name, item in data.items()}
     if _kind(cls) and data.get(_TAG, _kind(cls)) == _kind(cls):
         data = {name: item for name, item in data.items() if name != _TAG}
     for name in data:
@@ -192,8 +182,6 @@ def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
             hint = _hints(cls)[name]
             values[name] = from_json(hint, data[name], f"{where}.{name}")
             _check_axes(hint, values[name], sizes, f"{where}.{name}")
-        elif FORMER_VALUE in item.metadata:
-            values[name] = item.metadata[FORMER_VALUE]
         elif item.default is MISSING and item.default_factory is MISSING:
             raise RecipeError(f"{where} lacks the field {name!r}.")
     return _built(cls, values, where)

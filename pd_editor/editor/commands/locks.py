@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pd_editor.base.errors import LockedAgentError
 from pd_editor.editor.commands.command import Command, agents_in_words, names_after
 from pd_editor.editor.commands.edit_limits import (
     check_opens_again,
     present_rows,
     rows_of,
 )
-from pd_editor.errors import LockedAgentError
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.scenario import Scenario
 

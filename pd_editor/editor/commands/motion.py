@@ -6,6 +6,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Float32
 
+from pd_editor.analysis.findings.friction import slowed_to_limit
+from pd_editor.analysis.repair import retime_for_comfort, yield_to_others
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import Command, agents_in_words, names_after
 from pd_editor.editor.commands.edit_limits import (
     check_friction,
@@ -14,13 +17,10 @@ from pd_editor.editor.commands.edit_limits import (
     check_velocities,
     present_rows,
 )
-from pd_editor.errors import EditError
-from pd_editor.findings.friction import slowed_to_limit
-from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.paths.retiming import with_new_speed
-from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION
-from pd_editor.repair import retime_for_comfort, yield_to_others
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.paths.retiming import with_new_speed
+from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pd_editor.analysis.repair.back_casting import made_up_past, with_past
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.edit_limits import (
     check_angle,
@@ -13,11 +14,10 @@ from pd_editor.editor.commands.edit_limits import (
     check_speed,
 )
 from pd_editor.editor.commands.motion import agents_with_trajectory
-from pd_editor.geometry.angles import unit_vector, wrap_angle
-from pd_editor.paths.motion_primitives import candidates
-from pd_editor.repair.back_casting import made_up_past, with_past
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.roles.focal_agent import with_focal_agent
 from pd_editor.scene.scenario import Scenario
 

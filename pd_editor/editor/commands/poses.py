@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import Command, agents_in_words, names_after
 from pd_editor.editor.commands.edit_limits import (
     check_angle,
@@ -14,10 +15,9 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     present_rows,
 )
-from pd_editor.errors import EditError
-from pd_editor.geometry.angles import wrap_angle
-from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
-from pd_editor.paths.lanes.route_choice import lane_kinds_of
+from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.scene.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 
 MAX_SNAP_M: Final = 15.0

@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
+from pd_editor.analysis.metrics.traffic_view import SAME_STATE_M
 from pd_editor.editor.commands.command import Command, agents_in_words
 from pd_editor.editor.commands.traffic import ReplaceTraffic
-from pd_editor.generation import TrafficSample
-from pd_editor.geometry.angles import wrap_angle
-from pd_editor.metrics.traffic_view import SAME_STATE_M
+from pd_editor.scene.generation import TrafficSample
+from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.scenario import Scenario
 
 _SAME_HEADING_RAD: Final = 1e-4

@@ -7,7 +7,7 @@ from typing import Final
 
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.edit_limits import check_anchor, check_friction
-from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpKind, WarpTerm
 from pd_editor.scene.scenario import Scenario
 

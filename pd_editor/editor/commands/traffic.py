@@ -6,6 +6,10 @@ from typing import Final
 
 import numpy as np
 
+from pd_editor.analysis.metrics.traffic_view import SAME_STATE_M
+from pd_editor.analysis.repair.back_casting import made_up_past, with_past
+from pd_editor.base.errors import EditError, GenerationError
+from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.editor.commands.agents import new_agent_ids
 from pd_editor.editor.commands.command import Command, agents_in_words
 from pd_editor.editor.commands.edit_limits import (
@@ -14,11 +18,12 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     check_velocities,
 )
-from pd_editor.editor.commands.json_values import FORMER_NAME, FORMER_VALUE
 from pd_editor.editor.commands.locks import locked_agents_error
 from pd_editor.editor.commands.motion import agents_with_trajectory
-from pd_editor.errors import EditError, GenerationError
-from pd_editor.generation import (
+from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationRequest,
     GuidanceSetting,
@@ -28,12 +33,6 @@ from pd_editor.generation import (
     check_kept,
     check_numbers,
 )
-from pd_editor.metrics.traffic_view import SAME_STATE_M
-from pd_editor.plain_text import MAX_ID_CHARACTERS, is_plain
-from pd_editor.repair.back_casting import made_up_past, with_past
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentCategory, AgentKind
-from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import kept_steps
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
@@ -50,12 +49,8 @@ class RequestSummary:
 
     agent_ids: tuple[str, ...]
     num_new_agents: Mapping[AgentKind, int] = field(default_factory=dict)
-    samples_num_agents: bool = field(
-        default=False, metadata={FORMER_NAME: "draws_num_agents"}
-    )
-    resampled_state_ids: tuple[str, ...] = field(
-        default=(), metadata={FORMER_NAME: "redrawn_state_ids"}
-    )
+    samples_num_agents: bool = False
+    resampled_state_ids: tuple[str, ...] = ()
     moving_share: float | None = None
     only_on_road: bool = False
     region: Region | None = None
@@ -70,7 +65,7 @@ class RequestSummary:
     guidance: tuple[GuidanceTerm | GuidanceSetting, ...] = ()
     is_unguided: bool = False
     """Whether the sample is the one without guidance, which a guided run also makes."""
-    may_reuse_ids: bool = field(default=False, metadata={FORMER_VALUE: True})
+    may_reuse_ids: bool = False
     """Whether new agents may have ids of agents that were removed earlier."""
 
     def request(self, scenario: Scenario, seed: int) -> GenerationRequest:

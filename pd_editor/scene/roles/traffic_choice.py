@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
-from pd_editor.errors import GenerationError
+from pd_editor.base.errors import GenerationError
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
 

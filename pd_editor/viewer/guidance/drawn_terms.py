@@ -7,12 +7,8 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from pd_editor.errors import EditError
-from pd_editor.guidance.road_distance import outside_m
-from pd_editor.paths.lanes.cross_line import cross_line
-from pd_editor.paths.lanes.lane_chain import lane_chain
-from pd_editor.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
-from pd_editor.paths.lanes.route_choice import lane_kinds_of
+from pd_editor.analysis.guidance.road_distance import outside_m
+from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.guidance_terms import (
     AvoidCollisions,
@@ -27,6 +23,10 @@ from pd_editor.scene.guidance_terms import (
     StopAtLine,
     TargetSpeed,
 )
+from pd_editor.scene.paths.lanes.cross_line import cross_line
+from pd_editor.scene.paths.lanes.lane_chain import lane_chain
+from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.scene.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 
 ON_MAP_M: Final = 4.0

@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from typing import Any, Final
 
-from pd_editor.editor.background_job import BackgroundJob
-from pd_editor.editor.commands import AddGuidance, ChangeGuidance
-from pd_editor.errors import EditError, PdEditorError
-from pd_editor.guidance.possible_encounters import (
+from pd_editor.analysis.guidance.possible_encounters import (
     PossibleEncounter,
     endangered_id,
     possible_encounters,
 )
+from pd_editor.base.errors import EditError, PdEditorError
+from pd_editor.editor.background_job import BackgroundJob
+from pd_editor.editor.commands import AddGuidance, ChangeGuidance
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.guidance.guiding import replaced_index
 from pd_editor.viewer.guidance.term_marks import arc_mark

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import AddGuidance, ChangeGuidance, Command
-from pd_editor.errors import PdEditorError
 from pd_editor.scene.guidance_terms import GoalPoint, StopAtLine
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.drawn_terms import goal_term, stop_term

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.outcomes import SLOWED
+from pd_editor.analysis.guidance.pair_checks import approach_obstacles
 from pd_editor.editor.edit_findings import scene_outcomes, unrun_terms
-from pd_editor.generation import GuidanceReport
-from pd_editor.guidance.feasibility import guidance_problems
-from pd_editor.guidance.outcomes import SLOWED
-from pd_editor.guidance.pair_checks import approach_obstacles
+from pd_editor.scene.generation import GuidanceReport
 from pd_editor.scene.guidance_outcome import (
     GuidanceCost,
     GuidanceProblem,

@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
+from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import (
     AddGuidance,
     ChangeGuidance,
     Command,
     RemoveGuidance,
 )
-from pd_editor.errors import PdEditorError
 from pd_editor.scene.guidance_terms import (
     AvoidCollisions,
     ComfortLimits,

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from pd_editor.base.errors import EditError, PdEditorError
 from pd_editor.editor.commands import AddGuidance, ChangeGuidance
-from pd_editor.errors import EditError, PdEditorError
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import (
     FollowLane,

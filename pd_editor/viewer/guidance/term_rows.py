@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any, Final, get_args
 
-from pd_editor.errors import EditError
+from pd_editor.base.errors import EditError
 from pd_editor.scene.guidance_terms import (
     Approach,
     AvoidCollisions,

@@ -11,8 +11,8 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
+from pd_editor.base.errors import EditError, LockedAgentError
 from pd_editor.editor.commands import TransformAgents
-from pd_editor.errors import EditError, LockedAgentError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.camera import ground_point, projected, ray_through

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import viser
 
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.viewer.state.ui_context import UiContext
 
 SIZE_M: Final = 6.0

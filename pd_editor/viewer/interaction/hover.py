@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from pd_editor.paths.lanes.nearest_lane import nearest_lanes
-from pd_editor.paths.lanes.route_choice import ON_LANE_M, lane_kinds_of
-from pd_editor.perturbation.warp_scenario import untouched_agent_ids
+from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
+from pd_editor.scene.paths.lanes.route_choice import ON_LANE_M, lane_kinds_of
+from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.interaction.picking import (

@@ -6,12 +6,12 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.editor.commands import PlaceAgent, new_agent_id
-from pd_editor.paths.suggested_state import (
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind, default_sizes_m
+from pd_editor.scene.paths.suggested_state import (
     SUGGESTED_SPEED_MPS,
     suggested_heading,
     suggested_state,
 )
-from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind, default_sizes_m
 from pd_editor.viewer.interaction.picking import number_of, point_of
 from pd_editor.viewer.meshes.palette import DARK, LIGHT
 from pd_editor.viewer.overlay.banner import MODE, Banner

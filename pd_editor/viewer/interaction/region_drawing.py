@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from pd_editor.errors import GenerationError
-from pd_editor.generation import Region
+from pd_editor.base.errors import GenerationError
+from pd_editor.scene.generation import Region
 from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pd_editor.errors import EditError
+from pd_editor.base.errors import EditError
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.state.ui_context import UiContext
 

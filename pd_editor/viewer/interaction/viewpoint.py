@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.camera import ground_point, projected, ray_through
 from pd_editor.viewer.interaction.framing import (

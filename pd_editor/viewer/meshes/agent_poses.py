@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.geometry.angles import interpolate_angle
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import interpolate_angle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

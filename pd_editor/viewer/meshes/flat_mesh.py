@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
-from pd_editor.geometry.lines import Lines
+from pd_editor.scene.geometry.lines import Lines
 
 _FLOAT, _UNSIGNED_SHORT, _UNSIGNED_INT = 5126, 5123, 5125
 

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 from shapely.validation import make_valid
 
-from pd_editor.geometry.angles import left_of
-from pd_editor.geometry.lines import Lines, numbered
-from pd_editor.geometry.polyline import densify
+from pd_editor.scene.geometry.angles import left_of
+from pd_editor.scene.geometry.lines import Lines, numbered
+from pd_editor.scene.geometry.polyline import densify
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
 from pd_editor.viewer.meshes.crosswalk_stripes import crosswalk_stripes
 from pd_editor.viewer.meshes.flat_mesh import (

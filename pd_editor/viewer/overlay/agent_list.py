@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.editor.commands.carried_trajectories import carried_agent_ids
-from pd_editor.perturbation.warp_scenario import untouched_agent_ids
+from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette

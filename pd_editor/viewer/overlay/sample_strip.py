@@ -6,14 +6,9 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pd_editor.basket.thumbnail import PictureFrame, thumbnail
-from pd_editor.editor.commands import Command, ReplaceTraffic
-from pd_editor.editor.commands.locks import apply_within_locks
-from pd_editor.editor.edit_findings import edit_findings
-from pd_editor.errors import PdEditorError
-from pd_editor.findings.check import scene_findings
-from pd_editor.findings.finding import Finding
-from pd_editor.findings.sample_ranking import (
+from pd_editor.analysis.findings.check import scene_findings
+from pd_editor.analysis.findings.finding import Finding
+from pd_editor.analysis.findings.sample_ranking import (
     RANKING_WORDS,
     RANKINGS,
     Ranking,
@@ -23,7 +18,12 @@ from pd_editor.findings.sample_ranking import (
     spread_pick,
     with_fullness,
 )
-from pd_editor.generation import TrafficSample
+from pd_editor.base.errors import PdEditorError
+from pd_editor.editor.basket.thumbnail import PictureFrame, thumbnail
+from pd_editor.editor.commands import Command, ReplaceTraffic
+from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.sample_pair import SamplePair

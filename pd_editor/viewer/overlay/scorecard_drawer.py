@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.analysis.findings.check import SceneCheck
+from pd_editor.analysis.findings.finding import Finding, Severity
+from pd_editor.analysis.findings.scorecard import Level, ScoreRow, scorecard
+from pd_editor.analysis.metrics.agent_profile import agent_profile
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.cures import Cure, cures
-from pd_editor.findings.check import SceneCheck
-from pd_editor.findings.finding import Finding, Severity
-from pd_editor.findings.scorecard import Level, ScoreRow, scorecard
-from pd_editor.metrics.agent_profile import agent_profile
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline, marks_of

@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.cures import Cure, cures
-from pd_editor.findings.finding import Finding, FindingKind, Source
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline, marks_of
 from pd_editor.viewer.state.finding_watch import FindingWatch

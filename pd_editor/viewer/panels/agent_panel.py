@@ -9,6 +9,7 @@ import numpy as np
 import viser
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     Command,
     DeleteAgents,
@@ -23,7 +24,6 @@ from pd_editor.editor.commands import (
     SnapToLane,
     new_agent_ids,
 )
-from pd_editor.errors import EditError
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import viser
 
-from pd_editor.basket.basket import BasketEntry
-from pd_editor.findings.finding import open_in_words
+from pd_editor.analysis.findings.finding import open_in_words
+from pd_editor.editor.basket.basket import BasketEntry
 from pd_editor.viewer.panels.panel_style import PictureRows
 from pd_editor.viewer.state.ui_context import UiContext, set_property
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import viser
 
+from pd_editor.analysis.findings.finding import Finding, open_in_words
+from pd_editor.base.errors import InputError
 from pd_editor.editor.variant import Variant, name_from_text, tags_from_text
-from pd_editor.errors import InputError
-from pd_editor.findings.finding import Finding, open_in_words
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.ui_context import UiContext, set_value

@@ -5,8 +5,8 @@ from typing import Final
 
 import viser
 
+from pd_editor.base.errors import EditError, LockedAgentError
 from pd_editor.editor.commands import SetLocks
-from pd_editor.errors import EditError, LockedAgentError
 from pd_editor.scene.locks import MAX_KEPT_S, STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.banner import OFFER, Banner

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.errors import PdEditorError
+from pd_editor.base.errors import PdEditorError
 from pd_editor.viewer.state.ui_context import set_property
 
 _LOG: Final = logging.getLogger(__name__)

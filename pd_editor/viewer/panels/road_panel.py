@@ -8,17 +8,17 @@ from typing import Any, Final, Literal
 import numpy as np
 import viser
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
 from pd_editor.editor.commands.edit_limits import (
     MAX_FRICTION,
     MIN_FRICTION,
     check_anchor,
 )
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.perturbation.anchor import pose_of_anchor
-from pd_editor.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
-from pd_editor.perturbation.friction_slowdown import SlowedAgent, slowed_agents
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
+from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent, slowed_agents
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
     MAX_POWER,

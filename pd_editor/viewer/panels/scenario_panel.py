@@ -7,16 +7,16 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.av2_io.upload import (
+from pd_editor.base.errors import ArchiveError, InputError
+from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
+from pd_editor.editor.basket.thumbnail import thumbnail
+from pd_editor.editor.recipe import is_recipe
+from pd_editor.scene.av2_io.upload import (
     MAX_UPLOAD_BYTES,
     scenario_from_upload,
     scenario_of_upload,
     scenarios_in_upload,
 )
-from pd_editor.basket.thumbnail import thumbnail
-from pd_editor.editor.recipe import is_recipe
-from pd_editor.errors import ArchiveError, InputError
-from pd_editor.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.panels.panel_style import FixedText, PictureRows

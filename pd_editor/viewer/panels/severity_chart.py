@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.studies.severity import SeverityCurve
+from pd_editor.experiments.studies.severity import SeverityCurve
 
 _COLORS: Final = ("#1c6fd1", "#d1600c")
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 330, 170, 34, 8, 18

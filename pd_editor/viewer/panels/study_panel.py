@@ -7,25 +7,33 @@ from typing import Any, Final
 
 import viser
 
+from pd_editor.base.errors import FolderInUseError, InputError
+from pd_editor.base.installed_files import ALL_DEMOS
 from pd_editor.editor.commands.road import WARP_NAME
-from pd_editor.errors import FolderInUseError, InputError
-from pd_editor.evaluation.evaluation import scenes_of
-from pd_editor.evaluation.method import Method
-from pd_editor.evaluation.reference_methods import REFERENCE_METHODS
-from pd_editor.evaluation.road_condition import (
+from pd_editor.experiments.evaluation.evaluation import scenes_of
+from pd_editor.experiments.evaluation.method import Method
+from pd_editor.experiments.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.experiments.evaluation.road_condition import (
     ANCHORS,
     DEFAULT_ANCHOR,
     RoadCondition,
     road_conditions,
 )
-from pd_editor.generation import GeneratorSpec, ScenarioGenerator
-from pd_editor.installed_files import ALL_DEMOS
+from pd_editor.experiments.studies.study_folder import StudyFolder
+from pd_editor.experiments.studies.study_plan import (
+    GRID_POWERS,
+    StudyPlan,
+    grid_conditions,
+)
+from pd_editor.experiments.studies.study_report import SHOWN
+from pd_editor.experiments.studies.whole_study import REPORT_PAGE, Study, StudyExtras
+from pd_editor.experiments.studies.worst_case import (
+    GRID_SIZE,
+    SearchSettings,
+    WorstCase,
+)
+from pd_editor.scene.generation import GeneratorSpec, ScenarioGenerator
 from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
-from pd_editor.studies.study_folder import StudyFolder
-from pd_editor.studies.study_plan import GRID_POWERS, StudyPlan, grid_conditions
-from pd_editor.studies.study_report import SHOWN
-from pd_editor.studies.whole_study import REPORT_PAGE, Study, StudyExtras
-from pd_editor.studies.worst_case import GRID_SIZE, SearchSettings, WorstCase
 from pd_editor.viewer.panels.kept_settings import KeptSettings
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.panels.severity_chart import severity_svg

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.basket.thumbnail import thumbnail
+from pd_editor.editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import moment
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork

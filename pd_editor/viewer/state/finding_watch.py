@@ -1,9 +1,9 @@
 """The list of findings of the current scenario: new, ignored and recorded ones."""
 
+from pd_editor.analysis.findings.check import SceneCheck, scene_findings
+from pd_editor.analysis.findings.finding import Finding
 from pd_editor.editor.edit_findings import edit_findings
-from pd_editor.findings.check import SceneCheck, scene_findings
-from pd_editor.findings.finding import Finding
-from pd_editor.perturbation.warp_scenario import untouched_agent_ids
+from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.workspace import Workspace
 

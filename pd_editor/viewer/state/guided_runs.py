@@ -4,11 +4,15 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
+from pd_editor.analysis.guidance.report import guidance_reports
 from pd_editor.editor.commands import Command, ReplaceTraffic, traffic_command
 from pd_editor.editor.history import HistoryEntry
-from pd_editor.generation import GeneratedTraffic, GenerationRequest, GuidanceReport
-from pd_editor.guidance.report import guidance_reports
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    GuidanceReport,
+)
 from pd_editor.scene.scenario import Scenario
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from pd_editor.base.errors import InputError
+from pd_editor.base.installed_files import ALL_DEMOS, DEMO_PREFIX, demo_names
+from pd_editor.base.regular_file import user_path
 from pd_editor.editor.variant import name_from_text
-from pd_editor.errors import InputError
-from pd_editor.installed_files import ALL_DEMOS, DEMO_PREFIX, demo_names
-from pd_editor.regular_file import user_path
 
 STUDIES_NAME: Final = "studies"
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pd_editor.basket.basket import KEPT_S, Basket
+from pd_editor.base.errors import RecipeError
+from pd_editor.editor.basket.basket import KEPT_S, Basket
 from pd_editor.editor.journal import Journal
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork, find_unfinished, restore
 from pd_editor.editor.variant import ExportMark
-from pd_editor.errors import RecipeError
 from pd_editor.scene.scenario import Scenario
 
 MAX_LIVE: Final = 4

@@ -4,14 +4,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from pd_editor.errors import PdEditorError
-from pd_editor.evaluation.evaluation import FoundScenes
-from pd_editor.studies.severity import SeverityCurve, severity_curves
-from pd_editor.studies.study_folder import StudyFolder
-from pd_editor.studies.study_job import StudyJob, StudyProgress
-from pd_editor.studies.study_plan import StudyPlan, study_items
-from pd_editor.studies.whole_study import WORK_ITEMS, Study, StudyExtras
-from pd_editor.work_engine import LocalProcesses
+from pd_editor.base.errors import PdEditorError
+from pd_editor.experiments.evaluation.evaluation import FoundScenes
+from pd_editor.experiments.studies.severity import SeverityCurve, severity_curves
+from pd_editor.experiments.studies.study_folder import StudyFolder
+from pd_editor.experiments.studies.study_job import StudyJob, StudyProgress
+from pd_editor.experiments.studies.study_plan import StudyPlan, study_items
+from pd_editor.experiments.studies.whole_study import WORK_ITEMS, Study, StudyExtras
+from pd_editor.experiments.work_engine import LocalProcesses
 
 CURVE_REFRESH_S: Final = 1.0
 

@@ -9,10 +9,10 @@ from weakref import ref
 
 import viser
 
+from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import Command
 from pd_editor.editor.live_regeneration import LiveRegeneration
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import PdEditorError
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.workspace import Workspace
 

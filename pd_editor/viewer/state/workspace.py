@@ -8,19 +8,14 @@ from pathlib import Path
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
-from pd_editor.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
-from pd_editor.basket.basket import BasketEntry
-from pd_editor.basket.index_table import index_row
-from pd_editor.basket.thumbnail import thumbnail
+from pd_editor.analysis.findings.finding import FindingKey
+from pd_editor.base.errors import InputError, RecipeError
+from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
+from pd_editor.editor.basket.basket import BasketEntry
+from pd_editor.editor.basket.index_table import index_row
+from pd_editor.editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
-from pd_editor.editor.session import EditorSession
-from pd_editor.editor.unfinished_work import UnfinishedWork
-from pd_editor.editor.variant import ExportMark, free_name, name_from_text, short_id
-from pd_editor.errors import InputError, RecipeError
-from pd_editor.exporters.bundle import zip_files
-from pd_editor.findings.finding import FindingKey
-from pd_editor.installed_files import DEMO_PREFIX, demo_names
-from pd_editor.scenario_store import (
+from pd_editor.editor.scenario_store import (
     RECIPE_NAME,
     export_into,
     exported_files,
@@ -31,7 +26,12 @@ from pd_editor.scenario_store import (
     recipe_of_export,
     scenario_and_recipe,
 )
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import UnfinishedWork
+from pd_editor.editor.variant import ExportMark, free_name, name_from_text, short_id
+from pd_editor.scene.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.exporters.bundle import zip_files
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, cut_scenario, is_long
 from pd_editor.viewer.state.guided_runs import GuidedRuns

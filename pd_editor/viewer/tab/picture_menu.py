@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.paths.suggested_state import suggested_heading
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.locks import STATE_LOCK
+from pd_editor.scene.paths.suggested_state import suggested_heading
 from pd_editor.viewer.interaction.context_menu import Menu, MenuItem
 from pd_editor.viewer.interaction.picking import PointerRay, agent_under
 from pd_editor.viewer.interaction.selecting import Selecting

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 import viser
 
-from pd_editor.geometry.lines import Lines
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.geometry.lines import Lines
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
 

@@ -7,8 +7,8 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
-from pd_editor.geometry.lines import Lines
-from pd_editor.paths.motion_primitives import CandidateSet
+from pd_editor.scene.geometry.lines import Lines
+from pd_editor.scene.paths.motion_primitives import CandidateSet
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.viewer.meshes.colors import (
     inverse_aces,

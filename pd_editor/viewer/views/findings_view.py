@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 import viser
 
-from pd_editor.findings.finding import Finding
-from pd_editor.geometry.oriented_box import box_corners
+from pd_editor.analysis.findings.finding import Finding
+from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up, glb_of

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 import viser
 
-from pd_editor.geometry.lines import Lines
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.geometry.lines import Lines
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario

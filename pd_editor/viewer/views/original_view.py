@@ -6,9 +6,9 @@ import numpy as np
 import viser
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.geometry.lines import Lines
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses, poses_at, yaw_quaternions
 from pd_editor.viewer.meshes.agent_shapes import box_outline

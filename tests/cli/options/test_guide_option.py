@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.cli.generate import generate
 from pd_editor.cli.options.guide_option import field_names, guidance_terms_of
 from pd_editor.editor.recipe import Recipe, replay
-from pd_editor.errors import GenerationError, InputError
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.guidance_terms import (
     GUIDANCE_KINDS,
     AvoidCollisions,

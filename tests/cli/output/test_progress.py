@@ -4,8 +4,8 @@ import sys
 import pytest
 
 from pd_editor.cli.output.progress import run_showing_progress, work_shown
-from pd_editor.generation import GeneratedTraffic, GenerationProgress
-from pd_editor.work_engine.work_engine import WorkProgress
+from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.scene.generation import GeneratedTraffic, GenerationProgress
 
 DONE = GeneratedTraffic(samples=(), generator="fake")
 

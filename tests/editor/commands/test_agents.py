@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     DeleteAgents,
     DuplicateAgents,
@@ -14,7 +15,6 @@ from pd_editor.editor.commands import (
     new_agent_id,
     new_agent_ids,
 )
-from pd_editor.errors import EditError
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import DEFAULT_SIZE_M, AgentCategory, AgentKind
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario

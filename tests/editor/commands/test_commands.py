@@ -8,6 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from pd_editor.base.errors import EditError, RecipeError
 from pd_editor.editor.commands import (
     COMMANDS,
     Command,
@@ -17,7 +18,6 @@ from pd_editor.editor.commands import (
     command_to_json,
 )
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import EditError, RecipeError
 from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import (
     STRATEGIES,

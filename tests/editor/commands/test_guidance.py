@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.base.errors import EditError, RecipeError
 from pd_editor.editor.commands import (
     AddGuidance,
     ChangeGuidance,
@@ -22,9 +23,8 @@ from pd_editor.editor.journal import Journal
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import find_unfinished, restore
-from pd_editor.errors import EditError, RecipeError
-from pd_editor.generation import GuidanceSetting
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.generation import GuidanceSetting
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import (
     MAX_TERMS,
     AvoidCollisions,

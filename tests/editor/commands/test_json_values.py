@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from jaxtyping import Float32
 
+from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands.json_values import from_json, to_json
-from pd_editor.errors import RecipeError
 
 ARRAY = Float32[np.ndarray, "..."]
 

@@ -7,6 +7,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from pd_editor.analysis.repair import (
+    project_to_lanes,
+    retime_for_comfort,
+    separate_overlaps,
+    slow_for_gaps,
+    yield_to_others,
+)
+from pd_editor.base.errors import EditError, LockedAgentError, PdEditorError
 from pd_editor.editor.commands import (
     DeleteAgents,
     SetAgentSize,
@@ -21,20 +29,12 @@ from pd_editor.editor.commands import (
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import EditError, LockedAgentError, PdEditorError
-from pd_editor.generation import (
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationRequest,
     TrafficSample,
 )
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.repair import (
-    project_to_lanes,
-    retime_for_comfort,
-    separate_overlaps,
-    slow_for_gaps,
-    yield_to_others,
-)
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario

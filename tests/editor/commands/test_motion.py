@@ -7,8 +7,8 @@ import pytest
 import shapely
 from hypothesis import given, settings
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory, SetAgentSpeed
-from pd_editor.errors import EditError
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 from tests.editor.command_strategies import (

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import shapely
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import PlaceAgent
-from pd_editor.errors import EditError
-from pd_editor.geometry.angles import wrap_angle
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import scenario_with, straight_drivers, straight_lane
 from tests.editor.command_strategies import busy_scenario

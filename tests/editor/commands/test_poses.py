@@ -8,14 +8,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     SetAgentHeading,
     SetAgentPosition,
     SnapToLane,
     TransformAgents,
 )
-from pd_editor.errors import EditError
-from pd_editor.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import (
     ABSENT_ID,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     Command,
     PlaceAgent,
@@ -16,12 +17,11 @@ from pd_editor.editor.commands import (
     SetRoadWarp,
     TransformAgents,
 )
+from pd_editor.editor.scenario_store import export_into, open_scenario
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.scenario_store import export_into, open_scenario
 from pd_editor.scene import scene_limits
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 
 BASE = open_scenario("roundabout")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import LockedAgentError, RecipeError
 from pd_editor.editor.commands import (
     RegeneratedEdit,
     SetLocks,
@@ -23,9 +24,8 @@ from pd_editor.editor.commands.carried_trajectories import (
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.regenerated_edit import carried_to
 from pd_editor.editor.recipe import Recipe, regenerate, replay
-from pd_editor.errors import LockedAgentError, RecipeError
-from pd_editor.generation import GenerationRequest, run_to_end
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.generation import GenerationRequest, run_to_end
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.locks import STATE_LOCK, Lock
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.editor.command_strategies import busy_scenario

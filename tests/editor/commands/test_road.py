@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetRoadWarp, TransformAgents
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.editor.command_strategies import busy_scenario
 

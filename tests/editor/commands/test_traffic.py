@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.editor.commands import (
     DeleteAgents,
     DuplicateAgents,
@@ -14,8 +15,6 @@ from pd_editor.editor.commands import (
     RequestSummary,
     SetAgentActivity,
     SetAgentSpeed,
-    command_from_json,
-    command_to_json,
     new_agent_id,
     new_agent_ids,
     traffic_command,
@@ -23,15 +22,14 @@ from pd_editor.editor.commands import (
 from pd_editor.editor.commands.edit_limits import MAX_POSITION_M
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
-from pd_editor.errors import EditError, GenerationError
-from pd_editor.generation import (
+from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationRequest,
     TrafficSample,
     run_to_end,
 )
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.roles.traffic_choice import road_user_ids
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
 from tests.editor.fake_generators import DriftGenerator, PlacingGenerator
@@ -189,19 +187,6 @@ def test_a_result_takes_no_id_of_an_agent_that_was_removed_meanwhile():
     late = traffic_command(request, result, edited=left)
     assert late.sample.ids == ("new-3", "new-4")
     assert late.apply(left).agents.ids == (*left.agents.ids, "new-3", "new-4")
-
-
-def test_files_of_earlier_versions_may_use_an_id_again():
-    request = GenerationRequest(
-        scenario=BASE, agent_ids=(), num_new_agents={AgentKind.VEHICLE: 2}
-    )
-    result = run_to_end(PlacingGenerator().generate(request))
-    stored = command_to_json(traffic_command(request, result))
-    del stored["request"]["may_reuse_ids"]
-    command = command_from_json(stored, "It")
-    once = command.apply(BASE)
-    left = DeleteAgents(agent_ids=("new-1", "new-2")).apply(once)
-    assert command.apply(left).agents.ids == once.agents.ids
 
 
 def test_recipes_that_use_an_id_again_still_open_and_their_focal_agent_is_one():

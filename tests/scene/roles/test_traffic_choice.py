@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.errors import EditError, GenerationError
+from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.guidance_terms import GoalPoint, TargetSpeed
 from pd_editor.scene.roles.traffic_choice import (

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.errors import EditError
-from pd_editor.geometry.rigid_motion import RigidMotion
-from pd_editor.perturbation.warp_scenario import warp_scenario
+from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import (
     GUIDANCE_KINDS,
     FollowLane,
@@ -16,6 +15,7 @@ from pd_editor.scene.guidance_terms import (
     StopAtLine,
     TargetSpeed,
 )
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.guidance.drawn_terms import (
     MAX_PATH_POINTS,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.av2_io.write import scenario_files
+from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import (
     AddGuidance,
     ChangeGuidance,
@@ -15,15 +15,15 @@ from pd_editor.editor.commands import (
     RemoveGuidance,
     traffic_command,
 )
-from pd_editor.errors import GenerationError
-from pd_editor.exporters.bundle import write_files
-from pd_editor.generation import (
+from pd_editor.model.generators.registry import SHIPPED_MODEL
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationRequest,
     GuidanceReport,
     TrafficSample,
 )
-from pd_editor.generators.registry import SHIPPED_MODEL
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
 from pd_editor.scene.guidance_terms import (
     GoalPoint,

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AddGuidance
-from pd_editor.errors import EditError
-from pd_editor.generation import GenerationRequest
+from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.guidance_terms import (
     FollowPath,
     GoalPoint,

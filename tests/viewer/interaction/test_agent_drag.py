@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import SetAgentSpeed
-from pd_editor.exporters.bundle import write_files
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import connected_tab, running_app
 from tests.viewer.interaction.drag_by_hand import DragByHand, camera_above

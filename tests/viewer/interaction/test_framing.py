@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.viewer.interaction import framing
 from pd_editor.viewer.interaction.framing import (
     FreePart,

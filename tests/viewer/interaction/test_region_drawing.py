@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pd_editor.errors import GenerationError
-from pd_editor.generation import Region
+from pd_editor.base.errors import GenerationError
+from pd_editor.scene.generation import Region
 from pd_editor.viewer.interaction.region_drawing import square_between
 from pd_editor.viewer.panels.generation.generation_panel import (
     AROUND_TRAFFIC,

@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.av2_io.read import read_scenario
+from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.road_map import Crosswalk, DrivableArea, RoadMap
 from pd_editor.viewer.meshes.crosswalk_stripes import (
     STRIPE_M,

@@ -3,7 +3,7 @@ import io
 import numpy as np
 import trimesh
 
-from pd_editor.geometry.lines import Lines
+from pd_editor.scene.geometry.lines import Lines
 from pd_editor.viewer.meshes.flat_mesh import (
     FlatMesh,
     Primitive,

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pd_editor.basket.thumbnail import PictureFrame
+from pd_editor.editor.basket.thumbnail import PictureFrame
 from pd_editor.editor.commands import traffic_command
-from pd_editor.generation import GeneratedTraffic, GenerationRequest
+from pd_editor.scene.generation import GeneratedTraffic, GenerationRequest
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.sample_strip import (
     SampleCards,
@@ -18,10 +18,10 @@ from pd_editor.viewer.overlay.sample_strip import (
     card_lines,
 )
 from pd_editor.viewer.state.ui_context import UiContext
+from tests.analysis.findings.builders import finding
+from tests.analysis.findings.test_sample_ranking import PLAIN
+from tests.analysis.metrics.traffic_builders import sample_of
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
-from tests.findings.builders import finding
-from tests.findings.test_sample_ranking import PLAIN
-from tests.metrics.traffic_builders import sample_of
 
 
 def test_the_pictures_hold_the_agents_of_all_samples_and_the_focal_agent():

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pd_editor.av2_io.write import scenario_files
-from pd_editor.exporters.bundle import write_files
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.viewer.overlay.timeline import marks_of
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import connected_tab, running_app

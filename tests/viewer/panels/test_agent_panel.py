@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     SetAgentKind,
     SetAgentPosition,
     SetAgentSpeed,
 )
-from pd_editor.errors import EditError
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer.panels.agent_panel import MIXED, SIZE_NOTE

@@ -2,7 +2,7 @@
 
 from pd_editor.viewer.panels.dataset_panel import ANY_SPLIT
 from tests.builders import two_agents_that_pass
-from tests.evaluation.small_dataset import (
+from tests.experiments.evaluation.small_dataset import (
     without_future,
     write_dataset,
     write_scenario,

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import viser
 
-from pd_editor.installed_files import demo_folder
+from pd_editor.base.installed_files import demo_folder
 from pd_editor.viewer.state.study_run import StudyRun
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
 

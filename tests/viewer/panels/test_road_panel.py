@@ -5,11 +5,11 @@ import time
 import numpy as np
 import pytest
 
+from pd_editor.analysis.findings.check import scene_problems
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetAgentSpeed
 from pd_editor.editor.cures import cures
-from pd_editor.errors import EditError
-from pd_editor.findings.check import scene_problems
-from pd_editor.perturbation.friction_slowdown import SlowedAgent
+from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent
 from pd_editor.scene.scenario import EGO_ID
 from pd_editor.viewer.panels.road_panel import (
     EGO,

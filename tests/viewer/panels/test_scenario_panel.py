@@ -2,10 +2,10 @@
 
 import pytest
 
-from pd_editor.av2_io.write import scenario_files
+from pd_editor.base.errors import InputError
 from pd_editor.editor.commands import TransformAgents
-from pd_editor.errors import InputError
-from pd_editor.exporters.bundle import write_files
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.viewer.panels.scenario_panel import NO_DEMO
 from tests.builders import two_agents_that_pass
 from tests.editor.same_scenario import same_scenario

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.av2_io.dataset import DatasetIndex
-from pd_editor.av2_io.write import scenario_files
+from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.editor.recipe import is_recipe
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.unfinished_work import find_unfinished
 from pd_editor.editor.variant import Variant
-from pd_editor.errors import InputError, RecipeError
-from pd_editor.exporters.bundle import write_files
-from pd_editor.scenario_store import open_scenario
+from pd_editor.scene.av2_io.dataset import DatasetIndex
+from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.viewer.state import session_shelf
 from pd_editor.viewer.state.session_shelf import MAX_LIVE, SessionShelf
 from pd_editor.viewer.state.workspace import Workspace

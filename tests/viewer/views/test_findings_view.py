@@ -5,8 +5,8 @@ import numpy as np
 from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.views.findings_view import MARGIN_M, finding_primitives
 from pd_editor.viewer.views.ribbons_view import HEIGHT_M as RIBBON_HEIGHT_M
+from tests.analysis.findings.builders import finding
 from tests.builders import scenario_with, straight_drivers
-from tests.findings.builders import finding
 
 
 def test_bands_cover_the_part_concerned_and_no_more():

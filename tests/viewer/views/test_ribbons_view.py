@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.av2_io.read import read_scenario
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.palette import DARK, LIGHT
 from pd_editor.viewer.views.ribbons_view import (

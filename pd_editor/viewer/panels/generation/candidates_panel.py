@@ -6,11 +6,14 @@ from typing import Final
 import numpy as np
 import viser
 
+from pd_editor.analysis.metrics.collisions.path_collision import (
+    PathCollision,
+    first_collisions,
+)
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory
-from pd_editor.errors import EditError
-from pd_editor.metrics.collisions.path_collision import PathCollision, first_collisions
-from pd_editor.paths.candidate_words import candidate_texts
-from pd_editor.paths.motion_primitives import CandidateSet, candidates
+from pd_editor.scene.paths.candidate_words import candidate_texts
+from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.panels.panel_style import FixedText

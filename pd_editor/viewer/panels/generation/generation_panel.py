@@ -7,10 +7,15 @@ from typing import Any, Final
 import numpy as np
 import viser
 
+from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
+from pd_editor.base.errors import GenerationError, PdEditorError
+from pd_editor.base.plain_text import one_line
 from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
-from pd_editor.errors import GenerationError, PdEditorError
-from pd_editor.generation import (
+from pd_editor.model.generators import GeneratorCatalogue
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.generation import (
     Capability,
     GenerationRequest,
     GeneratorSpec,
@@ -21,11 +26,6 @@ from pd_editor.generation import (
     check_room,
     guidance_settings,
 )
-from pd_editor.generators import GeneratorCatalogue
-from pd_editor.guidance.feasibility import guidance_problems
-from pd_editor.metrics.road.off_lane import ids_near_lanes
-from pd_editor.plain_text import one_line
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.roles.traffic_choice import (
     agent_ids_of_kinds,
     drivable_agent_ids,

@@ -7,10 +7,10 @@ from typing import Final, Literal
 
 import numpy as np
 
+from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import Command, traffic_command
 from pd_editor.editor.generation_job import GenerationJob
-from pd_editor.errors import GenerationError
-from pd_editor.generation import (
+from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,

@@ -10,12 +10,15 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from pd_editor import generators
-from pd_editor.av2_io.write import scenario_files
+from pd_editor.base.errors import GenerationError
+from pd_editor.base.installed_files import models_folder
 from pd_editor.editor.commands import RemoveAllAgents
-from pd_editor.errors import GenerationError
-from pd_editor.exporters.bundle import write_files
-from pd_editor.generation import (
+from pd_editor.model import generators
+from pd_editor.model.generators import registry
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.generation import (
     CAPABILITIES,
     LANE_GUIDANCE,
     GeneratedTraffic,
@@ -25,9 +28,6 @@ from pd_editor.generation import (
     GuidanceSetting,
     TrafficSample,
 )
-from pd_editor.generators import registry
-from pd_editor.installed_files import models_folder
-from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.viewer import viewer_app
 from pd_editor.viewer.panels.generation.generation_panel import (
     ADD_AGENTS,

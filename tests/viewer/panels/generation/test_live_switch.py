@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import pytest
 
-from pd_editor.av2_io.write import scenario_files
 from pd_editor.editor.commands import (
     AddGuidance,
     RegeneratedEdit,
     SetLocks,
     TransformAgents,
 )
-from pd_editor.exporters.bundle import write_files
-from pd_editor.generation import GeneratorSpec
-from pd_editor.generators import registry
+from pd_editor.model.generators import registry
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.generation import GeneratorSpec
 from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, TargetSpeed
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.viewer.panels.generation.live_switch import (

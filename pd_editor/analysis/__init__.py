@@ -1,0 +1,1 @@
+"""What a scene shows: metrics, findings, repairs, guidance terms and threats."""

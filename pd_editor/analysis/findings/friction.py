@@ -1,0 +1,263 @@
+"""Findings on agents above the friction limit in curves: v^2 |kappa| > mu g."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.analysis.findings.collisions import MOVING_M
+from pd_editor.analysis.findings.finding import Finding, at_time, finding_of_agent
+from pd_editor.analysis.metrics.motion.kinematics import (
+    DEGREE,
+    WINDOW_STEPS,
+    derivative_operators,
+    whole_windows,
+)
+from pd_editor.analysis.repair.friction_pass import drivable_speed, slowed_distance
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import left_of
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.paths.retiming import (
+    fill_gaps,
+    fill_heading_gaps,
+    retime,
+    travelled_m,
+)
+from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, GRAVITY_MPS2
+from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.scenario import Scenario
+
+TOLERANCE: Final = 1.25
+"""Ratio of acceleration to limit up to which an agent is not reported.
+
+Curvatures of noisy paths are known to about a tenth: agents that were slowed to the
+limit, as measured elsewhere, must not be reported.
+"""
+_MIN_STEPS: Final = 2
+"""Shorter excesses count as noise."""
+_NODES_PER_STEP: Final = 4
+_SLOWEST_MPS: Final = 2.0
+"""Below this speed a recorded path is too noisy to measure curvature."""
+_MAX_ROUNDS: Final = 6
+_NO_WARP: Final = RoadWarp(
+    anchor=RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=0.0), terms=()
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SidewaysMotion:
+    """Lateral motion of G agents at S steps, the current one first."""
+
+    rows: Int[np.ndarray, "G"]
+    speed_mps: Float[np.ndarray, "G S"]
+    lateral_mps2: Float[np.ndarray, "G S"]
+    """Largest lateral acceleration from a step to the next one; zero if unknown."""
+
+
+def friction_coefficient_of(scenario: Scenario) -> float:
+    """Friction coefficient that agents were slowed to, or that of a dry road."""
+    applied = scenario.applied_warp
+    if applied is None or applied.friction_coefficient is None:
+        return DRY_ROAD_FRICTION
+    return applied.friction_coefficient
+
+
+def sideways_motion(scenario: Scenario) -> SidewaysMotion:
+    """Lateral accelerations of moving vehicles, buses, motorcyclists and cyclists.
+
+    The motion without the warp is smoothed by cubics over two seconds because recorded
+    positions are noisy; the contribution of the warp, which is often shorter than that,
+    is exact.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    warp = _NO_WARP if scenario.applied_warp is None else scenario.applied_warp.warp
+    rows = np.flatnonzero(agents.kind_mask(LANE_FOLLOWER_KINDS))
+    is_valid = agents.is_valid[rows, now:]
+    path = fill_gaps(agents.position_m[rows, now:], is_valid)
+    rows = rows[
+        np.linalg.norm(path - path[:, :1], axis=-1).max(axis=1, initial=0) > MOVING_M
+    ]
+    is_valid = agents.is_valid[rows]
+    position = fill_gaps(warp.undo(agents.position_m[rows]), is_valid)
+    step_s = scenario.time_axis.step_s
+    estimates = []
+    # The past improves the estimate at the current step, unless an edit made a jump
+    # there; agents without a past are evaluated from the current step on.
+    for start in (0, now):
+        velocity, acceleration, known = _derivatives(
+            position[:, start:], is_valid[:, start:], step_s
+        )
+        later = slice(now - start, None)
+        speed, lateral = _under_warp(
+            position[:, now:], velocity[:, later], acceleration[:, later], warp
+        )
+        # If the road bends between two steps, the sharpest point counts.
+        nodes = lateral.reshape(*is_valid[:, now:].shape, _NODES_PER_STEP).max(axis=-1)
+        estimates.append(np.where(known[:, later], nodes, np.inf))
+    least = np.minimum(*estimates)
+    return SidewaysMotion(
+        rows=rows,
+        speed_mps=speed[:, ::_NODES_PER_STEP],
+        lateral_mps2=np.where(np.isfinite(least), least, 0.0),
+    )
+
+
+def friction_problems(scenario: Scenario) -> list[Finding]:
+    """Find agents above the friction limit from the current step on."""
+    agents, now = scenario.agents, scenario.current_step
+    motion, mu = sideways_motion(scenario), friction_coefficient_of(scenario)
+    limit = mu * GRAVITY_MPS2
+    over = motion.lateral_mps2 > TOLERANCE * limit
+    found = []
+    for index in np.flatnonzero(over.sum(axis=1) >= _MIN_STEPS).tolist():
+        row, steps = int(motion.rows[index]), np.flatnonzero(over[index])
+        worst = int(motion.lateral_mps2[index].argmax())
+        lateral = float(motion.lateral_mps2[index, worst])
+        # The same velocity that the view and the panel show.
+        speed = float(np.hypot(*agents.velocity_mps[row, worst + now]))
+        held = speed * float(np.sqrt(limit / lateral))
+        found.append(
+            finding_of_agent(
+                scenario,
+                "friction",
+                row,
+                steps + now,
+                value=lateral,
+                limit=limit,
+                worst=worst + now,
+                words=f": {speed:.1f} m/s, friction holds {held:.1f}",
+                message=(
+                    "is too fast for its curve"
+                    f" {_when(scenario, int(steps[0]) + now, worst + now)}:"
+                    f" {speed:.1f} m/s, where friction holds {held:.1f} m/s"
+                    f" (mu {mu:.2f})."
+                ),
+            )
+        )
+    return found
+
+
+def _when(scenario: Scenario, first: int, worst: int) -> str:
+    """Describe the first time of the excess, and the time of the given figures."""
+    at_worst = at_time(scenario, worst)
+    if worst == first:
+        return at_worst
+    since = at_time(scenario, first).removeprefix("at ")
+    return f"from {since} on, most {at_worst}"
+
+
+def slowed_to_limit(
+    scenario: Scenario, agent_ids: tuple[str, ...], friction_coefficient: float
+) -> AgentTracks:
+    """Retime agents along their own paths to the friction limit.
+
+    They brake ahead of a curve and accelerate after it. Current positions stay; a
+    current speed is lowered if a curve is too near.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    wanted = set(scenario.agents.rows(agent_ids).tolist())
+    limit = friction_coefficient * GRAVITY_MPS2
+    for _ in range(_MAX_ROUNDS):
+        motion = sideways_motion(scenario)
+        fast = (motion.lateral_mps2 > limit).any(axis=1)
+        fast &= np.isin(motion.rows, list(wanted))
+        if not fast.any():
+            break
+        agents = _one_pass(scenario, motion, np.flatnonzero(fast), limit)
+        scenario = scenario.with_agents(agents)
+    return scenario.agents
+
+
+def _one_pass(
+    scenario: Scenario,
+    motion: SidewaysMotion,
+    some: Int[np.ndarray, "F"],
+    limit_mps2: float,
+) -> AgentTracks:
+    agents, now = scenario.agents, scenario.current_step
+    step_s, rows = scenario.time_axis.step_s, motion.rows[some]
+    is_valid = agents.is_valid[rows, now:]
+    curve = fill_gaps(agents.position_m[rows, now:], is_valid)
+    heading = fill_heading_gaps(agents.heading_rad[rows, now:], is_valid)
+    along = travelled_m(curve)
+    speed = np.gradient(along, step_s, axis=1)
+    lateral = motion.lateral_mps2[some]
+    # The sharpest point between two steps may be assigned to either of them.
+    lateral[:, 1:] = np.maximum(lateral[:, 1:], lateral[:, :-1])
+    allowed = np.where(
+        lateral > 0,
+        motion.speed_mps[some]
+        * np.sqrt(0.97 * limit_mps2 / np.where(lateral > 0, lateral, 1.0)),
+        np.inf,
+    )
+    distance, slowed = slowed_distance(
+        along, speed, drivable_speed(along, allowed), step_s
+    )
+    moved, turned, velocity = retime(curve, heading, is_valid, distance, step_s, slowed)
+    position, headings = agents.position_m[rows], agents.heading_rad[rows]
+    velocities = agents.velocity_mps[rows]
+    position[:, now:], headings[:, now:], velocities[:, now:] = moved, turned, velocity
+    return agents.with_rows(
+        rows, position_m=position, heading_rad=headings, velocity_mps=velocities
+    )
+
+
+def _derivatives(
+    position_m: Float[np.ndarray, "G S 2"],
+    is_valid: Bool[np.ndarray, "G S"],
+    step_s: float,
+) -> tuple[
+    Float[np.ndarray, "G S 2"], Float[np.ndarray, "G S 2"], Bool[np.ndarray, "G S"]
+]:
+    """Velocity and acceleration of fitted cubics, and whether they are known."""
+    num_steps = position_m.shape[1]
+    window = min(WINDOW_STEPS, num_steps)
+    if window <= DEGREE:
+        nothing = np.zeros_like(position_m)
+        return nothing, nothing, np.zeros(is_valid.shape, bool)
+    first, second, _ = derivative_operators(num_steps, window, step_s)
+    known = whole_windows(is_valid, window)
+    return first @ position_m, second @ position_m, known
+
+
+def _under_warp(
+    position_m: Float[np.ndarray, "G S 2"],
+    velocity_mps: Float[np.ndarray, "G S 2"],
+    acceleration_mps2: Float[np.ndarray, "G S 2"],
+    warp: RoadWarp,
+) -> tuple[Float[np.ndarray, "G K"], Float[np.ndarray, "G K"]]:
+    """Speed and lateral acceleration after a warp, at several times between two steps.
+
+    With v the velocity before and J = [[1, 0], [f', 1]] the velocity after is J v and
+    the acceleration J a + (0, f'' vx^2); lateral is their cross product over the speed.
+    """
+    position, velocity, acceleration = (
+        _between(values) for values in (position_m, velocity_mps, acceleration_mps2)
+    )
+    forward = warp.anchor.turn(np.array([1.0, 0.0]))
+    ahead = velocity @ forward
+    x = warp.distance_ahead(position)
+    slope = warp.derivative(x, 1)
+    after = np.stack([ahead, velocity @ left_of(forward) + slope * ahead], axis=-1)
+    speed = np.hypot(after[..., 0], after[..., 1])
+    # J preserves areas, and therefore cross products.
+    cross = (
+        velocity[..., 0] * acceleration[..., 1]
+        - velocity[..., 1] * acceleration[..., 0]
+        + warp.derivative(x, 2) * ahead**3
+    )
+    moving: Bool[np.ndarray, "G K"] = speed > _SLOWEST_MPS
+    return speed, np.where(moving, np.abs(cross) / np.where(moving, speed, 1.0), 0.0)
+
+
+def _between(values: Float[np.ndarray, "G S D"]) -> Float[np.ndarray, "G K D"]:
+    """Interpolate values at several times after each step; the last step is repeated."""
+    share = (np.arange(_NODES_PER_STEP) / _NODES_PER_STEP)[:, None]
+    after = np.concatenate([values[:, 1:], values[:, -1:]], axis=1)
+    nodes = values[:, :, None] + share * (after - values)[:, :, None]
+    num_rows, num_steps, size = values.shape
+    return nodes.reshape(num_rows, num_steps * _NODES_PER_STEP, size)

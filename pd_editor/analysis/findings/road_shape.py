@@ -1,0 +1,91 @@
+"""Findings on roads that are warped more sharply than a vehicle can drive."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from pd_editor.analysis.findings.finding import Finding
+from pd_editor.scene.perturbation.friction_limit import WarpSummary, summarise
+from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.scenario import Scenario
+
+MIN_RADIUS_M: Final = 5.0
+"""Approximate smallest turning radius of a car, measured at its centre."""
+FOLDED_RADIUS_M: Final = 1.75
+"""Half a lane's width: with less, the inner edge of a lane folds over itself."""
+_SAMPLE_SPACING_M: Final = 0.05
+
+
+def road_problems(scenario: Scenario) -> list[Finding]:
+    """One problem if the applied warp makes the road undrivable, else none."""
+    applied = scenario.applied_warp
+    if applied is None:
+        return []
+    summary = summarise(applied.warp)
+    radius = summary.min_radius_m
+    if not radius < MIN_RADIUS_M:
+        return []
+    is_folded = radius < FOLDED_RADIUS_M
+    message = (
+        f"The road is folded into spikes: its smallest radius is {radius:.1f} m, less"
+        " than half a lane's width."
+        if is_folded
+        else f"The road bends too sharply: its smallest radius is {radius:.1f} m, and a"
+        f" vehicle needs about {MIN_RADIUS_M:g} m."
+    )
+    return [
+        Finding(
+            kind="folded-road" if is_folded else "sharp-road",
+            agent_ids=(),
+            spans=((0, scenario.time_axis.num_steps - 1),),
+            worst_step=scenario.current_step,
+            value=radius,
+            limit=MIN_RADIUS_M,
+            headline=(
+                "Road folded into spikes" if is_folded else "Road bends too sharply"
+            )
+            + f", radius {radius:.1f} m",
+            message=message,
+            place_m=_sharpest_place(applied.warp),
+        )
+    ]
+
+
+def weakened_to_radius(warp: RoadWarp) -> RoadWarp | None:
+    """Scale down all powers of a warp by one factor until it is drivable.
+
+    None if nothing remains of the warp.
+    """
+
+    def scaled(share: float) -> RoadWarp:
+        # Powers are rounded towards zero to the step of the sliders.
+        return replace(
+            warp,
+            terms=tuple(
+                replace(term, power=float(np.trunc(10 * share * term.power) / 10))
+                for term in warp.terms
+            ),
+        )
+
+    def is_drivable(share: float) -> bool:
+        summary: WarpSummary = summarise(scaled(share))
+        return summary.min_radius_m >= MIN_RADIUS_M
+
+    # Sharpness need not be monotonic in the factor, so the largest valid one is searched.
+    for share in np.linspace(1.0, 0.0, 101)[:-1].tolist():
+        if is_drivable(share):
+            weaker = scaled(share)
+            return None if weaker.is_identity else weaker
+    return None
+
+
+def _sharpest_place(warp: RoadWarp) -> tuple[float, float]:
+    """Point of largest curvature of a warped road that was straight."""
+    end = warp.extent_m()
+    x = np.linspace(0.0, end, max(int(end / _SAMPLE_SPACING_M), 1) + 1)
+    ahead = float(x[np.abs(warp.curvature(x)).argmax()])
+    start = np.array([warp.anchor.x_m, warp.anchor.y_m])
+    point = start + warp.anchor.turn(np.array([ahead, 0.0]))
+    place = warp.apply(point[None])[0]
+    return float(place[0]), float(place[1])

@@ -1,0 +1,189 @@
+"""Reports on guided samples: outcomes of terms, realism against unguided samples."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.analysis.findings.collisions import later_colliders
+from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasible_terms
+from pd_editor.analysis.guidance.outcomes import term_outcomes
+from pd_editor.analysis.metrics.motion.kinematics import kinematics
+from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
+from pd_editor.analysis.metrics.road.off_road import departures
+from pd_editor.analysis.metrics.traffic_view import generated_traffic, whole_traffic
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.generation import GuidanceReport, TrafficSample
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.guidance_outcome import GuidanceCost, Realism
+from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
+
+_REVERSES_M: Final = 1.0
+"""Way backwards from which on an agent counts as reversing."""
+_MOST_NAMED: Final = 3
+
+
+def guidance_reports(
+    scenario: Scenario,
+    samples: Sequence[TrafficSample],
+    terms: Sequence[GuidanceTerm],
+    unguided: Sequence[TrafficSample] = (),
+    slowed_ids: Sequence[Sequence[str]] = (),
+) -> tuple[GuidanceReport, ...]:
+    """Reports on guided samples of the same agents.
+
+    ``unguided`` are the unguided samples of the same seed, if they were made. Agents
+    with ``slowed_ids`` were slowed to avoid a collision.
+    """
+    if not samples:
+        return ()
+    problems = guidance_problems(scenario, terms, samples[0].ids)
+    infeasible = infeasible_terms(problems)
+    # A contact that was asked for does not count.
+    asked = {
+        name
+        for term in terms
+        if isinstance(term, Threaten) and term.is_on and term.severity == 1
+        for name in term.named_ids
+    }
+    plain = [AgentRealism.of(scenario, one, asked) for one in unguided]
+    figures = [one.over() for one in plain]
+    best = min(range(len(figures)), key=lambda index: _order(figures[index]), default=0)
+    found: list[GuidanceReport] = []
+    for index, sample in enumerate(samples):
+        slowed = slowed_ids[index] if slowed_ids else ()
+        outcomes = term_outcomes(scenario, sample, terms, infeasible, slowed)
+        cost = None
+        if figures:
+            guided = AgentRealism.of(scenario, sample, asked)
+            cost = GuidanceCost(guided=guided.over(), unguided=figures[index])
+            outcomes = tuple(
+                replace(
+                    one,
+                    cost=GuidanceCost(
+                        guided=guided.over(one.term.guided_ids),
+                        unguided=plain[index].over(one.term.guided_ids),
+                    ),
+                )
+                for one in outcomes
+            )
+        found.append(
+            GuidanceReport(
+                outcomes=outcomes,
+                cost=cost,
+                unguided=unguided[best] if cost is not None and cost.is_worse else None,
+                motion_problems=motion_problems(scenario, sample),
+            )
+        )
+    return tuple(found)
+
+
+def _order(figures: Realism) -> tuple[float, float, float]:
+    """Order of unguided samples, the best one first."""
+    return (figures.num_collisions, figures.off_road, figures.lateral_deviation_m)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AgentRealism:
+    """Figures of the G agents of a sample, to be summed over some of them."""
+
+    ids: tuple[str, ...]
+    drives: Bool[np.ndarray, "G"]
+    """Motor vehicles and cyclists."""
+    off_road: Float[np.ndarray, "G"]
+    """Share of steps with the centre outside the drivable area; NaN of others, and of
+    vehicles that stand all the time."""
+    collides: Bool[np.ndarray, "G"]
+    lateral_m: Float[np.ndarray, "G S"]
+    """Distance to the nearest reachable lane; NaN where there is none."""
+    acceleration_mps2: Float[np.ndarray, "G S"]
+    """NaN where it is not known."""
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        sample: TrafficSample,
+        collide_ids: Collection[str] = (),
+    ) -> "AgentRealism":
+        """Measure a sample; collisions with ``collide_ids`` do not count.
+
+        Collisions and steps off the road are counted as in the list of findings.
+        """
+        view, now = generated_traffic(scenario, sample), scenario.current_step
+        everyone = whole_traffic(scenario, sample)
+        drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
+        hits = later_colliders(everyone.from_step(now))[: len(drives)]
+        hits &= np.array([name not in collide_ids for name in sample.ids], bool)
+        deviation, motion = lane_deviation(view), kinematics(view)
+        total = np.hypot(motion.longitudinal_mps2, motion.lateral_mps2)
+        speed = np.linalg.norm(sample.velocity_mps, axis=-1)
+        moves = drives & (speed >= MOVING_MPS).any(axis=1)
+        off_road = np.full(len(drives), np.nan)
+        some = everyone.taken(np.flatnonzero(moves))
+        off_road[moves] = departures(scenario, some).is_off_road[:, now:].mean(axis=1)
+        return cls(
+            ids=sample.ids,
+            drives=drives,
+            off_road=off_road,
+            collides=hits,
+            lateral_m=np.where(deviation.is_valid, deviation.lateral_m, np.nan),
+            acceleration_mps2=np.where(motion.is_valid, total, np.nan),
+        )
+
+    def over(self, agent_ids: Collection[str] = ()) -> Realism:
+        """Figures of some agents; of all without ids."""
+        chosen = np.array([not agent_ids or one in agent_ids for one in self.ids], bool)
+        drives = self.drives & chosen
+        if not self.drives.any():
+            # Scenes without vehicles have no figures.
+            return Realism(
+                off_road=0.0,
+                num_collisions=0,
+                lateral_deviation_m=0.0,
+                acceleration_mps2=0.0,
+            )
+        return Realism(
+            off_road=_mean(self.off_road[drives]),
+            num_collisions=int(self.collides[chosen].sum()),
+            lateral_deviation_m=_mean(self.lateral_m[drives]),
+            acceleration_mps2=_mean(self.acceleration_mps2[drives]),
+        )
+
+
+def motion_problems(scenario: Scenario, sample: TrafficSample) -> tuple[str, ...]:
+    """Sentences on agents that move as no vehicle can."""
+    drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
+    motion = kinematics(generated_traffic(scenario, sample))
+    impossible = (motion.is_impossible() & motion.is_valid).any(axis=1) & drives
+    forward = unit_vector(sample.heading_rad)
+    step = (np.diff(sample.position_m, axis=1) * forward[:, 1:]).sum(-1)
+    begins = (sample.velocity_mps[:, 0] * forward[:, 0]).sum(-1)
+    backwards = np.minimum(step, 0.0).sum(axis=1) < -_REVERSES_M
+    reverses = backwards & drives & (begins > 0)
+    found: list[str] = []
+    if impossible.any():
+        found.append(
+            f"{_names(sample, impossible)}: accelerations or curves that no vehicle can "
+            "drive."
+        )
+    if reverses.any():
+        found.append(f"{_names(sample, reverses)}: backwards out of forward motion.")
+    return tuple(found)
+
+
+def _names(sample: TrafficSample, mask: np.ndarray) -> str:
+    rows = np.flatnonzero(mask)
+    names = ", ".join(sample.ids[row] for row in rows[:_MOST_NAMED])
+    more = len(rows) - _MOST_NAMED
+    return f"Agent {names}" + (f" and {more} more" if more > 0 else "")
+
+
+def _mean(values: np.ndarray) -> float:
+    """Mean of the values that are known; 0 without any."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else 0.0

@@ -1,0 +1,84 @@
+"""Box overlap metrics: at the current step, and new overlaps at later steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from pd_editor.analysis.metrics.collisions.box_tests import (
+    overlaps_of_pairs,
+    pairs_that_meet,
+)
+from pd_editor.analysis.metrics.traffic_view import TrafficView
+from pd_editor.analysis.metrics.values import (
+    MetricValues,
+    any_step,
+    mean_over_steps,
+    measured,
+)
+from pd_editor.scene.agent_states import AgentStates
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoxOverlap:
+    """Overlaps of A evaluated agents with any agent at H steps, the current one first."""
+
+    is_valid: Bool[np.ndarray, "A H"]
+    is_overlapping: Bool[np.ndarray, "A H"]
+    is_new: Bool[np.ndarray, "A H"]
+    """Overlaps of pairs that do not overlap at the current step."""
+
+    def at_state(self) -> MetricValues:
+        """Metric ``init_overlap`` [A]."""
+        return measured("init_overlap", self.is_overlapping[:, 0], self.is_valid[:, 0])
+
+    def newly(self) -> MetricValues:
+        """Metric ``new_overlap`` [A]."""
+        return any_step("new_overlap", self.is_new[:, 1:], self.is_valid[:, 1:])
+
+    def new_steps(self) -> MetricValues:
+        """Metric ``new_overlap_steps`` [A]."""
+        return mean_over_steps(
+            "new_overlap_steps", self.is_new[:, 1:], self.is_valid[:, 1:]
+        )
+
+
+def box_overlap(view: TrafficView) -> BoxOverlap:
+    """Overlaps of the evaluated agents with each other and with context agents.
+
+    Pairs of pedestrians do not count, since they walk in groups.
+    """
+    everyone = view.everyone
+    num_agents, num_steps = len(view), view.num_steps
+    pairs = pairs_that_meet(everyone.position_m, everyone.is_valid, everyone.radius_m)
+    pairs = pairs[pairs_that_matter(everyone, pairs) & (pairs[:, 0] < num_agents)]
+    pair, at = overlaps_of_pairs(pairs, everyone)
+    hit = np.zeros((len(pairs), num_steps), bool)
+    hit[pair, at] = True
+    is_new = hit & ~hit[:, :1]
+    return BoxOverlap(
+        is_valid=view.agents.is_valid,
+        is_overlapping=_of_agents(hit, pairs, num_agents),
+        is_new=_of_agents(is_new, pairs, num_agents),
+    )
+
+
+def pairs_that_matter(
+    agents: AgentStates, pairs: Int[np.ndarray, "P 2"]
+) -> Bool[np.ndarray, "P"]:
+    """Whether pairs count: both are road users, and not both are pedestrians."""
+    walks = agents.is_in("pedestrians")
+    is_road_user = agents.group >= 0
+    a, b = pairs[:, 0], pairs[:, 1]
+    return is_road_user[a] & is_road_user[b] & ~(walks[a] & walks[b])
+
+
+def _of_agents(
+    hit: Bool[np.ndarray, "P H"], pairs: Int[np.ndarray, "P 2"], num_agents: int
+) -> Bool[np.ndarray, "A H"]:
+    """Hits of pairs, assigned to both agents of each."""
+    result = np.zeros((num_agents, hit.shape[1]), bool)
+    for side in (0, 1):
+        evaluated = pairs[:, side] < num_agents
+        np.logical_or.at(result, pairs[evaluated, side], hit[evaluated])
+    return result

@@ -1,0 +1,129 @@
+"""Jensen-Shannon distance between the generated and recorded distribution of a metric.
+
+The paper's histograms drop values out of their range, and its "JSD" is the square root
+of the divergence; our histograms have two more bins for values out of range. With the
+natural logarithm a divergence is at most ln 2.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.analysis.metrics.metric_table import Source
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistributionDistance:
+    """Distance between two sets of values."""
+
+    divergence: float
+    """Jensen-Shannon divergence, natural logarithm, 0..ln 2."""
+    is_valid: bool
+    """False if a set has no value in the histogram."""
+
+    @property
+    def root(self) -> float:
+        """Jensen-Shannon distance: square root of the divergence; the paper's JSD."""
+        return float(np.sqrt(self.divergence))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Histogram:
+    """Bins of equal width for the values of a metric."""
+
+    metric: str
+    """Its name."""
+    source: Source
+    low: float
+    high: float
+    num_bins: int
+
+    @property
+    def drops_out_of_range(self) -> bool:
+        """Whether values out of range are dropped, as in the paper; ours have two bins."""
+        return self.source == "paper"
+
+    def counts(self, values: Float[np.ndarray, "N"]) -> Float[np.ndarray, "B"]:
+        """Number of values in each bin; the last bin includes its end."""
+        edges = np.linspace(self.low, self.high, self.num_bins + 1)
+        inside = np.histogram(values, edges)[0].astype(float)
+        if self.drops_out_of_range:
+            return inside
+        below, above = np.sum(values < self.low), np.sum(values > self.high)
+        return np.concatenate([[below], inside, [above]]).astype(float)
+
+    def distance(
+        self, first: Float[np.ndarray, "N"], second: Float[np.ndarray, "M"]
+    ) -> DistributionDistance:
+        """Distance between two sets of values."""
+        one, two = self.counts(first), self.counts(second)
+        if not one.any() or not two.any():
+            return DistributionDistance(divergence=0.0, is_valid=False)
+        return DistributionDistance(
+            divergence=jensen_shannon_divergence(one, two), is_valid=True
+        )
+
+
+def _paper(metric: str, low: float, high: float, num_bins: int) -> Histogram:
+    return replace(_ours(metric, low, high, num_bins), source="paper")
+
+
+def _ours(metric: str, low: float, high: float, num_bins: int) -> Histogram:
+    return Histogram(
+        metric=metric, source="ours", low=low, high=high, num_bins=num_bins
+    )
+
+
+HISTOGRAMS: Final = (
+    _paper("nearest_distance", 0, 250, 250),
+    _paper("local_density", 0, 150, 150),
+    _paper("nearest_edge", 0, 3, 30),
+    _paper("nearest_edge_angle", -180, 180, 72),
+    _paper("speed", 0, 50, 50),
+    _ours("nearest_distance", 0, 60, 30),
+    _ours("local_density", 0, 100, 40),
+    _ours("nearest_edge", 0, 10, 40),
+    _ours("nearest_edge_angle", -180, 180, 72),
+    _ours("speed", 0, 30, 30),
+    _ours("path_length", 0, 120, 40),
+    _ours("lateral_deviation_mean", 0, 10, 40),
+    _ours("angular_deviation_mean", 0, 180, 36),
+    _ours("longitudinal_acceleration", -8, 8, 32),
+    _ours("lateral_acceleration", -6, 6, 24),
+    _ours("jerk", 0, 15, 30),
+    _ours("yaw_rate", -1, 1, 40),
+    _ours("time_to_collision", 0, 5, 20),
+    _ours("post_encroachment_time", 0, 5, 20),
+    _ours("minimum_gap", 0, 30, 30),
+)
+"""Histograms of all distances."""
+
+
+def histogram_of(metric: str, source: Source) -> Histogram:
+    """Histogram of a metric, the paper's or ours."""
+    (found,) = (h for h in HISTOGRAMS if h.metric == metric and h.source == source)
+    return found
+
+
+def jensen_shannon_divergence(
+    first: Float[np.ndarray, "B"], second: Float[np.ndarray, "B"]
+) -> float:
+    """Jensen-Shannon divergence of two non-empty histograms; natural logarithm."""
+    return float(jensen_shannon_divergences(first[None], second[None])[0])
+
+
+def jensen_shannon_divergences(
+    first: Float[np.ndarray, "N B"], second: Float[np.ndarray, "N B"]
+) -> Float[np.ndarray, "N"]:
+    """Divergences of pairs of histograms; NaN where one is empty."""
+    with np.errstate(invalid="ignore"):
+        p, q = (one / one.sum(axis=1, keepdims=True) for one in (first, second))
+    middle = (p + q) / 2
+    safe = np.where(middle > 0, middle, 1.0)
+    total = np.zeros(len(first))
+    for share in (p, q):
+        ratio = np.where(share > 0, share / safe, 1.0)
+        total += (share * np.log(ratio)).sum(axis=1) / 2
+    return np.maximum(total, 0.0)

@@ -1,0 +1,174 @@
+"""Speed, acceleration, jerk and yaw rate, with limits of comfort and of physics.
+
+Recorded positions carry noise of some centimetres, whose second difference at 10 Hz
+is many m/s^2. So cubics are fitted over two seconds (Savitzky and Golay, 1964), and
+all derivatives, of generated paths as well, are those of the fits.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.analysis.metrics.road.lane_deviation import path_length_m
+from pd_editor.analysis.metrics.traffic_view import TrafficView
+from pd_editor.analysis.metrics.values import (
+    MetricValues,
+    any_step,
+    mean_over_steps,
+    measured,
+)
+from pd_editor.scene.geometry.angles import left_of, unit_vector
+from pd_editor.scene.thresholds import STANDING_MPS
+
+WINDOW_STEPS: Final = 21
+DEGREE: Final = 3
+START_M: Final = 1.0
+COMFORT_BRAKING_MPS2: Final = -4.05
+COMFORT_ACCELERATION_MPS2: Final = 2.40
+COMFORT_LATERAL_MPS2: Final = 4.89
+COMFORT_JERK_MPS3: Final = 8.37
+COMFORT_YAW_RATE_RADPS: Final = 0.95
+MAX_ACCELERATION_MPS2: Final = 9.81
+"""Highest acceleration of tyres on a dry road."""
+MAX_CURVATURE_PER_M: Final = 0.3
+TURNING_MPS: Final = 2.0
+"""Below this speed, yaw rate over speed is noise rather than curvature."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Kinematics:
+    """Derivatives of A evaluated agents' paths at H steps, the current one first.
+
+    A step is valid if the agent exists throughout the two seconds of its fit.
+    """
+
+    is_valid: Bool[np.ndarray, "A H"]
+    speed_mps: Float[np.ndarray, "A H"]
+    longitudinal_mps2: Float[np.ndarray, "A H"]
+    lateral_mps2: Float[np.ndarray, "A H"]
+    jerk_mps3: Float[np.ndarray, "A H"]
+    yaw_rate_radps: Float[np.ndarray, "A H"]
+
+    def is_uncomfortable(self) -> Bool[np.ndarray, "A H"]:
+        """Whether one of nuPlan's comfort limits is exceeded."""
+        return (
+            (self.longitudinal_mps2 < COMFORT_BRAKING_MPS2)
+            | (self.longitudinal_mps2 > COMFORT_ACCELERATION_MPS2)
+            | (np.abs(self.lateral_mps2) > COMFORT_LATERAL_MPS2)
+            | (self.jerk_mps3 > COMFORT_JERK_MPS3)
+            | (np.abs(self.yaw_rate_radps) > COMFORT_YAW_RATE_RADPS)
+        )
+
+    def is_impossible(self) -> Bool[np.ndarray, "A H"]:
+        """Whether acceleration or curvature is physically impossible."""
+        total = np.hypot(self.longitudinal_mps2, self.lateral_mps2)
+        bend = np.abs(self.yaw_rate_radps) > MAX_CURVATURE_PER_M * self.speed_mps
+        turns = bend & (self.speed_mps > TURNING_MPS)
+        return (total > MAX_ACCELERATION_MPS2) | turns
+
+    def per_step(self) -> dict[str, MetricValues]:
+        """Derivatives by name, each [A H]."""
+        return {
+            name: measured(name, value, self.is_valid)
+            for name, value in (
+                ("longitudinal_acceleration", self.longitudinal_mps2),
+                ("lateral_acceleration", self.lateral_mps2),
+                ("jerk", self.jerk_mps3),
+                ("yaw_rate", self.yaw_rate_radps),
+            )
+        }
+
+    def values(self) -> dict[str, MetricValues]:
+        """Violations of limits by name, each [A]."""
+        valid, result = self.is_valid, {}
+        for name, broken in (
+            ("uncomfortable", self.is_uncomfortable()),
+            ("impossible", self.is_impossible()),
+        ):
+            result[name] = any_step(name, broken, valid)
+            result[f"{name}_steps"] = mean_over_steps(f"{name}_steps", broken, valid)
+        return result
+
+
+def kinematics(view: TrafficView) -> Kinematics:
+    """Derivatives of the evaluated agents' paths."""
+    agents = view.agents
+    num_steps, degree = view.num_steps, DEGREE
+    window = min(WINDOW_STEPS, num_steps)
+    if window <= degree:
+        nothing = np.zeros(agents.is_valid.shape)
+        return Kinematics(
+            is_valid=nothing > 0,
+            speed_mps=nothing,
+            longitudinal_mps2=nothing,
+            lateral_mps2=nothing,
+            jerk_mps3=nothing,
+            yaw_rate_radps=nothing,
+        )
+    first, second, third = derivative_operators(num_steps, window, view.step_s)
+    acceleration = second @ agents.position_m
+    forward = unit_vector(agents.heading_rad)
+    # Headings of steps without a track are unwrapped too; their fits are not valid.
+    heading = np.unwrap(agents.heading_rad, axis=1)
+    return Kinematics(
+        is_valid=whole_windows(agents.is_valid, window),
+        speed_mps=np.linalg.norm(first @ agents.position_m, axis=-1),
+        longitudinal_mps2=(acceleration * forward).sum(-1),
+        lateral_mps2=(acceleration * left_of(forward)).sum(-1),
+        jerk_mps3=np.linalg.norm(third @ agents.position_m, axis=-1),
+        yaw_rate_radps=(first @ heading[..., None])[..., 0],
+    )
+
+
+def motion_values(view: TrafficView) -> dict[str, MetricValues]:
+    """Metrics ``speed``, ``standing``, ``starts`` and ``path_length``, each [A]."""
+    agents = view.agents
+    here = agents.is_valid[:, 0]
+    speed = np.hypot(agents.velocity_mps[:, 0, 0], agents.velocity_mps[:, 0, 1])
+    stands = here & (speed < STANDING_MPS)
+    offset = agents.position_m - agents.position_m[:, :1]
+    away = np.hypot(offset[..., 0], offset[..., 1]) > START_M
+    has_future = here & np.any(agents.is_valid[:, 1:], axis=1)
+    starts = np.any(away & agents.is_valid, axis=1)
+    length = path_length_m(agents.position_m, agents.is_valid)
+    return {
+        "speed": measured("speed", speed, here),
+        "standing": measured("standing", stands, here),
+        "starts": measured("starts", starts, stands & has_future),
+        "path_length": measured("path_length", length, has_future),
+    }
+
+
+@lru_cache(maxsize=8)
+def derivative_operators(
+    num_steps: int, window: int, step_s: float
+) -> Float[np.ndarray, "3 H H"]:
+    """Matrices that map H values to derivatives of cubics fitted around each step.
+
+    Windows are centred, except at the first and the last steps.
+    """
+    operators = np.zeros((3, num_steps, num_steps))
+    for row, start in enumerate(_window_starts(num_steps, window)):
+        time = (np.arange(start, start + window) - row) * step_s
+        fit = np.linalg.pinv(np.vander(time, DEGREE + 1, increasing=True))
+        part = slice(start, start + window)
+        for order, factorial in ((1, 1.0), (2, 2.0), (3, 6.0)):
+            operators[order - 1, row, part] = factorial * fit[order]
+    operators.flags.writeable = False
+    return operators
+
+
+def _window_starts(num_steps: int, window: int) -> np.ndarray:
+    return np.clip(np.arange(num_steps) - window // 2, 0, num_steps - window)
+
+
+def whole_windows(
+    is_valid: Bool[np.ndarray, "A H"], window: int
+) -> Bool[np.ndarray, "A H"]:
+    """Whether each agent exists throughout the fitted window of each step."""
+    before = np.pad(np.cumsum(is_valid, axis=1), ((0, 0), (1, 0)))
+    start = _window_starts(is_valid.shape[1], window)
+    return before[:, start + window] - before[:, start] == window

@@ -1,0 +1,1 @@
+"""Errors, texts and files, which everything else may use."""

@@ -1,1 +1,0 @@
-"""Weights of model folders in format version 1, converted when they are read."""

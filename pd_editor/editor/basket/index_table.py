@@ -1,0 +1,116 @@
+"""CSV table of a collection, with one line per scenario."""
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from pd_editor.analysis.findings.finding import FindingKey
+from pd_editor.editor.commands import ReplaceTraffic
+from pd_editor.editor.edit_findings import edit_findings, guidance_in_words
+from pd_editor.editor.recipe import Recipe
+from pd_editor.scene.scenario import Scenario
+
+INDEX_NAME: Final = "index.csv"
+_COLUMNS: Final = (
+    "id",
+    "name",
+    "base_id",
+    "city",
+    "num_edits",
+    "edits",
+    "seed",
+    "generator",
+    "num_problems",
+    "problems",
+    "guidance",
+    "tags",
+    "note",
+)
+_FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndexRow:
+    """Row of the table for one scenario."""
+
+    scenario_id: str
+    base_id: str
+    """Id of the original recording or demo."""
+    city: str
+    edits: tuple[str, ...] = ()
+    """Label of each edit in force."""
+    seeds: tuple[int, ...] = ()
+    generators: tuple[str, ...] = ()
+    problems: Mapping[str, int] = field(default_factory=dict)
+    """Number of problems of each kind that edits caused."""
+    guidance: tuple[str, ...] = ()
+    """What each term of guidance asked and what was achieved."""
+    tags: tuple[str, ...] = ()
+    note: str = ""
+
+    @property
+    def num_problems(self) -> int:
+        """Total number of problems."""
+        return sum(self.problems.values())
+
+
+def index_row(
+    scenario: Scenario,
+    base: Scenario,
+    recipe: Recipe,
+    *,
+    ignored: Collection[FindingKey] = (),
+) -> IndexRow:
+    """Row of a scenario that a recipe makes from ``base``.
+
+    Problems with ``ignored`` keys do not count.
+    """
+    parts = [part for command in recipe.commands for part in command.parts]
+    generated = [one for one in parts if isinstance(one, ReplaceTraffic)]
+    found = edit_findings(scenario, base, recipe.commands).problems
+    counts = Counter(one.kind for one in found if one.key not in ignored)
+    return IndexRow(
+        scenario_id=recipe.result_id,
+        base_id=recipe.base.root.scenario_id,
+        city=scenario.city,
+        edits=tuple(command.label for command in recipe.commands),
+        seeds=tuple(dict.fromkeys(one.seed for one in generated)),
+        generators=tuple(dict.fromkeys(one.generator for one in generated)),
+        problems=dict(sorted(counts.items())),
+        guidance=tuple(guidance_in_words(scenario, recipe.commands)),
+        tags=recipe.variant.tags,
+        note=recipe.variant.note,
+    )
+
+
+def index_csv(rows: Iterable[IndexRow]) -> bytes:
+    """Write the table in UTF-8; cells that a spreadsheet would evaluate are quoted."""
+    sink = io.StringIO(newline="")
+    writer = csv.writer(sink)
+    writer.writerow(_COLUMNS)
+    for row in rows:
+        kinds = "; ".join(f"{kind} {count}" for kind, count in row.problems.items())
+        cells = (
+            row.scenario_id,
+            row.scenario_id,
+            row.base_id,
+            row.city,
+            str(len(row.edits)),
+            "; ".join(row.edits),
+            " ".join(map(str, row.seeds)),
+            " ".join(row.generators),
+            str(row.num_problems),
+            kinds,
+            "; ".join(row.guidance),
+            "; ".join(row.tags),
+            row.note,
+        )
+        writer.writerow([_harmless(cell) for cell in cells])
+    return sink.getvalue().encode("utf-8", "replace")
+
+
+def _harmless(cell: str) -> str:
+    return f"'{cell}" if cell.startswith(_FORMULA_STARTS) else cell

@@ -1,0 +1,145 @@
+"""A small top view of a scenario's current state, as SVG."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from pd_editor.analysis.metrics.road.off_road import drivable_ground
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.oriented_box import box_corners
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.scenario import EGO_ID, Scenario
+
+HALF_WIDTH_M: Final = 54.0
+HALF_HEIGHT_M: Final = 36.0
+LEAST_SIZE_M: Final = 1.6
+"""Least rendered size; smaller agents would be a fraction of a pixel."""
+_SIMPLER_M: Final = 0.3
+_HELD_QUANTILES: Final = (0.01, 0.99)
+_MOST_SCALE: Final = 3.0
+_WIDE_LINE_M: Final = 1.5
+"""Width of trajectories in small pictures of a given frame, per scale."""
+_EVERY_STEPS: Final = 10
+# Colours that differ clearly on light and on dark ground.
+_ROAD: Final = "#8b98a5"
+_FOCAL: Final = "#e06a1b"
+_EGO: Final = "#17a08f"
+_PEDESTRIAN: Final = "#d6337f"
+_OTHER: Final = "#3d7fe6"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureFrame:
+    """The part of a scene that a picture shows: around a point, and so many times as wide."""
+
+    middle_m: tuple[float, float]
+    scale: float = 1.0
+
+    @property
+    def half_size_m(self) -> tuple[float, float]:
+        """Half of its width and height."""
+        return HALF_WIDTH_M * self.scale, HALF_HEIGHT_M * self.scale
+
+    @classmethod
+    def around_agents(
+        cls, shown: Sequence[tuple[Scenario, Sequence[str]]]
+    ) -> "PictureFrame":
+        """A frame that holds nearly all of some agents of each scenario, at t = 0."""
+        scenario, _ = shown[0]
+        now, places = scenario.current_step, [_middle(scenario)[None]]
+        for one, agent_ids in shown:
+            rows = one.agents.rows(agent_ids)
+            places.append(
+                one.agents.position_m[rows[one.agents.is_valid[rows, now]], now]
+            )
+        low, high = np.quantile(np.concatenate(places), _HELD_QUANTILES, axis=0)
+        wanted = (high - low) / 2 / [HALF_WIDTH_M, HALF_HEIGHT_M]
+        scale = float(np.clip(wanted.max() * 1.1, 1.0, _MOST_SCALE))
+        x, y = ((low + high) / 2).tolist()
+        return cls(middle_m=(x, y), scale=scale)
+
+
+def thumbnail(scenario: Scenario, frame: PictureFrame | None = None) -> str:
+    """Render drivable area, agents and their trajectories, north up, as SVG.
+
+    ``frame`` None: around the focal agent.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    there = np.flatnonzero(agents.is_valid[:, now])
+    line_m = 1.0 if frame is None else _WIDE_LINE_M * frame.scale
+    if frame is None:
+        x, y = _middle(scenario).tolist()
+        frame = PictureFrame(middle_m=(x, y))
+    middle, (half_width, half_height) = np.array(frame.middle_m), frame.half_size_m
+    parts = [
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="'
+        f"{-half_width:g} {-half_height:g} {2 * half_width:g} "
+        f'{2 * half_height:g}">',
+        f'<path fill="{_ROAD}" fill-opacity="0.45" fill-rule="evenodd" '
+        f'd="{ground_path(scenario.road_map, frame)}"/>',
+    ]
+    size = np.maximum(agents.size_m[there], LEAST_SIZE_M * frame.scale)
+    position = agents.position_m[there, now]
+    corners = box_corners(position, agents.heading_rad[there, now], size)
+    near = (np.abs(position - middle) < [half_width, half_height]).all(axis=-1)
+    for row, box in zip(there[near].tolist(), corners[near], strict=True):
+        color = _color(scenario, row)
+        ahead = np.flatnonzero(agents.is_valid[row, now:])[::_EVERY_STEPS] + now
+        way = _points(agents.position_m[row, ahead] - middle)
+        parts.append(
+            f'<polyline fill="none" stroke="{color}" stroke-opacity="0.6" '
+            f'stroke-width="{line_m:.2g}" points="{way}"/><polygon fill="{color}" points="{_points(box - middle)}"/>'
+        )
+    return "".join([*parts, "</svg>"])
+
+
+def _middle(scenario: Scenario) -> Float[np.ndarray, "2"]:
+    agents, now = scenario.agents, scenario.current_step
+    there = agents.is_valid[:, now]
+    focal = agents.row_of.get(scenario.focal_id)
+    if focal is not None and there[focal]:
+        return agents.position_m[focal, now]
+    if there.any():
+        return np.median(agents.position_m[there, now], axis=0)
+    ground = drivable_ground(scenario.road_map)
+    if shapely.is_empty(ground):
+        return np.zeros(2)
+    return shapely.get_coordinates(shapely.centroid(ground))[0]
+
+
+def _color(scenario: Scenario, row: int) -> str:
+    agents = scenario.agents
+    if agents.ids[row] == scenario.focal_id:
+        return _FOCAL
+    if agents.ids[row] == EGO_ID:
+        return _EGO
+    return _PEDESTRIAN if agents.kinds[row] is AgentKind.PEDESTRIAN else _OTHER
+
+
+@lru_cache(maxsize=16)
+def ground_path(road_map: RoadMap, frame: PictureFrame) -> str:
+    """Outline of the drivable area in a frame, in metres from its middle with y down."""
+    (x, y), (half_width, half_height) = frame.middle_m, frame.half_size_m
+    window = shapely.box(
+        x - half_width, y - half_height, x + half_width, y + half_height
+    )
+    ground = shapely.intersection(drivable_ground(road_map), window)
+    rings = [
+        ring
+        for part in shapely.get_parts(shapely.simplify(ground, _SIMPLER_M))
+        if isinstance(part, shapely.Polygon)
+        for ring in (part.exterior, *part.interiors)
+    ]
+    return "".join(
+        f"M{_points(shapely.get_coordinates(ring) - [x, y])}Z" for ring in rings
+    )
+
+
+def _points(offset_m: Float[np.ndarray, "N 2"]) -> str:
+    """Points of the SVG, in decimetres with y down."""
+    return " ".join(f"{x:.1f},{-y:.1f}" for x, y in offset_m.tolist())

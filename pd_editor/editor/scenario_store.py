@@ -1,0 +1,269 @@
+"""Opens scenarios by name or folder, and writes them with their recipes."""
+
+import dataclasses
+import logging
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.base.errors import ExportError, InputError, PdEditorError, RecipeError
+from pd_editor.base.installed_files import DEMO_PREFIX, demo_folder, demo_names
+from pd_editor.base.regular_file import check_path, read_regular
+from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
+from pd_editor.scene.av2_io.file_names import map_name, tracks_name
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.av2_io.upload import (
+    MAX_UPLOAD_BYTES,
+    file_in_upload,
+    scenario_from_upload,
+)
+from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.base_reference import BaseReference, TimeCut
+from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
+from pd_editor.scene.roles.focal_agent import with_focal_category
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import cut_scenario
+
+MAX_LABELS: Final = 8
+"""Number of edits that a note names; further ones are counted."""
+SAME_M: Final = 0.02
+"""Tolerance of equal positions: map files are rounded to centimetres."""
+_LOG: Final = logging.getLogger(__name__)
+
+
+def open_scenario(
+    reference: str | Path,
+    *,
+    current_s: float | None = None,
+    until_s: float | None = None,
+) -> Scenario:
+    """Open a demo, an Argoverse 2 scenario folder, or a zip of one.
+
+    Args:
+        reference: name or path.
+        current_s: seconds of the recording that count as observed; the last of their
+            steps becomes the current one. None: as the file has it.
+        until_s: seconds after the current step that are kept; None keeps all.
+
+    Raises:
+        InputError: there is no such demo or folder, or it cannot be read.
+    """
+    opened = _opened(reference)
+    cut = TimeCut(current_s=current_s, until_s=until_s)
+    return opened if cut == TimeCut() else cut_scenario(opened, cut)
+
+
+def open_base(base: BaseReference, source: str | Path = "") -> Scenario:
+    """Open the base of a recipe, from another place if one is given.
+
+    Raises:
+        InputError: it is not there, or cannot be read.
+    """
+    cut = base.cut or TimeCut()
+    return open_scenario(
+        source or base.source, current_s=cut.current_s, until_s=cut.until_s
+    )
+
+
+def _opened(reference: str | Path) -> Scenario:
+    text = str(reference)
+    check_path(text)
+    name = text.removeprefix(DEMO_PREFIX)
+    if name in demo_names() and not os.path.isdir(text):
+        scenario = read_scenario(demo_folder(name))
+        provenance = dataclasses.replace(
+            scenario.provenance, source=f"{DEMO_PREFIX}{name}"
+        )
+        return dataclasses.replace(scenario, provenance=provenance)
+    # os.path, unlike pathlib, does not raise for an unknown ~user or forbidden parent.
+    folder = os.path.expanduser(text)
+    if os.path.isfile(folder) and folder.lower().endswith(".zip"):
+        return _open_zip(Path(folder))
+    if not os.path.isdir(folder):
+        raise _no_scenario(text, folder)
+    scenario = read_scenario(Path(folder))
+    recipe = recipe_of_export(Path(folder))
+    return scenario if recipe is None else made_by(scenario, recipe)
+
+
+def _open_zip(path: Path) -> Scenario:
+    scenario, recipe = scenario_and_recipe(
+        {path.name: read_regular(path, max_bytes=MAX_UPLOAD_BYTES)}
+    )
+    source = dataclasses.replace(scenario.provenance, source=os.path.realpath(path))
+    scenario = dataclasses.replace(scenario, provenance=source)
+    return scenario if recipe is None else made_by(scenario, recipe)
+
+
+def _no_scenario(text: str, path: str) -> InputError:
+    """The error of a reference, which says what is there instead."""
+    if not os.path.isfile(path):
+        return InputError(
+            f"{text}: is neither a scenario folder nor a demo "
+            f"({', '.join(demo_names())})."
+        )
+    if path.endswith(".json"):
+        return InputError(
+            f"{text}: is a file; recipes are replayed by pd-editor replay, and scenarios"
+            " are opened by their folder."
+        )
+    return InputError(
+        f"{text}: is a file; expected the folder that holds scenario_<id>.parquet and"
+        " log_map_archive_<id>.json, or a zip of it."
+    )
+
+
+def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | None]:
+    """Scenario in uploaded files or a zip, and its recipe if one is there.
+
+    Raises:
+        InputError: the files cannot be read.
+    """
+    scenario = scenario_from_upload(files)
+    content = file_in_upload(files, RECIPE_NAME, MAX_RECIPE_BYTES)
+    try:
+        return scenario, None if content is None else Recipe.from_text(content)
+    except RecipeError as error:
+        _LOG.info("The recipe is passed over: %s", error)
+        return scenario, None
+
+
+def recipe_of_export(folder: Path) -> Recipe | None:
+    """Recipe of a folder that the editor wrote; None for other folders."""
+    path = folder / RECIPE_NAME
+    if not os.path.isfile(path):
+        return None
+    try:
+        return Recipe.from_text(
+            read_regular(path, max_bytes=MAX_RECIPE_BYTES, error=RecipeError)
+        )
+    except PdEditorError as error:
+        _LOG.info("%s is passed over: %s", path, error)
+        return None
+
+
+def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
+    """Add provenance from its recipe to an opened export.
+
+    A recipe of another scenario is ignored.
+    """
+    if recipe.result_id != scenario.scenario_id or not recipe.commands:
+        return scenario
+    scenario = scenario.as_referred_to(recipe.base)
+    root = recipe.base.root
+    labels = "; ".join(command.label for command in recipe.commands[:MAX_LABELS])
+    more = len(recipe.commands) - MAX_LABELS
+    note = f"Exported from {root.scenario_id} with these edits: {labels}" + (
+        f"; and {more} more." if more > 0 else "."
+    )
+    provenance = dataclasses.replace(
+        scenario.provenance,
+        notes=(*scenario.provenance.notes, *recipe.notes, note),
+        base=recipe.base,
+        is_bent=recipe.is_bent,
+        edited_ids=recipe.edited_ids,
+        caused_findings=None
+        if recipe.caused_findings is None
+        else frozenset(recipe.caused_findings),
+    )
+    return dataclasses.replace(scenario, provenance=provenance)
+
+
+def has_same_content(one: Scenario, other: Scenario) -> bool:
+    """Whether two scenarios are equal apart from rounding and their ids."""
+    mine, theirs = one.agents, other.agents
+    if (mine.ids, mine.kinds, one.focal_id) != (
+        theirs.ids,
+        theirs.kinds,
+        other.focal_id,
+    ) or not np.array_equal(mine.is_valid, theirs.is_valid):
+        return False
+    shift = one.origin_city_m - other.origin_city_m
+    gap = np.where(mine.is_valid[..., None], mine.position_m + shift, 0.0)
+    gap -= np.where(theirs.is_valid[..., None], theirs.position_m, 0.0)
+    lines = one.road_map.polylines, other.road_map.polylines
+    if [line.shape for line in lines[0]] != [line.shape for line in lines[1]]:
+        return False
+    road = np.concatenate(lines[0])[:, :2] + shift - np.concatenate(lines[1])[:, :2]
+    return bool(max(np.abs(gap).max(initial=0.0), np.abs(road).max()) < SAME_M)
+
+
+def exported_files(
+    scenario: Scenario, recipe: Recipe, base: Scenario | None = None
+) -> dict[str, bytes]:
+    """Files of an Argoverse 2 folder for a scenario, with its recipe.
+
+    The scenario's id is that of the recipe's variant. With its base, the recipe tells
+    which findings edits caused, for who opens the files again.
+
+    Raises:
+        ExportError: the scenario cannot be written, for example without a focal agent.
+    """
+    agents, focal_id = scenario.agents, scenario.focal_id
+    row = agents.row_of.get(focal_id)
+    if len(agents) and (row is None or not agents.is_valid[row].any()):
+        raise ExportError(
+            f"Scenario {scenario.scenario_id} has no focal agent ({focal_id or 'none'} is"
+            " not there); make an agent the focal one first (on the shell: --focal ID)."
+        )
+    if base is not None:
+        recipe = recipe.judged(scenario, base)
+    scenario = dataclasses.replace(
+        scenario,
+        agents=with_focal_category(agents, focal_id),
+        scenario_id=recipe.result_id,
+    )
+    return {**scenario_files(scenario), RECIPE_NAME: recipe.to_text().encode()}
+
+
+def check_free(
+    out: str | Path, name: str, scenario: Scenario, *, overwrite: bool = False
+) -> None:
+    """Raise if ``export_into`` could not write ``out/name``, before the work is done.
+
+    Raises:
+        ExportError: the folder is not empty, or is the one that was read.
+    """
+    files = tracks_name(name), map_name(name)
+    check_place(
+        Path(out) / name,
+        (*files, RECIPE_NAME),
+        forbidden=_input_folder(scenario),
+        overwrite=overwrite,
+    )
+
+
+def export_into(
+    out: str | Path,
+    scenario: Scenario,
+    recipe: Recipe,
+    *,
+    base: Scenario | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write ``out/<id of the result>``; the input is never overwritten.
+
+    Raises:
+        ExportError: the folder cannot be written, or holds something else.
+    """
+    folder = Path(out) / recipe.result_id
+    write_files(
+        exported_files(scenario, recipe, base),
+        folder,
+        forbidden=_input_folder(scenario),
+        overwrite=overwrite,
+    )
+    return folder
+
+
+def _input_folder(scenario: Scenario) -> Path | None:
+    """Folder that a scenario was read from; None if it was uploaded."""
+    source = scenario.provenance.source
+    if not source:
+        return None
+    if source.startswith(DEMO_PREFIX):
+        return demo_folder(source.removeprefix(DEMO_PREFIX))
+    return Path(source)

@@ -1,0 +1,1 @@
+"""Trainings, evaluations, studies and simulated traffic, on one or many machines."""

@@ -1,0 +1,70 @@
+"""Attention scores of trained systems on recorded scenes, for Table I."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.base.errors import PdEditorError
+from pd_editor.experiments.evaluation.paper.paper_tables import AttentionScores
+from pd_editor.experiments.evaluation.paper.systems import (
+    STATES,
+    Trained,
+    in_table_order,
+)
+from pd_editor.scene.av2_io.read import read_scenario
+
+LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
+MAX_SCENES: Final = 12
+
+
+def attention_scores(
+    trained: Sequence[Trained], folders: Mapping[str, Path], scenes: Sequence[Path]
+) -> tuple[AttentionScores, ...]:
+    """Variances of attention scores of each system with an own first stage.
+
+    ``folders`` are of models by their names as methods; of ``scenes`` the first few are
+    used.
+    """
+    from pd_editor.model.checkpoints.model_folder import load_model
+    from pd_editor.model.initial_state.network.attention_probe import (
+        attention_variance,
+    )
+    from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
+    from pd_editor.model.initial_state.pipeline import recorded_states
+    from pd_editor.model.stages import STAGE_KINDS
+
+    batches = []
+    for folder in scenes[:MAX_SCENES]:
+        try:
+            batches.append(recorded_states(read_scenario(folder)))
+        except PdEditorError:
+            continue
+    if not batches:
+        return ()
+    found: dict[str, list[tuple[np.ndarray, np.ndarray, bool]]] = {}
+    for one in trained:
+        if STATES not in one.stages:
+            continue
+        model = load_model(folders[one.method], STAGE_KINDS).stage(STATES).model
+        assert isinstance(model, InitialStateDenoiser)
+        scores = attention_variance(model, batches, LEVELS)
+        found.setdefault(one.system, []).append(
+            (
+                np.array([score.over_map for score in scores]),
+                np.array([score.over_agents for score in scores]),
+                model.config.is_differential,
+            )
+        )
+    return tuple(
+        AttentionScores(
+            system=system,
+            over_map=tuple(np.mean([one[0] for one in found[system]], axis=0).tolist()),
+            over_agents=tuple(
+                np.mean([one[1] for one in found[system]], axis=0).tolist()
+            ),
+            is_differential=found[system][0][2],
+        )
+        for system in in_table_order(found)
+    )

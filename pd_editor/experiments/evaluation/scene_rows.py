@@ -1,0 +1,241 @@
+"""Evaluation of one scene under one road condition: rows of metrics, and failures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Bool
+
+from pd_editor.analysis.metrics.metric_table import METRICS
+from pd_editor.analysis.metrics.road.off_lane import OFF_LANE_M, nearest_edge
+from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
+from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
+from pd_editor.analysis.metrics.values import MetricValues
+from pd_editor.base.errors import PdEditorError
+from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
+from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
+from pd_editor.experiments.evaluation.road_condition import RoadCondition
+from pd_editor.experiments.work_engine.time_limit import time_limit
+from pd_editor.scene.agent_kind import GROUP_KINDS
+from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.generation import GenerationRequest
+from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.scene.time_cut import without_late_future
+
+LISTS: Final = ("local_density", "surroundings")
+"""Metrics with several values for each agent."""
+PER_STEP: Final = (
+    "longitudinal_acceleration",
+    "lateral_acceleration",
+    "jerk",
+    "yaw_rate",
+)
+"""Metrics per step, which are left out of the rows because of their size."""
+METRIC_COLUMNS: Final = tuple(
+    name for name in METRICS if name not in PER_STEP and name not in LISTS
+)
+_Columns = dict[str, np.ndarray]
+KEY_FIELDS: Final = (
+    ("scenario_id", pa.string()),
+    ("city", pa.string()),
+    ("split", pa.string()),
+    ("method", pa.string()),
+    ("warp", pa.string()),
+    ("power", pa.float64()),
+    ("seed", pa.int64()),
+    ("sample", pa.int32()),
+    ("agent_id", pa.string()),
+    ("kind", pa.string()),
+    ("group", pa.string()),
+    ("under_way", pa.bool_()),
+    ("on_lane", pa.bool_()),
+    ("recorded", pa.float32()),
+)
+"""Columns that identify a row. ``sample`` is null in rows about all samples of an agent.
+``under_way`` (not standing at the current step), ``on_lane`` (within 4 m of a centre line
+then) and ``recorded`` (share of later steps) are those of the log where states are
+recorded, and those of the sample where states are sampled."""
+ROW_SCHEMA: Final = pa.schema(
+    [
+        *KEY_FIELDS,
+        *((name, pa.float32()) for name in METRIC_COLUMNS),
+        *((name, pa.list_(pa.float32())) for name in LISTS),
+    ]
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneItem:
+    """Work item: one scene under one road condition, for all methods."""
+
+    folder: Path
+    split: str
+    """Name of the scene's split."""
+    condition: RoadCondition
+    methods: tuple[Method, ...]
+    num_samples: int
+    seed: int
+    task: EvaluationTask = DRIVING
+    limit_s: float | None = None
+    """Time that each method may take; None: as long as it takes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneRows:
+    """Result of an item."""
+
+    table: pa.Table
+    """One row per method, sample and agent; null where a metric is not valid."""
+    failures: Mapping[str, str] = field(default_factory=dict)
+    """Reason of each method without rows."""
+    has_future: bool = True
+    model_sha256: Mapping[str, str] = field(default_factory=dict)
+
+
+def evaluate_scene(item: SceneItem) -> SceneRows:
+    """Evaluate every method on a scene.
+
+    Raises:
+        InputError: the scenario cannot be read.
+        EditError: it has no focal agent ahead of which the road is warped.
+        GenerationError: it has no road user at its current step.
+    """
+    recorded = without_late_future(read_scenario(item.folder))
+    later = recorded.agents.is_valid[:, recorded.current_step + 1 :]
+    if not later.any():
+        return SceneRows(table=ROW_SCHEMA.empty_table(), has_future=False)
+    request = item.task.request(
+        recorded,
+        item.condition.applied_to(recorded),
+        num_samples=item.num_samples,
+        seed=item.seed,
+    )
+    log = None
+    if not item.task.samples_states:
+        log = _columns_of(recorded_traffic(request.scenario, request.agent_ids))
+    tables, failures, hashes = [ROW_SCHEMA.empty_table()], {}, {}
+    for method in item.methods:
+        try:
+            with time_limit(item.limit_s):
+                traffic = method.traffic(request)
+        except PdEditorError as error:
+            failures[method.name] = str(error)
+        except Exception as error:  # noqa: BLE001  (generators may raise any error)
+            failures[method.name] = f"{type(error).__name__}: {error}"
+        else:
+            tables += _method_tables(item, request, log, method, traffic)
+            hashes[method.name] = traffic.model_sha256
+    return SceneRows(
+        table=pa.concat_tables(tables), failures=failures, model_sha256=hashes
+    )
+
+
+def is_on_its_way(view: TrafficView) -> Bool[np.ndarray, "A"]:
+    """Which agents move at the current step and are within 4 m of a centre line then."""
+    return _is_under_way(view) & _is_on_lane(view)
+
+
+def _is_under_way(view: TrafficView) -> Bool[np.ndarray, "A"]:
+    return np.hypot(*view.agents.velocity_mps[:, 0].T) >= STANDING_MPS
+
+
+def _is_on_lane(view: TrafficView) -> Bool[np.ndarray, "A"]:
+    edge, _ = nearest_edge(view)
+    return edge.is_valid & (edge.value <= OFF_LANE_M)
+
+
+def _columns_of(view: TrafficView) -> _Columns:
+    """Columns of agents: whether they drive, are on a lane, and how long recorded."""
+    return {
+        "under_way": _is_under_way(view),
+        "on_lane": _is_on_lane(view),
+        "recorded": view.agents.is_valid[:, 1:].mean(axis=1).astype(np.float32),
+    }
+
+
+def _method_tables(
+    item: SceneItem,
+    request: GenerationRequest,
+    log: _Columns | None,
+    method: Method,
+    traffic: EvaluatedTraffic,
+) -> list[pa.Table]:
+    """One table for each sample, and one for all samples together.
+
+    Where states are sampled, agents differ between samples: there are no metrics of all
+    samples together, nor errors against the log.
+    """
+    views = list(traffic.samples)
+    values: list[tuple[int | None, _Columns, Mapping[str, MetricValues]]]
+    if log is None:
+        views = [_without_log(view) for view in views]
+        values = [
+            (number, _columns_of(view), agent_values(view))
+            for number, view in enumerate(views)
+        ]
+    else:
+        values = [
+            (number, log, agent_values(view)) for number, view in enumerate(views)
+        ]
+        values.append((None, log, sample_values(views)))
+    agents = views[0].agents
+    fixed = {
+        # Names of folders are unique within a split; ids need not be.
+        "scenario_id": item.folder.name,
+        "city": request.scenario.city,
+        "split": item.split,
+        "method": method.name,
+        "warp": item.condition.kind,
+        "power": item.condition.power,
+        "seed": request.seed,
+    }
+    return [
+        _table({**fixed, "sample": sample}, agents, columns, metrics)
+        for sample, columns, metrics in values
+    ]
+
+
+def _without_log(view: TrafficView) -> TrafficView:
+    nowhere = np.zeros_like(view.logged.is_valid)
+    return replace(view, logged=replace(view.logged, is_valid=nowhere))
+
+
+def _table(
+    fixed: Mapping[str, str | float | None],
+    agents: AgentStates,
+    about: Mapping[str, np.ndarray],
+    metrics: Mapping[str, MetricValues],
+) -> pa.Table:
+    count, groups = len(agents), list(GROUP_KINDS)
+    each = {
+        "agent_id": list(agents.ids),
+        "kind": [kind.value for kind in agents.kinds],
+        "group": [groups[row] if row >= 0 else None for row in agents.group.tolist()],
+        **about,
+    }
+    columns = []
+    for one in ROW_SCHEMA:
+        if one.name in fixed:
+            columns.append(pa.repeat(pa.scalar(fixed[one.name], one.type), count))
+        elif one.name in each:
+            columns.append(pa.array(each[one.name], one.type))
+        elif one.name not in metrics:
+            columns.append(pa.nulls(count, one.type))
+        else:
+            columns.append(_column(metrics[one.name], one.type))
+    return pa.Table.from_arrays(columns, schema=ROW_SCHEMA)
+
+
+def _column(values: MetricValues, kind: pa.DataType) -> pa.Array:
+    if values.value.ndim == 1:
+        numbers = values.value.astype(np.float32)
+        return pa.array(numbers, kind, mask=~values.is_valid)
+    lists: Sequence[Sequence[float]] = [
+        row[is_valid].tolist()
+        for row, is_valid in zip(values.value, values.is_valid, strict=True)
+    ]
+    return pa.array(lists, kind)

@@ -1,0 +1,245 @@
+"""Extracts clips of a recording as scenarios in Argoverse 2's form.
+
+Clips follow statistics of 35 scenarios of Argoverse 2's train split:
+
+- focal, scored and unscored tracks, and the ego ``AV``, have all 110 steps; every other
+  track is a fragment of at least 10 steps without a gap;
+- the map has the lanes within 35 m (31..37 m) of the paths of focal, scored and ego;
+- half of the tracks are within 40 m of the ego, nine of ten within 86 m.
+"""
+
+import uuid
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from pd_editor.experiments.recordings.map_crop import cropped_map
+from pd_editor.experiments.recordings.recording import Recording, Window
+from pd_editor.experiments.recordings.tracking_noise import TrackingNoise, noisy, seen
+from pd_editor.scene.activity import true_activity
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
+from pd_editor.scene.time_axis import TimeAxis
+
+SIDE_M: Final = 200.0
+"""Side of the square around the window's centre whose agents are in a scenario."""
+PAST_STEPS: Final = TimeAxis().current_step
+FUTURE_STEPS: Final = TimeAxis().num_future_steps
+MIN_TRACK_STEPS: Final = 10
+MEAN_NUM_SCORED: Final = 2.6
+_NEAR_M: Final = 14.0
+"""Distance from the focal agent over which the chance to be ego or scored falls by e."""
+_PATH_STRIDE: Final = 5
+_ID_SPACE: Final = uuid.UUID("6f1c1a52-31f3-5c0e-9f2d-3a0c54f1b7d6")
+_EPOCH_NS: Final = 315_964_800_000_000_000
+"""Typical start timestamp of Argoverse 2's recordings."""
+_NOTE: Final = "Synthetic traffic, simulated with SUMO."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Roles:
+    """Rows of the agents of a window with a role; -1 if there is none."""
+
+    focal: int
+    ego: int
+    scored: Int[np.ndarray, "S"]
+
+    @property
+    def main(self) -> Int[np.ndarray, "M"]:
+        """Rows of focal, ego and scored agents."""
+        rows = np.array([self.focal, self.ego, *self.scored], int)
+        return rows[rows >= 0]
+
+    @property
+    def observer(self) -> int:
+        """Row of the agent whose tracker observes the others."""
+        return self.ego if self.ego >= 0 else self.focal
+
+
+def cut_scenario(
+    recording: Recording,
+    window: Window,
+    *,
+    side_m: float = SIDE_M,
+    noise: TrackingNoise | None = None,
+) -> Scenario:
+    """Extract the scenario of a window, in the recording's frame.
+
+    Agents in the square of side ``side_m`` at the current step have complete tracks;
+    others exist only while they are in the square. With ``noise``, tracks also begin
+    and end as a tracker's do, and states are noisy. Equal arguments give equal
+    scenarios.
+    """
+    num_steps = PAST_STEPS + 1 + FUTURE_STEPS
+    first = window.current_step - PAST_STEPS
+    assert first >= 0
+    assert first + num_steps <= recording.num_steps
+    rows, tracks = _gathered(recording, window, first, num_steps, side_m)
+    random = np.random.default_rng(window.seed)
+    roles = _roles(recording, window, rows, tracks, PAST_STEPS, random)
+    paths = tracks.position_m[roles.main][:, ::_PATH_STRIDE]
+    road_map = cropped_map(recording.road_map, paths)
+    is_valid = tracks.is_valid
+    if noise is not None:
+        is_valid = seen(
+            tracks, roles.observer, roles.main, noise, random, recording.step_s
+        )
+    tracks = _finished(tracks, roles, is_valid, PAST_STEPS)
+    if noise is not None:
+        tracks = noisy(tracks, noise, random, recording.step_s)
+    name = f"{recording.name}/{window.current_step}/{window.focal_id}/{window.seed}"
+    return Scenario(
+        scenario_id=str(uuid.uuid5(_ID_SPACE, name)),
+        city=recording.city,
+        origin_city_m=recording.origin_city_m,
+        road_map=road_map,
+        agents=tracks,
+        time_axis=_time_axis(recording, first, num_steps),
+        focal_id=window.focal_id,
+        provenance=Provenance(notes=(_NOTE,)),
+    )
+
+
+def has_focal_agent(recording: Recording, window: Window) -> bool:
+    """Whether the window's focal agent is in the square and exists at all steps."""
+    if window.focal_id not in recording.ids:
+        return False
+    row = recording.ids.index(window.focal_id)
+    start, end = recording.first_row[row : row + 2]
+    at = window.current_step - int(recording.first_step[row])
+    if at < PAST_STEPS or at + FUTURE_STEPS >= end - start:
+        return False
+    away = np.abs(recording.position_m[start + at] - np.array(window.center_m))
+    return bool(away.max() <= SIDE_M / 2)
+
+
+def _time_axis(recording: Recording, first: int, num_steps: int) -> TimeAxis:
+    step_ns = recording.step_s * 1e9
+    start = _EPOCH_NS + round(first * step_ns)
+    return TimeAxis(
+        num_steps=num_steps,
+        current_step=PAST_STEPS,
+        step_s=recording.step_s,
+        start_timestamp_ns=float(start),
+        end_timestamp_ns=float(start + round((num_steps - 1) * step_ns)),
+    )
+
+
+def _gathered(
+    recording: Recording, window: Window, first: int, num_steps: int, side_m: float
+) -> tuple[Int[np.ndarray, "A"], AgentTracks]:
+    """Rows in the recording, and tracks, of the agents that enter the square."""
+    counts = np.diff(recording.first_row)
+    ends = recording.first_step + counts
+    common = np.minimum(ends, first + num_steps) - np.maximum(
+        recording.first_step, first
+    )
+    low, high = np.array(window.center_m) + side_m / 2 * np.array([[-1], [1]])
+    least, greatest = recording.extent_m
+    comes = ((least <= high) & (greatest >= low)).all(axis=1)
+    there = np.flatnonzero(comes & (common >= MIN_TRACK_STEPS))
+    steps = first + np.arange(num_steps) - recording.first_step[there, None]
+    is_valid = (steps >= 0) & (steps < counts[there, None])
+    row = recording.first_row[there, None] + np.clip(steps, 0, counts[there, None] - 1)
+    position = recording.position_m[row]
+    is_in_square = (position >= low) & (position <= high)
+    is_inside = is_valid & is_in_square[..., 0] & is_in_square[..., 1]
+    current = window.current_step - first
+    is_valid &= is_inside[:, current, None] | is_inside
+    stays = np.flatnonzero(is_valid.sum(axis=1) >= MIN_TRACK_STEPS)
+    row, is_valid, there = row[stays], is_valid[stays], there[stays]
+    position = position[stays]
+    speed = np.hypot(*recording.velocity_mps[row[:, current]].T)
+    ids = tuple(recording.ids[one] for one in there)
+    kinds = tuple(recording.kinds[one] for one in there)
+    return there, AgentTracks(
+        ids=ids,
+        kinds=kinds,
+        categories=(AgentCategory.FRAGMENT,) * len(there),
+        size_m=recording.size_m[there],
+        has_known_size=np.ones(len(there), bool),
+        position_m=np.where(is_valid[..., None], position, 0.0),
+        heading_rad=np.where(is_valid, recording.heading_rad[row], 0.0),
+        velocity_mps=np.where(is_valid[..., None], recording.velocity_mps[row], 0.0),
+        is_valid=is_valid,
+        observed=is_valid & (np.arange(num_steps) <= current),
+        activity=true_activity(recording.is_parked[there], speed).astype(np.int8),
+    )
+
+
+def runs_of(
+    is_valid: Bool[np.ndarray, "A T"],
+) -> tuple[Int[np.ndarray, "R"], Bool[np.ndarray, "R T"]]:
+    """Row and steps of each run of true values of at least ``MIN_TRACK_STEPS``."""
+    padded = np.pad(is_valid, ((0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(padded, axis=1)
+    rows, begins = np.nonzero(change == 1)
+    ends = np.nonzero(change == -1)[1]
+    is_long = ends - begins >= MIN_TRACK_STEPS
+    rows, begins, ends = rows[is_long], begins[is_long], ends[is_long]
+    steps = np.arange(is_valid.shape[1])
+    return rows, (steps >= begins[:, None]) & (steps < ends[:, None])
+
+
+def _roles(
+    recording: Recording,
+    window: Window,
+    rows: Int[np.ndarray, "A"],
+    tracks: AgentTracks,
+    current: int,
+    random: np.random.Generator,
+) -> _Roles:
+    """Choose the focal agent, an ego near it, and a few scored agents."""
+    focal = tracks.row_of[window.focal_id]
+    assert tracks.is_valid[focal].all(), "the focal agent must be there all the time"
+    is_free = tracks.is_valid.all(axis=1) & ~recording.is_parked[rows]
+    is_free[focal] = False
+    gap = np.linalg.norm(
+        tracks.position_m[:, current] - tracks.position_m[focal, current], axis=-1
+    )
+    # Weighted sampling without replacement: one random key per agent, smallest first.
+    wait = random.exponential(size=len(tracks)) * np.exp(gap / _NEAR_M)
+    cars = np.flatnonzero(is_free & tracks.kind_mask({AgentKind.VEHICLE}))
+    ego = int(cars[wait[cars].argmin()]) if len(cars) else -1
+    if len(cars):
+        is_free[ego] = False
+    others = np.flatnonzero(is_free & tracks.kind_mask(ROAD_USER_KINDS) & (gap < 100))
+    num = random.geometric(1 / (1 + MEAN_NUM_SCORED)) - 1
+    return _Roles(focal=focal, ego=ego, scored=others[np.argsort(wait[others])][:num])
+
+
+def _finished(
+    tracks: AgentTracks, roles: _Roles, is_valid: Bool[np.ndarray, "A T"], current: int
+) -> AgentTracks:
+    """Tracks of all runs of valid steps, with categories and the ego's id."""
+    categories = np.full(len(tracks), AgentCategory.UNSCORED)
+    categories[roles.scored] = AgentCategory.SCORED
+    categories[roles.focal] = AgentCategory.FOCAL
+    names = list(tracks.ids)
+    if roles.ego >= 0:
+        names[roles.ego] = EGO_ID
+    rows, is_valid = runs_of(is_valid)
+    is_full = is_valid.all(axis=1)
+    categories = np.where(is_full, categories[rows], AgentCategory.FRAGMENT)
+    # An agent that is observed again gets a new id, as from a tracker.
+    again = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    ids = [
+        f"{names[row]}-{1 + number}" if number else names[row]
+        for row, number in zip(rows.tolist(), again.tolist(), strict=True)
+    ]
+    return AgentTracks(
+        ids=tuple(ids),
+        kinds=tuple(tracks.kinds[row] for row in rows),
+        categories=tuple(AgentCategory(int(value)) for value in categories),
+        size_m=tracks.size_m[rows],
+        has_known_size=tracks.has_known_size[rows],
+        position_m=np.where(is_valid[..., None], tracks.position_m[rows], 0.0),
+        heading_rad=np.where(is_valid, tracks.heading_rad[rows], 0.0),
+        velocity_mps=np.where(is_valid[..., None], tracks.velocity_mps[rows], 0.0),
+        is_valid=is_valid,
+        observed=is_valid & (np.arange(tracks.num_steps) <= current),
+        activity=tracks.activity[rows],
+    )

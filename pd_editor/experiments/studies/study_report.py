@@ -1,0 +1,326 @@
+"""Report of a study: severity curves, tables, worst cases and their gallery."""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from pd_editor.base.errors import PdEditorError
+from pd_editor.experiments.evaluation.report.figures import COLORS, FIGURE_STYLE, Figure
+from pd_editor.experiments.evaluation.report.sections import (
+    FIGURES_TITLE,
+    Report,
+    Section,
+)
+from pd_editor.experiments.evaluation.report.tables import (
+    ReportTable,
+    cell,
+    named,
+    unit_of,
+)
+from pd_editor.experiments.studies.avoidable_danger import AvoidableDanger
+from pd_editor.experiments.studies.gallery import GalleryEntry
+from pd_editor.experiments.studies.severity import SeverityCurve, road_title
+from pd_editor.experiments.studies.study_folder import StudyRecord
+from pd_editor.experiments.studies.study_plan import StudyPlan
+from pd_editor.experiments.studies.worst_case import SearchSettings, WorstCase
+
+SHOWN: Final = (
+    ("off_drivable_steps", "SOR, %"),
+    ("off_drivable", "HOR, %"),
+    ("lateral_deviation_mean", "lateral deviation, m"),
+    ("new_overlap", "collisions after t = 0, %"),
+    ("min_ade", "minADE, m"),
+)
+"""Metrics of the severity curves."""
+_LISTED: Final = 30
+"""Number of failed variants listed; further ones are counted."""
+_TICKS: Final = (-9, -6, -3, 0, 3, 6, 9)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StudyFindings:
+    """Results of a study."""
+
+    curves: Sequence[SeverityCurve]
+    grid: Sequence[WorstCase] = ()
+    search: Sequence[WorstCase] = ()
+    settings: SearchSettings = field(default_factory=SearchSettings)
+    gallery: Sequence[GalleryEntry] = ()
+    dangers: Sequence[GalleryEntry] = ()
+    failures: Mapping[str, PdEditorError] = field(default_factory=dict)
+    """Errors of searches and exports by what failed."""
+
+
+def study_report(
+    plan: StudyPlan,
+    record: StudyRecord,
+    findings: StudyFindings,
+    num_scenes: int,
+    command: str,
+) -> Report:
+    """Assemble the report."""
+    return Report(
+        title="Perturbation study",
+        sections=(
+            Section(
+                title="What was done",
+                paragraphs=_words(plan, record, findings, num_scenes),
+            ),
+            Section(title=FIGURES_TITLE, paragraphs=("Severity curves.",)),
+            Section(
+                title="By power",
+                tables=tuple(_curve_table(curve) for curve in findings.curves),
+            ),
+            *_worst_sections(findings),
+            Section(title="Dangerous but avoidable", tables=tuple(_dangers(findings))),
+            Section(title="What failed", tables=tuple(_failures(record, findings))),
+            Section(title="How to repeat it", paragraphs=(f"`{command}`",)),
+        ),
+    )
+
+
+def severity_figures(curves: Sequence[SeverityCurve]) -> tuple[Figure, ...]:
+    """One figure for each metric, with a panel for each kind of warp."""
+    families = list(dict.fromkeys((one.kind, one.anchor) for one in curves))
+    families = [
+        one
+        for one in families
+        if any(len(c.power) > 2 for c in curves if (c.kind, c.anchor) == one)
+    ]
+    if not families:
+        return ()
+    agents = curves[0].agents
+    return tuple(
+        Figure(
+            data=_severity_svg(curves, families, name, title),
+            caption=f"{title}, {agents}, by power of the warp (0: plain road). Bands: "
+            "95 % intervals over scenes.",
+        )
+        for name, title in SHOWN
+    )
+
+
+def _severity_svg(
+    curves: Sequence[SeverityCurve],
+    families: Sequence[tuple[str, str]],
+    name: str,
+    title: str,
+) -> bytes:
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure as Canvas
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    methods = list(dict.fromkeys(one.method for one in curves))
+    scale = 100.0 if unit_of(name) == "share" else 1.0
+    with rc_context(FIGURE_STYLE):
+        canvas = Canvas(
+            (3.8 * len(families) + 1.8, 2.6), layout=ConstrainedLayoutEngine()
+        )
+        panels = canvas.subplots(1, len(families), sharey=True, squeeze=False)[0]
+        for axes, (kind, anchor) in zip(panels, families, strict=True):
+            for curve in curves:
+                if (curve.kind, curve.anchor) != (kind, anchor):
+                    continue
+                color = COLORS[methods.index(curve.method) % len(COLORS)]
+                found = curve.estimates[name]
+                axes.plot(
+                    curve.power,
+                    scale * found.value,
+                    marker=".",
+                    color=color,
+                    label=curve.method,
+                )
+                axes.fill_between(
+                    curve.power,
+                    scale * found.low,
+                    scale * found.high,
+                    color=color,
+                    alpha=0.15,
+                    linewidth=0,
+                )
+            axes.set_title(road_title(kind, anchor), loc="left", weight="bold")
+            axes.set_xlabel("power")
+            axes.set_xticks(_TICKS)
+            axes.grid(color="#eeeeee")
+        # Last, since the limits that the curves need end here.
+        panels[0].set_ylim(bottom=0)
+        panels[0].set_ylabel(title)
+        lines, names = panels[0].get_legend_handles_labels()
+        canvas.legend(lines, names, loc="outside right upper", frameon=False)
+        sink = io.BytesIO()
+        canvas.savefig(sink, format="svg", metadata={"Date": None})
+    return sink.getvalue()
+
+
+def _words(
+    plan: StudyPlan, record: StudyRecord, findings: StudyFindings, num_scenes: int
+) -> tuple[str, ...]:
+    friction = plan.friction_coefficient
+    slowed = (
+        "Agents keep their speeds on warped roads."
+        if friction is None
+        else f"On warped roads, agents are slowed to the friction limit (mu {friction:g}); "
+        "their histories are warped with the road."
+    )
+    agents = findings.curves[0].agents if findings.curves else "movers"
+    words = [
+        f"Scenes: {num_scenes}; methods: {len(plan.methods)}; road conditions: "
+        f"{len(plan.conditions)}; seeds: {len(plan.seeds)}; in all "
+        f"{plan.num_variants(num_scenes)} variants. "
+        f"Figures are of {agents}. SOR and HOR are Scene-Attack's soft and hard off-road "
+        "rates: the share of steps, and of agents at any step, off the drivable area.",
+        slowed,
+    ]
+    if record.num_failed_variants:
+        words.append(
+            f"**{record.num_failed_variants} variants failed** and are left out of all "
+            "figures; see below."
+        )
+    return tuple(words)
+
+
+def _curve_table(curve: SeverityCurve) -> ReportTable:
+    return ReportTable(
+        title=f"{curve.method}, {curve.road}, {curve.agents}",
+        header=("power", "scenes", *(title for _, title in SHOWN)),
+        rows=tuple(
+            (
+                f"{power:g}",
+                str(curve.num_scenes[index]),
+                *(
+                    cell(curve.estimates[name], (index,), unit_of(name))
+                    for name, _ in SHOWN
+                ),
+            )
+            for index, power in enumerate(curve.power.tolist())
+        ),
+    )
+
+
+def _worst_sections(findings: StudyFindings) -> tuple[Section, ...]:
+    settings = findings.settings
+    title = _title(settings.metric)
+    tables = []
+    if findings.search:
+        tables.append(_compared_table(findings))
+    if findings.gallery:
+        tables.append(
+            ReportTable(
+                title="Worst variants, to open in the editor",
+                header=("method", "scene", "condition", title, "open"),
+                rows=tuple(
+                    (
+                        one.case.method,
+                        one.case.scenario,
+                        one.case.condition,
+                        _shown(one.case.value, settings.metric),
+                        f"`pd-editor edit {Path('gallery') / one.folder.name}`",
+                    )
+                    for one in findings.gallery
+                    if isinstance(one.case, WorstCase)
+                ),
+            )
+        )
+    words = (
+        f"The variant of each scene with the highest {title.split(',')[0]} of "
+        f"{settings.agents}.",
+    )
+    return (Section(title="Worst cases", paragraphs=words, tables=tuple(tables)),)
+
+
+def _title(metric: str) -> str:
+    return dict(SHOWN).get(metric, named(metric))
+
+
+def _shown(value: float, metric: str) -> str:
+    """Text of a value in the unit of its title: shares in per cent."""
+    return f"{100 * value if unit_of(metric) == 'share' else value:.3g}"
+
+
+def _compared_table(findings: StudyFindings) -> ReportTable:
+    """Search against grid, scene by scene."""
+    grid = {(one.folder, one.method, one.seed): one for one in findings.grid}
+    metric = findings.settings.metric
+    rows, num_as_bad = [], 0
+    for one in findings.search:
+        other = grid.get((one.folder, one.method, one.seed))
+        if other is None:
+            continue
+        is_as_bad = one.value >= other.value
+        num_as_bad += is_as_bad
+        rows.append(
+            (
+                one.method,
+                one.scenario,
+                f"{other.condition}: {_shown(other.value, metric)}",
+                f"{one.condition}: {_shown(one.value, metric)}",
+                "yes" if is_as_bad else "no",
+            )
+        )
+    share = 100 * num_as_bad / max(len(rows), 1)
+    return ReportTable(
+        title=f"Search against the grid: {_title(metric)}",
+        header=(
+            "method",
+            "scene",
+            "worst of the grid",
+            "worst of the search",
+            "as bad",
+        ),
+        rows=tuple(rows),
+        note=f"The search found at least as bad a variant in {share:.0f} % of "
+        f"{len(rows)} cases, with {findings.settings.num_trials} trials each.",
+    )
+
+
+def _dangers(findings: StudyFindings) -> list[ReportTable]:
+    rows = [
+        (
+            one.folder.name,
+            found.agent_id,
+            found.ego_id,
+            f"{found.time_s:.1f} s",
+            f"{found.impact_mps:.1f} m/s",
+            str(found.num_avoiding),
+            f"`pd-editor edit {Path('gallery') / one.folder.name}`",
+        )
+        for one in findings.dangers
+        if isinstance(found := one.case, AvoidableDanger)
+    ]
+    if not rows:
+        return []
+    header = ("scenario", "agent", "hit by", "after", "impact", "ways out", "open")
+    return [
+        ReportTable(
+            title="Behaviours that the ego hits, and could avoid",
+            header=header,
+            rows=tuple(rows),
+            note="A behaviour is a Frenet candidate of the agent; ways out are the ego's "
+            "candidates that collide with nothing. All others move as recorded.",
+        )
+    ]
+
+
+def _failures(record: StudyRecord, findings: StudyFindings) -> list[ReportTable]:
+    left_out = {**record.failures, **findings.failures}
+    rows = [("-", key, str(reason)) for key, reason in left_out.items()]
+    failed = record.rows.select(
+        ["method", "scenario_id", "condition", "failure", "agents"]
+    )
+    for one in failed.to_pylist():
+        if one["failure"] and one["agents"] == "focal":
+            where = f"{one['scenario_id']}, {one['condition']}"
+            rows.append((one["method"], where, one["failure"]))
+    if not rows:
+        return []
+    left = len(rows) - _LISTED
+    return [
+        ReportTable(
+            title="Failed variants",
+            header=("method", "where", "why"),
+            rows=tuple(rows[:_LISTED]),
+            note=f"And {left} more." if left > 0 else "",
+        )
+    ]

@@ -1,0 +1,239 @@
+"""A whole study: variants, worst-case search, dangers, gallery and report."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from pd_editor.base.errors import GenerationError, PdEditorError
+from pd_editor.experiments.evaluation.evaluation import FoundScenes
+from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
+from pd_editor.experiments.studies.avoidable_danger import (
+    AvoidableDanger,
+    dangers_of_scene,
+)
+from pd_editor.experiments.studies.gallery import (
+    GALLERY_NAME,
+    GalleryEntry,
+    export_cases,
+    export_danger,
+    worst_of_scenes,
+)
+from pd_editor.experiments.studies.severity import severity_curves
+from pd_editor.experiments.studies.study_folder import (
+    VARIANTS_NAME,
+    StudyFolder,
+    StudyRecord,
+    run_study,
+)
+from pd_editor.experiments.studies.study_plan import StudyPlan, study_items
+from pd_editor.experiments.studies.study_report import (
+    StudyFindings,
+    severity_figures,
+    study_report,
+)
+from pd_editor.experiments.studies.variant_rows import StudyItem
+from pd_editor.experiments.studies.worst_case import (
+    SearchItem,
+    SearchSettings,
+    WorstCase,
+    grid_worst_cases,
+    search_scene,
+)
+from pd_editor.experiments.work_engine import WorkEngine, run_items
+from pd_editor.experiments.work_engine.work_engine import WorkFailure, WorkProgress
+
+REPORT_PAGE: Final = "report.html"
+WORK_ITEMS: Final = "work items"
+"""What the variants of a study are worked on in."""
+ProgressOf = Callable[[str], Callable[[WorkProgress], None]]
+"""Makes the display of progress of work on items of a name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyExtras:
+    """What is done after the variants."""
+
+    search: SearchSettings = field(default_factory=lambda: SearchSettings(num_trials=0))
+    """Worst cases; without trials, those of the grid only."""
+    num_worst: int = 6
+    """Number of worst scenes that are exported."""
+    num_dangers: int = 0
+    """Number of dangerous but avoidable behaviours that are searched and exported."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Study:
+    """Result of a study, and the files that were written."""
+
+    folder: Path
+    files: tuple[Path, ...]
+    record: StudyRecord
+    findings: StudyFindings
+    methods: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """One line per file, then notes on failures."""
+        return "\n".join([*map(str, self.files), *self.remarks])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """One sentence for each kind of failure."""
+        remarks = []
+        if self.record.num_failed_variants:
+            remarks.append(
+                f"{self.record.num_failed_variants} variants failed; the report says "
+                "which and why."
+            )
+        if self.record.failures:
+            remarks.append(f"{len(self.record.failures)} work items failed altogether.")
+        failures = self.findings.failures
+        if failures:
+            where, error = next(iter(failures.items()))
+            remarks.append(
+                f"{len(failures)} searches and exports of scenes failed; the first is"
+                f" {where}: {error}"
+            )
+        return tuple(remarks)
+
+    def check_results(self) -> None:
+        """Raise if a method succeeded on no variant, or a scene could not be written.
+
+        Raises:
+            PdEditorError: names the method or the place, and the reason.
+        """
+        rows = self.record.rows.select(["method", "failure"]).to_pylist()
+        for name in self.methods:
+            failures = [row["failure"] for row in rows if row["method"] == name]
+            if None not in failures:
+                reasons = [*failures, *self.record.failures.values()]
+                reason = f" ({reasons[0]})" if reasons else ""
+                raise GenerationError(
+                    f"{name}: failed on every variant, see {self.files[0]}{reason}."
+                )
+        for error in self.findings.failures.values():
+            if isinstance(error.__cause__, OSError):
+                raise error
+
+
+def run_whole_study(
+    plan: StudyPlan,
+    extras: StudyExtras,
+    found: FoundScenes,
+    folder: StudyFolder,
+    engine: WorkEngine,
+    command: str,
+    *,
+    progress_of: ProgressOf,
+    on_rows: Callable[[pa.Table], None] = lambda _: None,
+) -> Study:
+    """Run the variants and the searches, export the worst, write the report.
+
+    ``on_rows`` is called with the rows of each finished item.
+
+    Raises:
+        ExportError: a file cannot be written.
+    """
+    items = study_items(plan, found.scenes)
+    record = run_study(
+        items, folder, engine, on_progress=progress_of(WORK_ITEMS), on_rows=on_rows
+    )
+    grid = grid_worst_cases(record.rows, extras.search)
+    searched, failures = _searched(items, extras.search, engine, progress_of)
+    gallery, unwritten = export_cases(
+        worst_of_scenes((*grid, *searched), extras.num_worst),
+        list(items.values()),
+        folder.path / GALLERY_NAME,
+    )
+    dangers, missed = _dangers(found, folder, engine, extras.num_dangers, progress_of)
+    findings = StudyFindings(
+        curves=severity_curves(record.rows),
+        grid=grid,
+        search=searched,
+        settings=extras.search,
+        gallery=gallery,
+        dangers=dangers,
+        failures={**failures, **unwritten, **missed},
+    )
+    report = study_report(plan, record, findings, len(found.scenes), command)
+    page = html_of(report, severity_figures(findings.curves))
+    files = (
+        folder.write("report.md", markdown_of(report).encode()),
+        folder.write(REPORT_PAGE, page.encode()),
+        folder.path / VARIANTS_NAME,
+    )
+    return Study(
+        folder=folder.path,
+        files=files,
+        record=record,
+        findings=findings,
+        methods=tuple(method.name for method in plan.methods),
+    )
+
+
+def _searched(
+    items: dict[str, StudyItem],
+    settings: SearchSettings,
+    engine: WorkEngine,
+    progress_of: ProgressOf,
+) -> tuple[list[WorstCase], dict[str, PdEditorError]]:
+    """Worst cases of the search, one for each scene, method and seed, and failures."""
+    if not settings.num_trials:
+        return [], {}
+    by_scene = {(one.folder, one.method.name, one.seed): one for one in items.values()}
+    searches = {
+        f"{item.split}/{folder.name}/{method}/{seed}": SearchItem(
+            variant=replace(item, conditions=()), settings=settings
+        )
+        for (folder, method, seed), item in by_scene.items()
+    }
+    found: dict[str, WorstCase] = {}
+    failures = run_items(
+        engine,
+        search_scene,
+        searches,
+        on_value=found.__setitem__,
+        on_progress=progress_of("searches"),
+    )
+    return [found[key] for key in searches if key in found], _told("search", failures)
+
+
+def _told(what: str, failures: Mapping[str, WorkFailure]) -> dict[str, PdEditorError]:
+    return {
+        f"{what}: {key}": GenerationError(failure.reason)
+        for key, failure in failures.items()
+    }
+
+
+def _dangers(
+    found: FoundScenes,
+    folder: StudyFolder,
+    engine: WorkEngine,
+    count: int,
+    progress_of: ProgressOf,
+) -> tuple[tuple[GalleryEntry, ...], dict[str, PdEditorError]]:
+    """The avoidable dangers with the hardest impacts over all scenes, and failures."""
+    if not count:
+        return (), {}
+    by_scene: dict[str, tuple[AvoidableDanger, ...]] = {}
+    folders = {f"{one.split}/{one.folder.name}": one.folder for one in found.scenes}
+    failed = run_items(
+        engine,
+        dangers_of_scene,
+        folders,
+        on_value=by_scene.__setitem__,
+        on_progress=progress_of("scenes searched for dangers"),
+    )
+    dangers = [(key, one) for key, dangers in by_scene.items() for one in dangers]
+    dangers.sort(key=lambda pair: (-pair[1].impact_mps, pair[0], pair[1].agent_id))
+    entries, failures = [], _told("dangers", failed)
+    for key, danger in dangers[:count]:
+        try:
+            entries.append(
+                export_danger(danger, folders[key], folder.path / GALLERY_NAME)
+            )
+        except PdEditorError as error:
+            failures[f"gallery: {key}, danger {danger.agent_id}"] = error
+    return tuple(entries), failures

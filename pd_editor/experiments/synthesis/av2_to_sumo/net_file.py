@@ -1,0 +1,282 @@
+"""Writes a lane graph as a SUMO net file with lanes exactly on the centre lines."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from pd_editor.base.errors import SynthesisError
+from pd_editor.experiments.synthesis.av2_to_sumo.connections import (
+    LaneRoads,
+    Link,
+    junction_points,
+)
+from pd_editor.experiments.synthesis.av2_to_sumo.edges import (
+    LaneInterval,
+    LaneLines,
+    Road,
+)
+from pd_editor.experiments.synthesis.road_network.plain_xml import (
+    NET_FILE,
+    NodeKind,
+    StripKind,
+)
+from pd_editor.experiments.synthesis.sumo.curve_speeds import curve_speed_mps
+from pd_editor.experiments.synthesis.sumo.sumo_tools import run_sumo_tool
+from pd_editor.scene.geometry.polyline import arc_length, resample
+from pd_editor.scene.road_map import LaneKind
+
+_STRIP_OF: Final = {
+    LaneKind.VEHICLE: StripKind.CAR,
+    LaneKind.BUS: StripKind.BUS,
+    LaneKind.BIKE: StripKind.BIKE,
+}
+_MANY_LANES: Final = 6
+"""Number of incoming lanes from which a junction with crossing links has signals."""
+_SPEED_MPS: Final = (11.5, 13.5, 16.0)
+"""Speed limits of roads with one, two and more lanes; Argoverse 2 maps have none."""
+
+_BEND_MPS2: Final = 2.2
+"""Lateral acceleration of an average driver in a curve."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaneNetFile:
+    """A net file with the lane intervals along each of its lanes."""
+
+    path: Path
+    lane_intervals: Mapping[str, tuple[LaneInterval, ...]]
+    has_signals: bool
+
+
+def write_lane_net(lines: LaneLines, network: LaneRoads, folder: Path) -> LaneNetFile:
+    """Let netconvert determine right of way, then restore the lanes' centre lines.
+
+    netconvert shortens lanes at junctions; the priorities that it determines remain
+    valid for the original centre lines.
+
+    Raises:
+        SynthesisError: SUMO is missing, or refused the network.
+    """
+    _write(folder / "net.nod.xml", _nodes(lines, network))
+    _write(folder / "net.edg.xml", _edges(lines, network))
+    _write(folder / "net.con.xml", _connections(lines, network))
+    parts = "--node-files net.nod.xml --edge-files net.edg.xml"
+    parts += f" --connection-files net.con.xml --output-file {NET_FILE}"
+    options = "--offset.disable-normalization --precision 4 --no-turnarounds"
+    options += " --junctions.join false --junctions.limit-turn-speed 3.5"
+    options += " --check-lane-foes.all"
+    arguments = [*parts.split(), *options.split()]
+    run_sumo_tool("netconvert", arguments, folder)
+    path = folder / NET_FILE
+    tree = ElementTree.parse(path)
+    lane_intervals = _with_own_lines(lines, network, tree.getroot())
+    tree.write(path, encoding="utf-8")
+    return LaneNetFile(
+        path=path,
+        lane_intervals=lane_intervals,
+        has_signals=tree.getroot().find("tlLogic") is not None,
+    )
+
+
+def _write(path: Path, root: ElementTree.Element) -> None:
+    ElementTree.ElementTree(root).write(path, encoding="utf-8")
+
+
+def _shape(points_m: Float[np.ndarray, "N 2"]) -> str:
+    return " ".join(f"{x:.4f},{y:.4f}" for x, y in points_m)
+
+
+def _nodes(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
+    root = ElementTree.Element("nodes")
+    kinds = _node_kinds(lines, network)
+    for index, (x, y) in enumerate(junction_points(lines, network)):
+        ElementTree.SubElement(
+            root,
+            "node",
+            id=f"n{index}",
+            x=f"{x:.3f}",
+            y=f"{y:.3f}",
+            type=kinds[index].value,
+        )
+    return root
+
+
+def _node_kinds(lines: LaneLines, network: LaneRoads) -> list[NodeKind]:
+    """Signals at large junctions, stop signs where four small roads meet."""
+    kinds = [NodeKind.PRIORITY] * network.num_junctions
+    ways = [
+        shapely.LineString(lines.line(link.lane_intervals)) for link in network.links
+    ]
+    crossed = {
+        network.end_junction[network.links[one].start[0]]
+        for one, _ in shapely.STRtree(ways).query(ways, predicate="crosses").T
+    }
+    for junction in crossed:
+        arriving = [
+            sum(lines.lane(s.lane_id).kind is not LaneKind.BIKE for s in road.lanes)
+            for road, end in zip(network.roads, network.end_junction, strict=True)
+            if end == junction
+        ]
+        if sum(arriving) >= _MANY_LANES and len(arriving) > 2:
+            kinds[junction] = NodeKind.SIGNALS
+        elif len(arriving) >= 4:
+            kinds[junction] = NodeKind.ALL_WAY_STOP
+    return kinds
+
+
+def _edges(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
+    root = ElementTree.Element("edges")
+    for index, road in enumerate(network.roads):
+        middle = lines.line((road.lanes[len(road.lanes) // 2],))
+        num_wide = sum(
+            lines.lane(s.lane_id).kind is LaneKind.VEHICLE for s in road.lanes
+        )
+        attributes = {
+            "id": f"r{index}",
+            "from": f"n{network.start_junction[index]}",
+            "to": f"n{network.end_junction[index]}",
+            "numLanes": str(len(road.lanes)),
+            "spreadType": "center",
+            "speed": f"{_SPEED_MPS[min(max(num_wide, 1), 3) - 1]:.2f}",
+            "priority": str(1 + num_wide),
+            "shape": _shape(middle),
+        }
+        edge = ElementTree.SubElement(root, "edge", attributes)
+        for place, interval in enumerate(road.lanes):
+            ElementTree.SubElement(
+                edge,
+                "lane",
+                index=str(place),
+                allow=_STRIP_OF[lines.lane(interval.lane_id).kind].value,
+                width=f"{_width_m(lines, interval.lane_id):.2f}",
+                shape=_shape(lines.line((interval,))),
+            )
+    return root
+
+
+def _width_m(lines: LaneLines, lane_id: int) -> float:
+    """Median distance of a lane's boundaries, clamped to widths that SUMO supports."""
+    lane = lines.lane(lane_id)
+    across = resample(lane.left_m, 9) - resample(lane.right_m, 9)
+    return float(np.clip(np.median(np.hypot(*across.T)), 1.2, 5.0))
+
+
+def _connections(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
+    root = ElementTree.Element("connections")
+    for link in network.links:
+        attributes = dict(_key(link))
+        attributes["shape"] = _shape(lines.line(link.lane_intervals))
+        ElementTree.SubElement(root, "connection", attributes)
+    leaving = {link.start[0] for link in network.links}
+    for index in set(range(len(network.roads))) - leaving:
+        ElementTree.SubElement(root, "connection", {"from": f"r{index}"})
+    return root
+
+
+def _key(link: Link) -> tuple[tuple[str, str], ...]:
+    return (
+        ("from", f"r{link.start[0]}"),
+        ("to", f"r{link.end[0]}"),
+        ("fromLane", str(link.start[1])),
+        ("toLane", str(link.end[1])),
+    )
+
+
+def _with_own_lines(
+    lines: LaneLines, network: LaneRoads, root: ElementTree.Element
+) -> dict[str, tuple[LaneInterval, ...]]:
+    """Set the centre line of every lane of the net; returns the lane intervals."""
+    lane_of = {lane.attrib["id"]: lane for lane in root.iter("lane")}
+    lane_intervals: dict[str, tuple[LaneInterval, ...]] = {}
+    for index, road in enumerate(network.roads):
+        length = _mean_length_m(road)
+        for place, interval in enumerate(road.lanes):
+            name = f"r{index}_{place}"
+            if name not in lane_of:
+                raise SynthesisError(
+                    f"netconvert left out lane {interval.lane_id} of the map."
+                )
+            _set_line(lane_of[name], lines.line((interval,)), length)
+            lane_intervals[name] = (interval,)
+    via = {
+        tuple(
+            (name, c.attrib[name]) for name in ("from", "to", "fromLane", "toLane")
+        ): (c.get("via"))
+        for c in root.iterfind("connection")
+    }
+    following = {
+        f"{c.attrib['from']}_{c.attrib['fromLane']}": c.get("via")
+        for c in root.iterfind("connection")
+        if c.attrib["from"].startswith(":")
+    }
+    for link in network.links:
+        name = via.get(_key(link))
+        if name is None:
+            raise SynthesisError(
+                f"netconvert left out the connection from lane {link.lane_intervals[0].lane_id} "
+                f"to lane {link.lane_intervals[-1].lane_id} of the map."
+            )
+        names = []
+        while name is not None:
+            names.append(name)
+            name = following[name]
+        _divide(lines, link, [lane_of[name] for name in names], lane_intervals)
+    return lane_intervals
+
+
+def _mean_length_m(road: Road) -> float:
+    return float(np.mean([s.end_m - s.start_m for s in road.lanes]))
+
+
+def _set_line(
+    lane: ElementTree.Element, points_m: Float[np.ndarray, "N 2"], length_m: float
+) -> None:
+    """Set line, length, and speed limit for the sharpest curve of a lane."""
+    lane.set("shape", _shape(points_m))
+    lane.set("length", f"{length_m:.4f}")
+    limit = float(lane.attrib["speed"])
+    in_bend = curve_speed_mps(points_m, _BEND_MPS2)
+    lane.set("speed", f"{min(limit, in_bend):.2f}")
+
+
+def _divide(
+    lines: LaneLines,
+    link: Link,
+    lanes: list[ElementTree.Element],
+    lane_intervals: dict[str, tuple[LaneInterval, ...]],
+) -> None:
+    """Divide a link among its internal lanes; it has several if drivers wait inside."""
+    lengths = np.array([float(lane.attrib["length"]) for lane in lanes])
+    total = float(arc_length(lines.line(link.lane_intervals))[-1])
+    bounds = np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()]) * total
+    for lane, start, end in zip(lanes, bounds[:-1], bounds[1:], strict=True):
+        part = _sub(link.lane_intervals, float(start), float(end))
+        _set_line(lane, lines.line(part), max(float(end - start), 0.1))
+        lane_intervals[lane.attrib["id"]] = part
+
+
+def _sub(
+    lane_intervals: tuple[LaneInterval, ...], start_m: float, end_m: float
+) -> tuple[LaneInterval, ...]:
+    """Part of consecutive intervals between two arc lengths."""
+    found = []
+    passed = 0.0
+    for interval in lane_intervals:
+        length = interval.end_m - interval.start_m
+        low, high = max(start_m - passed, 0.0), min(end_m - passed, length)
+        if high - low > 1e-6:
+            found.append(
+                LaneInterval(
+                    lane_id=interval.lane_id,
+                    start_m=interval.start_m + low,
+                    end_m=interval.start_m + high,
+                )
+            )
+        passed += length
+    return tuple(found)

@@ -1,0 +1,214 @@
+"""Builds a synthetic dataset of many networks, each with its windows."""
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from pd_editor.base.errors import InputError, SynthesisError
+from pd_editor.base.regular_file import check_path
+from pd_editor.experiments.synthesis.dataset.dataset_folder import (
+    DatasetFolder,
+    DatasetSettings,
+    NetworkRecord,
+)
+from pd_editor.experiments.synthesis.dataset.network_worker import (
+    NetworkItem,
+    make_network,
+)
+from pd_editor.experiments.synthesis.dataset.scene_source import scenario_folders
+from pd_editor.experiments.synthesis.road_network.generator import (
+    FAMILIES,
+    FAMILY_SHARES,
+)
+from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
+from pd_editor.experiments.work_engine import WorkEngine, run_items
+from pd_editor.experiments.work_engine.work_engine import WorkProgress
+
+WINDOWS_PER_SHARD: Final = 80
+FOLDERS_PER_NETWORK: Final = 20
+"""Scenario folders per network; fewer than in a shard, for a greater variety of roads."""
+WINDOWS_PER_MAP: Final = 25
+"""Windows per real map; fewer than per network, because real maps are small."""
+_MAX_ROUNDS: Final = 8
+_MAX_NUM: Final = 1_000_000
+_MAX_SEED: Final = 20_000
+_SEEDS_PER_CORPUS: Final = 100_000
+
+
+@lru_cache(maxsize=8)
+def usual_families(count: int) -> tuple[str, ...]:
+    """Families of the first networks of a dataset, distributed as evenly as possible."""
+    num = dict.fromkeys(FAMILY_SHARES, 0)
+    chosen: list[str] = []
+    for _ in range(count):
+        name = min(num, key=lambda one: (num[one] + 0.5) / FAMILY_SHARES[one])
+        num[name] += 1
+        chosen.append(name)
+    return tuple(chosen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetPlan:
+    """Specification of a dataset."""
+
+    num: int
+    """Number of windows or scenario folders."""
+    seed: int
+    families: tuple[str, ...] = ()
+    """Families of procedural roads, in equal shares; all in their usual shares if empty."""
+    maps: tuple[Path, ...] = ()
+    """Roots of real scenarios whose maps are used in place of procedural networks."""
+    as_shards: bool = False
+    with_noise: bool = False
+
+    def __post_init__(self) -> None:
+        for root in self.maps:
+            check_path(root)
+        unknown = [name for name in self.families if name not in FAMILIES]
+        if unknown:
+            raise InputError(
+                f"There is no family of roads {unknown[0][:60]!r}; choose among "
+                f"{', '.join(FAMILIES)}."
+            )
+        if not 1 <= self.num <= _MAX_NUM:
+            raise InputError(f"--num is {self.num}; expected 1 to {_MAX_NUM}.")
+        if not 0 <= self.seed < _MAX_SEED:
+            raise InputError(f"--seed is {self.seed}; expected 0 to {_MAX_SEED - 1}.")
+        if self.as_shards and self.with_noise:
+            raise InputError(
+                "Shards hold true states, and noise is added when they are read; leave "
+                "out --noise or --shards."
+            )
+
+    def family(self, index: int) -> str:
+        """Family of the procedural network of an index."""
+        if self.families:
+            return self.families[index % len(self.families)]
+        return usual_families(index + 1)[index]
+
+    @property
+    def settings(self) -> DatasetSettings:
+        """Settings that finished networks depend on."""
+        return DatasetSettings(
+            version=version("pd-editor"),
+            num=self.num,
+            seed=self.seed,
+            families=() if self.maps else (self.families or FAMILIES),
+            maps=tuple(os.path.realpath(root) for root in self.maps),
+            form="shards" if self.as_shards else "folders",
+            noise=self.with_noise,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetRecord:
+    """Finished networks and failures of a dataset."""
+
+    networks: Mapping[str, NetworkRecord]
+    """Finished networks by the names of their files."""
+    failures: Mapping[str, str]
+    """Reason of each network without windows."""
+    num_resumed: int
+
+    @property
+    def num_windows(self) -> int:
+        """Number of windows in all networks."""
+        return sum(one.num_windows for one in self.networks.values())
+
+    @property
+    def num_agents(self) -> int:
+        """Number of agents in all networks."""
+        return sum(one.num_agents for one in self.networks.values())
+
+
+def build_dataset(
+    plan: DatasetPlan,
+    folder: DatasetFolder,
+    engine: WorkEngine,
+    *,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> DatasetRecord:
+    """Build the networks that are not finished yet, and write the manifest.
+
+    Further networks replace those with fewer windows than planned, so that a dataset
+    has fewer windows than requested only if many networks fail.
+
+    Raises:
+        SynthesisError: SUMO is missing, or not a single network gave a window.
+        ExportError: the folder cannot be written.
+    """
+    for tool in ("netconvert", "sumo"):
+        sumo_tool(tool)
+    maps = scenario_folders(plan.maps) if plan.maps else []
+    networks: dict[str, NetworkRecord] = {}
+    failures: dict[str, str] = {}
+    num_resumed = num_planned = 0
+    for _ in range(_MAX_ROUNDS):
+        missing = plan.num - sum(one.num_windows for one in networks.values())
+        usable = [one for one in maps if not _is_hopeless(one, failures)]
+        if missing <= 0 or (maps and not usable):
+            break
+        items = _items(plan, usable, missing, num_planned)
+        num_planned += len(items)
+        done = {key for key in items if folder.load(key) is not None}
+        num_resumed += len(done)
+        failed = run_items(
+            engine,
+            make_network,
+            items,
+            on_value=folder.store,
+            on_progress=on_progress,
+            done=done,
+        )
+        failures |= {key: failure.reason for key, failure in failed.items()}
+        found = {key: folder.load(key) for key in items}
+        networks |= {key: one for key, one in found.items() if one is not None}
+    if not networks:
+        reason = next(iter(failures.values()), "there is no map")
+        raise SynthesisError(f"Not a single network gave traffic; the first: {reason}")
+    folder.write_manifest(networks)
+    return DatasetRecord(networks=networks, failures=failures, num_resumed=num_resumed)
+
+
+def _items(
+    plan: DatasetPlan,
+    maps: Sequence[Path],
+    num_windows: int,
+    first: int,
+) -> dict[str, NetworkItem]:
+    """Further networks with equal numbers of windows, numbered from ``first``."""
+    share = WINDOWS_PER_SHARD if plan.as_shards else FOLDERS_PER_NETWORK
+    kinds = len(maps) or len(plan.families or FAMILIES)
+    if maps:
+        share = min(share, WINDOWS_PER_MAP)
+    count = math.ceil(num_windows / share)
+    if first == 0:  # Few windows are distributed over all families of roads.
+        count = max(count, min(kinds, num_windows))
+    items = {}
+    for number in range(count):
+        index = first + number
+        map_folder = maps[index % kinds] if maps else None
+        family = "" if maps else plan.family(index)
+        label = family if map_folder is None else f"av2-{map_folder.name}"
+        item = NetworkItem(
+            key=f"{label}-{index:05d}",
+            family=family,
+            map_folder=map_folder,
+            seed=plan.seed * _SEEDS_PER_CORPUS + index,
+            num_windows=num_windows // count + (number < num_windows % count),
+            as_shard=plan.as_shards,
+            with_noise=plan.with_noise,
+        )
+        items[item.key] = item
+    return items
+
+
+def _is_hopeless(map_folder: Path, failures: Mapping[str, str]) -> bool:
+    """Whether a map failed repeatedly; once may be chance, if no agent was eligible."""
+    keys = [key for key in failures if key.startswith(f"av2-{map_folder.name}-")]
+    return len(keys) > 1

@@ -1,0 +1,227 @@
+"""Divided roads with on-ramps and off-ramps to parallel streets."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.experiments.synthesis.road_network.cross_section import Carriageway
+from pd_editor.experiments.synthesis.road_network.network_builder import (
+    TAPER_M,
+    NetworkBuilder,
+    split,
+)
+from pd_editor.experiments.synthesis.road_network.plain_xml import (
+    NodeKind,
+    PlainNetwork,
+    Strip,
+    StripKind,
+)
+from pd_editor.experiments.synthesis.road_network.street_curves import (
+    between_poses,
+    curve,
+    sample_curve_kind,
+)
+from pd_editor.experiments.synthesis.road_network.street_types import (
+    collector,
+    control,
+    crossing_width_m,
+    residential,
+)
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at
+
+_BESIDE_M: Final = (55.0, 80.0)
+"""Distance from the centre of the divided road to the parallel street."""
+_EXTRA_LANE_M: Final = (60.0, 90.0)
+"""Length of acceleration and deceleration lanes."""
+_RAMP_MPS: Final = 11.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Side:
+    """One direction of the divided road with its ramps and parallel street."""
+
+    name: str
+    left_m: Float[np.ndarray, "N 2"]
+    """Left edge of its carriageway, in driving direction."""
+    main: Carriageway
+    lane: Strip
+    """Strip of a ramp, and of the acceleration or deceleration lane."""
+
+    def ramp_left_m(self, at_m: float, lanes_out: int) -> Float[np.ndarray, "2 2"]:
+        """Two points of the left edge of the additional lane."""
+        width = self.main.lane_width_m * (self.main.num_lanes + lanes_out)
+        beside = offset_line(self.left_m, -width)
+        return point_at(beside, np.array([at_m, at_m + 2.0]))
+
+
+def generate_merge(random: np.random.Generator) -> PlainNetwork:
+    """Generate two carriageways, each with an off-ramp, an on-ramp and a parallel street."""
+    builder = NetworkBuilder()
+    main = Carriageway(
+        num_lanes=int(random.choice([2, 3], p=[0.7, 0.3])),
+        lane_width_m=round(float(random.uniform(3.3, 3.7)), 2),
+        speed_mps=float(random.uniform(14.0, 17.0)),
+        median_m=float(random.uniform(2.0, 6.0)),
+    )
+    angle = float(random.uniform(0, 2 * np.pi))
+    ahead = unit_vector(angle)
+    kind = sample_curve_kind(random)
+    reach = float(random.uniform(560, 660)) * ahead
+    middle = curve(np.zeros(2), reach, kind, float(random.uniform(-0.4, 0.4)))
+    num_sides = 2 if random.random() < 0.6 else 1
+    for number, line in enumerate((middle, middle[::-1])):
+        side = _Side(
+            name="ab"[number],
+            left_m=offset_line(line, -main.median_m / 2),
+            main=main,
+            lane=Strip(kind=StripKind.CAR, width_m=main.lane_width_m),
+        )
+        if number < num_sides:
+            _with_ramps(builder, side, line, random)
+        else:
+            _plain(builder, side)
+    return builder.network(crossing_width_m(random))
+
+
+def _plain(builder: NetworkBuilder, side: _Side) -> None:
+    start, end = f"{side.name}0", f"{side.name}9"
+    builder.node(start, side.left_m[0])
+    builder.node(end, side.left_m[-1])
+    strips, speed = side.main.strips(), side.main.speed_mps
+    builder.one_way(start, end, side.left_m, strips, speed, priority=5)
+
+
+def _with_ramps(
+    builder: NetworkBuilder,
+    side: _Side,
+    line: Float[np.ndarray, "N 2"],
+    random: np.random.Generator,
+) -> None:
+    """Add the off-ramp, the on-ramp, and the parallel street's junctions between them."""
+    total = float(arc_length(side.left_m)[-1])
+    off_m = float(random.uniform(90, 120))
+    off_lane_m, on_lane_m = random.uniform(*_EXTRA_LANE_M, 2)
+    on_m = total - float(random.uniform(100, 120)) - on_lane_m
+    names = _main_road(builder, side, [off_m, off_lane_m, on_m, on_lane_m])
+    distance = float(random.uniform(*_BESIDE_M)) + side.main.width_m()
+    beside = offset_line(line, -distance)
+    style = replace(collector(random), num_lanes=1)
+    length = float(arc_length(beside)[-1])
+    leave = off_m + off_lane_m + float(random.uniform(95, 120))
+    enter = max(on_m - float(random.uniform(95, 120)), leave + 45.0)
+    places = [0.0, min(leave, length - 120.0), min(enter, length - 60.0), length]
+    _street_beside(builder, side, beside, places, style, random)
+    _off_ramp(builder, side, names[1], off_m + off_lane_m, beside, places[1])
+    _on_ramp(builder, side, names[2], on_m, beside, places[2])
+
+
+def _main_road(
+    builder: NetworkBuilder, side: _Side, lengths_m: list[float]
+) -> list[str]:
+    """Add the carriageway with its additional lanes; returns its four inner nodes."""
+    off_m, off_lane_m, on_m, on_lane_m = lengths_m
+    opens, leaves = off_m, off_m + off_lane_m
+    joins, closes = on_m, on_m + on_lane_m
+    cuts = []
+    for at in (opens, leaves, joins, closes):
+        cuts += [at - TAPER_M / 2, at + TAPER_M / 2]
+    parts = split(side.left_m, cuts)
+    names = [f"{side.name}{k}" for k in (0, 1, 2, 3, 4, 9)]
+    builder.node(names[0], side.left_m[0])
+    builder.node(names[5], side.left_m[-1])
+    for k, name in enumerate(names[1:5]):
+        kind = NodeKind.ZIPPER if k == 3 else NodeKind.PRIORITY
+        builder.node(name, parts[2 * k + 1][0], kind)
+    strips, speed = side.main.strips(), side.main.speed_mps
+    edges = []
+    for k in range(5):
+        lanes = (side.lane, *strips) if k in (1, 3) else strips
+        ends = names[k], names[k + 1]
+        edges.append(builder.one_way(*ends, parts[2 * k], lanes, speed, priority=5))
+    number = len(strips)
+    straight = [(k, k + 1) for k in range(number)]
+    builder.connect(edges[0], edges[1], strips, [(0, 0), *straight])
+    wider = (side.lane, *strips)
+    back = [(b, a) for a, b in straight]
+    builder.connect(edges[1], edges[2], wider, back)
+    builder.connect(edges[2], edges[3], strips, straight)
+    builder.connect(edges[3], edges[4], wider, [(0, 0), *back])
+    ramp = (side.lane,)
+    builder.connect(edges[1], f"{names[2]}-{side.name}.off", wider, [(0, 0)])
+    builder.connect(f"{side.name}.on-{names[3]}", edges[3], ramp, [(0, 0)])
+    return names[1:5]
+
+
+def _street_beside(
+    builder: NetworkBuilder,
+    side: _Side,
+    line: Float[np.ndarray, "N 2"],
+    places: list[float],
+    style: Carriageway,
+    random: np.random.Generator,
+) -> None:
+    names = [f"{side.name}.{end}" for end in ("first", "off", "on", "last")]
+    crossing = residential(random)
+    for k, (name, point) in enumerate(
+        zip(names, point_at(line, np.array(places)), strict=True)
+    ):
+        inner = k in (1, 2)
+        kind = control(style, crossing, random) if inner else NodeKind.PRIORITY
+        builder.node(name, point, kind)
+    for k, part in enumerate(split(line, places[1:3])):
+        builder.street(names[k], names[k + 1], part, style)
+    for k in (1, 2):
+        before, here, after = point_at(line, places[k] + np.array([-2.0, 0.0, 2.0]))
+        along = (after - before) / np.linalg.norm(after - before)
+        out = np.array([along[1], -along[0]])
+        far = f"{names[k]}.out"
+        builder.node(far, here + float(random.uniform(70, 120)) * out)
+        builder.street(names[k], far, builder.line_m(names[k], far), crossing)
+
+
+def _off_ramp(
+    builder: NetworkBuilder,
+    side: _Side,
+    fork: str,
+    at_m: float,
+    beside: Float[np.ndarray, "N 2"],
+    place_m: float,
+) -> None:
+    """Add the ramp from the deceleration lane to a junction of the parallel street."""
+    here, ahead = _pose(side.ramp_left_m(at_m + TAPER_M / 2, 0))
+    before, there, after = point_at(beside, place_m + np.array([-2.0, 0.0, 2.0]))
+    along = (after - before) / np.linalg.norm(after - before)
+    across = np.array([along[1], -along[0]])
+    end = there - 0.5 * side.lane.width_m * along
+    line = between_poses(here + 0.6 * across, ahead, end, across)
+    name = f"{side.name}.off"
+    builder.one_way(fork, name, line, (side.lane,), _RAMP_MPS)
+
+
+def _on_ramp(
+    builder: NetworkBuilder,
+    side: _Side,
+    joins: str,
+    at_m: float,
+    beside: Float[np.ndarray, "N 2"],
+    place_m: float,
+) -> None:
+    """Add the ramp from a junction of the parallel street to the acceleration lane."""
+    here, ahead = _pose(side.ramp_left_m(at_m - TAPER_M / 2 - 2.0, 0))
+    before, there, after = point_at(beside, place_m + np.array([-2.0, 0.0, 2.0]))
+    along = (after - before) / np.linalg.norm(after - before)
+    across = np.array([along[1], -along[0]])
+    start = there - 0.5 * side.lane.width_m * along
+    line = between_poses(start, -across, here + 0.6 * across, ahead)
+    name = f"{side.name}.on"
+    builder.one_way(name, joins, line, (side.lane,), _RAMP_MPS)
+
+
+def _pose(
+    points_m: Float[np.ndarray, "2 2"],
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    step = points_m[1] - points_m[0]
+    return points_m[0], step / np.linalg.norm(step)

@@ -1,0 +1,105 @@
+"""Generator of procedural road networks of several families."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+from zlib import crc32
+
+import numpy as np
+
+from pd_editor.base.errors import SynthesisError
+from pd_editor.experiments.synthesis.road_network.families.arterial import (
+    generate_arterial,
+    generate_t_junctions,
+)
+from pd_editor.experiments.synthesis.road_network.families.grid import (
+    generate_downtown,
+    generate_grid,
+)
+from pd_editor.experiments.synthesis.road_network.families.merge import generate_merge
+from pd_editor.experiments.synthesis.road_network.families.residential import (
+    generate_dead_ends,
+    generate_winding_street,
+)
+from pd_editor.experiments.synthesis.road_network.families.roundabout import (
+    generate_roundabout,
+)
+from pd_editor.experiments.synthesis.road_network.families.slip_lanes import (
+    generate_slip_lanes,
+)
+from pd_editor.experiments.synthesis.road_network.families.town import generate_town
+from pd_editor.experiments.synthesis.road_network.network import Network
+from pd_editor.experiments.synthesis.road_network.plain_xml import PlainNetwork, convert
+from pd_editor.experiments.synthesis.sumo.sumo_net import read_sumo_net
+from pd_editor.experiments.synthesis.sumo_to_av2.kerb_lanes import with_wide_kerb_lanes
+from pd_editor.experiments.synthesis.sumo_to_av2.map_conversion import net_road_map
+from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import BAY_SHARE
+
+_GENERATE: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {
+    "grid": generate_grid,
+    "downtown": generate_downtown,
+    "town": generate_town,
+    "arterial": generate_arterial,
+    "t-junctions": generate_t_junctions,
+    "roundabout": generate_roundabout,
+    "merge": generate_merge,
+    "slip-lanes": generate_slip_lanes,
+    "winding-street": generate_winding_street,
+    "dead-ends": generate_dead_ends,
+}
+FAMILIES: Final[tuple[str, ...]] = tuple(_GENERATE)
+FAMILY_SHARES: Final[Mapping[str, float]] = {
+    "grid": 0.27,
+    "downtown": 0.19,
+    "arterial": 0.12,
+    "town": 0.14,
+    "t-junctions": 0.11,
+    "slip-lanes": 0.04,
+    "merge": 0.04,
+    "roundabout": 0.03,
+    "winding-street": 0.04,
+    "dead-ends": 0.02,
+}
+"""Share of each family in a dataset, chosen to match the straightness, lane density and
+junction density of Argoverse 2's maps."""
+
+
+def generate_network(
+    family: str, seed: int, folder: Path, *, bay_share: float = BAY_SHARE
+) -> Network:
+    """Generate a network of a family; equal arguments give equal road maps.
+
+    ``bay_share`` of the street sides have a parking bay.
+
+    Raises:
+        SynthesisError: SUMO is missing, refused the network, the family is unknown,
+            or the folder cannot be written.
+    """
+    if family not in _GENERATE:
+        raise SynthesisError(
+            f"There is no family of roads '{family}'; "
+            f"expected one of {', '.join(FAMILIES)}."
+        )
+    random = np.random.default_rng([seed, crc32(family.encode())])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        net_file = convert(_GENERATE[family](random), folder)
+    except OSError as error:
+        raise SynthesisError(
+            f"{folder}: expected a folder that can be written ({error})."
+        ) from error
+    net = read_sumo_net(net_file)
+    mapped = net_road_map(with_wide_kerb_lanes(net, random), random, bay_share)
+    return Network(
+        name=f"{family}-{seed:05d}",
+        family=family,
+        folder=folder,
+        net_file=net_file,
+        road_map=mapped.road_map,
+        lane_of_sumo=mapped.lane_of_sumo,
+        has_signals=net.has_signals,
+        parking_strips_m=tuple(
+            lane.shape_m for lane in net.lanes.values() if lane.is_parking
+        ),
+        parking_bays=mapped.parking_bays,
+    )

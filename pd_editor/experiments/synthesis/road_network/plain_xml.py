@@ -1,0 +1,183 @@
+"""Plain-XML input of netconvert: nodes, edges and connections."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.experiments.synthesis.sumo.sumo_tools import run_sumo_tool
+
+NET_FILE: Final = "net.net.xml"
+_MOTORISED: Final = "passenger private taxi bus coach delivery truck trailer motorcycle"
+
+
+class StripKind(StrEnum):
+    """Use of a lane; the value is the vehicle class that SUMO allows on it."""
+
+    CAR = _MOTORISED + " moped bicycle emergency"
+    BUS = "bus taxi bicycle emergency"
+    BIKE = "bicycle"
+    PARKING = ""
+    SIDEWALK = "pedestrian"
+
+
+class NodeKind(StrEnum):
+    """Right of way at a node; the value is SUMO's node type."""
+
+    PRIORITY = "priority"
+    SIGNALS = "traffic_light"
+    ALL_WAY_STOP = "allway_stop"
+    MINOR_STOP = "priority_stop"
+    ZIPPER = "zipper"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlainNode:
+    """Node at which edges meet."""
+
+    node_id: str
+    point_m: tuple[float, float]
+    kind: NodeKind = NodeKind.PRIORITY
+    radius_m: float = 7.0
+    """Radius of the outer edge, including sidewalks, at the corners."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strip:
+    """A lane of SUMO, including sidewalks and parking strips."""
+
+    kind: StripKind
+    width_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlainEdge:
+    """One direction of a road between two nodes."""
+
+    edge_id: str
+    start: str
+    end: str
+    left_edge_m: Float[np.ndarray, "N 2"]
+    """Left edge of the leftmost strip, in driving direction."""
+    strips: tuple[Strip, ...]
+    """Strips from the kerb to the left."""
+    speed_mps: float
+    priority: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlainConnection:
+    """Connection from a strip of one edge to a strip of another."""
+
+    start: str
+    end: str
+    start_strip: int
+    end_strip: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlainNetwork:
+    """Nodes and edges; connections only where netconvert must not guess them."""
+
+    nodes: tuple[PlainNode, ...]
+    edges: tuple[PlainEdge, ...]
+    connections: tuple[PlainConnection, ...] = ()
+    removed: tuple[tuple[str, str], ...] = ()
+    """Pairs of edges that netconvert must not connect."""
+    crossing_width_m: float = 4.0
+    roundabouts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
+    """Node ids and edge ids of each roundabout."""
+
+
+def convert(plain: PlainNetwork, folder: Path) -> Path:
+    """Write a network's parts into a folder and convert them with netconvert.
+
+    Raises:
+        SynthesisError: SUMO is missing or refused the network.
+    """
+    _write(folder / "net.nod.xml", _nodes(plain))
+    _write(folder / "net.edg.xml", _edges(plain))
+    _write(folder / "net.con.xml", _connections(plain))
+    parts = "--node-files net.nod.xml --edge-files net.edg.xml"
+    parts += f" --connection-files net.con.xml --output-file {NET_FILE}"
+    shape = "--offset.disable-normalization --precision 4 --no-turnarounds"
+    shape += " --junctions.internal-link-detail 20 --junctions.corner-detail 5"
+    shape += " --junctions.limit-turn-speed 3.5 --junctions.small-radius 1"
+    shape += " --crossings.guess --crossings.guess.speed-threshold 18"
+    shape += f" --default.crossing-width {plain.crossing_width_m:.2f}"
+    run_sumo_tool("netconvert", f"{parts} {shape}".split(), folder)
+    return folder / NET_FILE
+
+
+def _write(path: Path, root: ElementTree.Element) -> None:
+    ElementTree.ElementTree(root).write(path, encoding="utf-8")
+
+
+def _nodes(plain: PlainNetwork) -> ElementTree.Element:
+    root = ElementTree.Element("nodes")
+    for node in plain.nodes:
+        x, y = node.point_m
+        ElementTree.SubElement(
+            root,
+            "node",
+            id=node.node_id,
+            x=f"{x:.3f}",
+            y=f"{y:.3f}",
+            type=node.kind.value,
+            radius=f"{node.radius_m:.2f}",
+        )
+    return root
+
+
+def _edges(plain: PlainNetwork) -> ElementTree.Element:
+    root = ElementTree.Element("edges")
+    for edge in plain.edges:
+        attributes = {
+            "id": edge.edge_id,
+            "from": edge.start,
+            "to": edge.end,
+            "spreadType": "right",
+            "speed": f"{edge.speed_mps:.2f}",
+            "priority": str(edge.priority),
+            "numLanes": str(len(edge.strips)),
+            "shape": " ".join(f"{x:.3f},{y:.3f}" for x, y in edge.left_edge_m),
+        }
+        element = ElementTree.SubElement(root, "edge", attributes)
+        for index, strip in enumerate(edge.strips):
+            is_closed = strip.kind is StripKind.PARKING
+            ElementTree.SubElement(
+                element,
+                "lane",
+                {
+                    "index": str(index),
+                    "width": f"{strip.width_m:.2f}",
+                    "disallow" if is_closed else "allow": strip.kind.value or "all",
+                },
+            )
+    for nodes, edges in plain.roundabouts:
+        ElementTree.SubElement(
+            root, "roundabout", nodes=" ".join(nodes), edges=" ".join(edges)
+        )
+    return root
+
+
+def _connections(plain: PlainNetwork) -> ElementTree.Element:
+    root = ElementTree.Element("connections")
+    for connection in plain.connections:
+        ElementTree.SubElement(
+            root,
+            "connection",
+            {
+                "from": connection.start,
+                "to": connection.end,
+                "fromLane": str(connection.start_strip),
+                "toLane": str(connection.end_strip),
+            },
+        )
+    for start, end in plain.removed:
+        ElementTree.SubElement(root, "delete", {"from": start, "to": end})
+    return root

@@ -1,0 +1,111 @@
+"""Reader of SUMO's floating-car data.
+
+SUMO's position is the centre of the front bumper, its angle clockwise from north.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+from jaxtyping import Float, Int
+
+from pd_editor.base.errors import SynthesisError
+from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+
+_COLUMNS: Final = ("x", "y", "angle")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RawTracks:
+    """States of A road users, one user after another, each in order of time."""
+
+    names: tuple[str, ...]
+    """SUMO's ids, sorted."""
+    agent: Int[np.ndarray, "P"]
+    """Index into ``names`` of each row."""
+    step: Int[np.ndarray, "P"]
+    """Steps since the beginning of the simulation."""
+    front_m: Float[np.ndarray, "P 2"]
+    """SUMO's position: the centre of the front bumper."""
+    heading_rad: Float[np.ndarray, "P"]
+
+    def shifted(self, steps: int) -> "RawTracks":
+        """States from a step on, which becomes step 0."""
+        kept = self.step >= steps
+        return RawTracks(
+            names=self.names,
+            agent=self.agent[kept],
+            step=self.step[kept] - steps,
+            front_m=self.front_m[kept],
+            heading_rad=self.heading_rad[kept],
+        )
+
+
+def heading_of_sumo(angle_deg: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P"]:
+    """Convert angles clockwise from north to headings counter-clockwise from +x."""
+    return wrap_angle(np.deg2rad(90.0 - angle_deg))
+
+
+def center_of_front(
+    front_m: Float[np.ndarray, "P 2"],
+    heading_rad: Float[np.ndarray, "P"],
+    length_m: Float[np.ndarray, "P"],
+) -> Float[np.ndarray, "P 2"]:
+    """Box centres of vehicles, given the centres of their front bumpers."""
+    return front_m - length_m[:, None] / 2 * unit_vector(heading_rad)
+
+
+def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
+    """Read SUMO's floating-car data in Parquet, of vehicles and persons.
+
+    Raises:
+        SynthesisError: a file is missing or lacks a column.
+    """
+    names: list[np.ndarray] = []
+    values: list[np.ndarray] = []
+    for path in paths:
+        if not os.path.exists(path):
+            continue
+        try:
+            table = pyarrow.parquet.read_table(path)
+        except (OSError, pyarrow.ArrowInvalid) as error:
+            raise SynthesisError(
+                f"{path} is not SUMO's floating-car data in Parquet ({error})."
+            ) from error
+        if table.num_columns < 2:
+            # Without any road user, SUMO writes the time only.
+            continue
+        columns = {name.split("_", 1)[1]: table[name] for name in table.column_names}
+        if missing := {"id", "time", *_COLUMNS} - columns.keys():
+            raise SynthesisError(f"{path} lacks the column {sorted(missing)[0]!r}.")
+        there = columns["id"].is_valid().to_numpy()
+        coded = columns["id"].combine_chunks().dictionary_encode()
+        code = coded.indices.fill_null(0).to_numpy()[there]
+        names.append(np.array(coded.dictionary.to_pylist(), dtype=object)[code])
+        kept = [columns[name].to_numpy()[there] for name in ("time", *_COLUMNS)]
+        values.append(np.column_stack(kept).astype(float))
+    if not values or sum(len(part) for part in values) == 0:
+        return _no_tracks()
+    numbers = np.concatenate(values)
+    unique, agent = np.unique(np.concatenate(names).astype(str), return_inverse=True)
+    step = np.rint(numbers[:, 0] / step_s).astype(int)
+    order = np.lexsort((step, agent))
+    return RawTracks(
+        names=tuple(unique.tolist()),
+        agent=agent[order],
+        step=step[order],
+        front_m=numbers[order, 1:3],
+        heading_rad=heading_of_sumo(numbers[order, 3]),
+    )
+
+
+def _no_tracks() -> RawTracks:
+    none = np.zeros(0, int)
+    return RawTracks(
+        names=(), agent=none, step=none,
+        front_m=np.zeros((0, 2)), heading_rad=np.zeros(0),
+    )  # fmt: skip

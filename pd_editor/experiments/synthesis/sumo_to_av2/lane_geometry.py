@@ -1,0 +1,108 @@
+"""Centre lines with widths, and lane boundaries."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.scene.geometry.polyline import arc_length, without_repeats
+
+SPACING_M: Final = 2.0
+"""Largest distance between points, as in Argoverse 2 maps."""
+_REPEAT_M: Final = 5e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WideLine:
+    """Line of N points with width and left unit normal at each point."""
+
+    points_m: Float[np.ndarray, "N 2"]
+    width_m: Float[np.ndarray, "N"]
+    normal: Float[np.ndarray, "N 2"]
+
+    def left_m(self) -> Float[np.ndarray, "L 2"]:
+        """The left boundary."""
+        return _forward_only(self, 0.5)
+
+    def right_m(self) -> Float[np.ndarray, "R 2"]:
+        """The right boundary."""
+        return _forward_only(self, -0.5)
+
+
+def wide_line(
+    points_m: Float[np.ndarray, "N 2"], width_m: Float[np.ndarray, "N"]
+) -> WideLine:
+    """Make a line with its own normals, without repeated points."""
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
+    keep = np.concatenate([[True], step > _REPEAT_M])
+    points_m, width_m = points_m[keep], width_m[keep]
+    return WideLine(points_m=points_m, width_m=width_m, normal=_normals(points_m))
+
+
+def with_end_normals(
+    line: WideLine,
+    first: Float[np.ndarray, "2"] | None,
+    last: Float[np.ndarray, "2"] | None,
+) -> WideLine:
+    """Set the normals at a line's ends, so that boundaries meet there."""
+    normal = line.normal.copy()
+    if first is not None:
+        normal[0] = first
+    if last is not None:
+        normal[-1] = last
+    return WideLine(points_m=line.points_m, width_m=line.width_m, normal=normal)
+
+
+def pieces(line: WideLine, cuts_m: list[float]) -> list[WideLine]:
+    """Split a line at distances along it, and resample each piece evenly."""
+    along = arc_length(line.points_m)
+    bounds = [0.0, *cuts_m, float(along[-1])]
+    result = []
+    for start, end in pairwise(bounds):
+        count = max(int(np.ceil((end - start) / SPACING_M)) + 1, 2)
+        at = np.linspace(start, end, count)
+        columns = np.column_stack([line.points_m, line.normal, line.width_m])
+        x, y, nx, ny, width = (np.interp(at, along, column) for column in columns.T)
+        normal = np.stack([nx, ny], axis=-1)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        result.append(
+            WideLine(points_m=np.stack([x, y], axis=-1), width_m=width, normal=normal)
+        )
+    return result
+
+
+def _normals(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
+    direction = np.diff(points_m, axis=0)
+    direction /= np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-9)
+    middle = np.concatenate([direction[:1], direction])
+    middle = middle + np.concatenate([direction, direction[-1:]])
+    middle /= np.maximum(np.linalg.norm(middle, axis=-1, keepdims=True), 1e-9)
+    return np.stack([-middle[:, 1], middle[:, 0]], axis=-1)
+
+
+def _forward_only(line: WideLine, side: float) -> Float[np.ndarray, "M 2"]:
+    """Boundary without the loops on the inner side of tight curves."""
+    points = line.points_m + side * line.width_m[:, None] * line.normal
+    forward = np.stack([line.normal[:, 1], -line.normal[:, 0]], axis=-1)
+    keep = np.arange(len(points))
+    while len(keep) > 2:
+        backward = _goes_back(points[keep], forward[keep])
+        if not backward.any():
+            break
+        keep = keep[~backward]
+    return without_repeats(points[keep]) if len(keep) > 2 else points[[0, -1]]
+
+
+def _goes_back(
+    points: Float[np.ndarray, "N 2"], forward: Float[np.ndarray, "N 2"]
+) -> Bool[np.ndarray, "N"]:
+    """Which points are reached against the direction of travel, except the ends."""
+    step = np.diff(points, axis=0)
+    against = np.sum(step * (forward[:-1] + forward[1:]), axis=-1) <= 0.0
+    dropped = np.zeros(len(points), bool)
+    dropped[1:] = against
+    dropped[:-1] |= against
+    dropped[[0, -1]] = False
+    return dropped

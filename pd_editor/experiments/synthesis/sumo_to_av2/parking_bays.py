@@ -1,0 +1,96 @@
+"""Parking bays beside streets, in which vehicles stand at an angle to the lane."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at
+from pd_editor.scene.road_map import Lane, LaneKind
+
+BAY_SHARE: Final = 0.1
+"""Share of street sides with a bay."""
+END_M: Final = 3.0
+"""Distance between a bay and both ends of its street side."""
+MIN_LENGTH_M: Final = 10.0
+
+ANGLED_PITCH_M: Final = 3.5
+ANGLED_ASIDE_M: Final = (1.2, 3.2)
+"""Range of the distance from the lane's edge to the centres of vehicles at an angle to
+it; lanes of recorded maps often include a part of such places."""
+ANGLED_DEG: Final = (-60.0, -42.0)
+"""Range of the angle of such vehicles to the lane."""
+PERPENDICULAR_SHARE: Final = 0.25
+"""Share of perpendicular bays."""
+PERPENDICULAR_PITCH_M: Final = 2.75
+PERPENDICULAR_ASIDE_M: Final = (1.6, 5.0)
+
+BEHIND_M: Final = 2.7
+"""Width of the drivable area beyond the centres of the vehicles."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ParkingBay:
+    """A row of places at one angle beside a street."""
+
+    lane_id: int
+    """Lane to whose right the bay is."""
+    kerb_m: Float[np.ndarray, "N 2"]
+    """Right boundary of the lane along the bay, in driving direction."""
+    angle_rad: float
+    """Angle of the vehicles to the lane; clockwise angles are negative."""
+    aside_m: float
+    """Distance from the kerb to the centres of the vehicles."""
+    pitch_m: float
+    """Distance between neighbours."""
+
+    @property
+    def is_perpendicular(self) -> bool:
+        """Whether vehicles stand at a right angle to the lane."""
+        return bool(abs(self.angle_rad) > np.deg2rad(75.0))
+
+    def area(self) -> shapely.Polygon:
+        """Drivable area of the bay, beside the lane."""
+        outer = offset_line(self.kerb_m, -(self.aside_m + BEHIND_M))
+        return shapely.Polygon(np.concatenate([self.kerb_m, outer[::-1]]))
+
+
+def kerb_lanes(lanes: Iterable[Lane]) -> list[Lane]:
+    """Rightmost lanes of streets outside junctions."""
+    return [
+        lane
+        for lane in lanes
+        if lane.right_neighbor is None
+        and lane.kind is not LaneKind.BIKE
+        and not lane.is_intersection
+    ]
+
+
+def sample_parking_bays(
+    lanes: Iterable[Lane], random: np.random.Generator, share: float = BAY_SHARE
+) -> tuple[ParkingBay, ...]:
+    """Sample the bays of a road network: equal for all traffic on it."""
+    found = []
+    for lane in kerb_lanes(lanes):
+        if random.random() >= share:
+            continue
+        is_perpendicular = random.random() < PERPENDICULAR_SHARE
+        length = float(arc_length(lane.right_m)[-1])
+        if length < 2 * END_M + MIN_LENGTH_M:
+            continue
+        at = np.linspace(END_M, length - END_M, int(length / 2.0) + 2)
+        aside = PERPENDICULAR_ASIDE_M if is_perpendicular else ANGLED_ASIDE_M
+        angle = -90.0 if is_perpendicular else random.uniform(*ANGLED_DEG)
+        found.append(
+            ParkingBay(
+                lane_id=lane.lane_id,
+                kerb_m=point_at(lane.right_m, at),
+                angle_rad=float(np.deg2rad(angle)),
+                aside_m=random.uniform(*aside),
+                pitch_m=PERPENDICULAR_PITCH_M if is_perpendicular else ANGLED_PITCH_M,
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,246 @@
+"""Samples traffic demand: trips of vehicles and pedestrians as a SUMO route file."""
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.experiments.synthesis.sumo.traffic_graph import TrafficEdge, TrafficGraph
+from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
+from pd_editor.experiments.synthesis.traffic.routing import RouteSampler
+from pd_editor.experiments.synthesis.traffic.vehicle_types import (
+    MODELS,
+    SampledType,
+    VehicleModel,
+    sample_pedestrian_type,
+    sample_vehicle_type,
+)
+
+MEAN_TRAVEL_SPEED_MPS: Final = 6.0
+"""Speed that relates a flow to the number of vehicles at the start."""
+
+TYPICAL_LIMIT_MPS: Final = 12.0
+FLOW_POWER: Final = 2.0
+"""Exponent of the flow as a function of the speed limit."""
+
+WALK_M: Final = 350.0
+"""Typical distance between start and destination of pedestrians."""
+
+PEDESTRIAN_SPEED_MPS: Final = 1.3
+
+ROUTES_PER_IDEA: Final = 6
+"""Number of routes from an entry that share the same expected travel times."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Demand:
+    """All trips of a simulation."""
+
+    types: dict[str, SampledType]
+    """Type of each vehicle and pedestrian, by their SUMO id."""
+    root: ElementTree.Element
+
+    def write(self, path: Path) -> None:
+        """Write a SUMO route file."""
+        ElementTree.ElementTree(self.root).write(path, encoding="utf-8")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Trip:
+    depart_s: float
+    route: tuple[str, ...]
+    starts_inside: bool
+    model: VehicleModel
+
+
+def sample_demand(
+    graph: TrafficGraph,
+    options: DemandOptions,
+    duration_s: float,
+    random: np.random.Generator,
+) -> Demand:
+    """Sample the trips of all vehicles and pedestrians of a simulation."""
+    types: dict[str, SampledType] = {}
+    entries: list[tuple[float, list[ElementTree.Element]]] = []
+    for number, trip in enumerate(_trips(graph, options, duration_s, random)):
+        name = f"{trip.model.name}-{number:04d}"
+        types[name] = sample_vehicle_type(f"type-{name}", trip.model, options, random)
+        vehicle = _vehicle(name, trip, graph, options, random)
+        entries.append((trip.depart_s, [types[name].element, vehicle]))
+    for number, (depart_s, start, end) in enumerate(
+        _walks(graph, options, duration_s, random)
+    ):
+        name = f"pedestrian-{number:04d}"
+        types[name] = sample_pedestrian_type(f"type-{name}", random)
+        person = ElementTree.Element(
+            "person",
+            {
+                "id": name,
+                "type": f"type-{name}",
+                "depart": f"{depart_s:.1f}",
+                "departPos": "random",
+            },
+        )
+        if random.random() < 0.15:
+            wait_s = random.uniform(5.0, 120.0)
+            ElementTree.SubElement(
+                person, "stop", {"edge": start, "duration": f"{wait_s:.1f}"}
+            )
+        ElementTree.SubElement(person, "walk", {"from": start, "to": end})
+        entries.append((depart_s, [types[name].element, person]))
+    root = ElementTree.Element("routes")
+    for _, elements in sorted(entries, key=lambda entry: entry[0]):
+        root.extend(elements)
+    return Demand(types=types, root=root)
+
+
+def _trips(
+    graph: TrafficGraph,
+    options: DemandOptions,
+    duration_s: float,
+    random: np.random.Generator,
+) -> list[_Trip]:
+    trips: list[_Trip] = []
+    for model, share in _present_models(options):
+        choice = RouteSampler(
+            graph=graph,
+            vehicle_class=model.sumo_class,
+            turn_cost_s=options.turn_cost_s,
+            turn_aversion=options.turn_aversion,
+        )
+        for entry in choice.entries:
+            num_lanes = len(graph.edges[entry].lanes_for(model.sumo_class))
+            flow = share * options.flow_per_lane / 3600 * num_lanes
+            flow *= (graph.edges[entry].speed_mps / TYPICAL_LIMIT_MPS) ** FLOW_POWER
+            flow *= random.lognormal(0.0, options.flow_spread)
+            trips += _trips_of(choice, entry, model, flow, duration_s, random)
+    return trips
+
+
+def _present_models(options: DemandOptions) -> list[tuple[VehicleModel, float]]:
+    return [
+        (model, options.shares[model.name])
+        for model in MODELS
+        if options.shares.get(model.name, 0.0) > 0
+    ]
+
+
+def _trips_of(
+    choice: RouteSampler,
+    entry: str,
+    model: VehicleModel,
+    flow: float,
+    duration_s: float,
+    random: np.random.Generator,
+) -> list[_Trip]:
+    """Trips from one entry: some start on the road, the others enter later."""
+    num_later = random.poisson(flow * duration_s)
+    probe = choice.sample(entry, ROUTES_PER_IDEA, random)
+    if not probe:
+        return []
+    edges = choice.graph.edges
+    length_m = np.mean([sum(edges[edge].length_m for edge in way) for way in probe])
+    num_first = random.poisson(flow * length_m / MEAN_TRAVEL_SPEED_MPS)
+    routes = list(probe)
+    while len(routes) < num_first + num_later:
+        routes += choice.sample(entry, ROUTES_PER_IDEA, random)
+    departs = random.uniform(0.0, duration_s, num_later)
+    trips = [
+        _Trip(depart_s=float(at), route=way, starts_inside=False, model=model)
+        for at, way in zip(departs, routes[num_first:], strict=False)
+    ]
+    for way in routes[:num_first]:
+        lengths = np.array([edges[edge].length_m for edge in way])
+        first = random.choice(len(way), p=lengths / lengths.sum())
+        trips.append(
+            _Trip(depart_s=0.0, route=way[first:], starts_inside=True, model=model)
+        )
+    return trips
+
+
+def _vehicle(
+    name: str,
+    trip: _Trip,
+    graph: TrafficGraph,
+    options: DemandOptions,
+    random: np.random.Generator,
+) -> ElementTree.Element:
+    vehicle = ElementTree.Element(
+        "vehicle",
+        {
+            "id": name,
+            "type": f"type-{name}",
+            "depart": f"{trip.depart_s:.1f}",
+            "departLane": "best",
+            "departPos": "random_free" if trip.starts_inside else "base",
+            "departSpeed": "max",
+        },
+    )
+    ElementTree.SubElement(vehicle, "route", {"edges": " ".join(trip.route)})
+    edges = [graph.edges[edge] for edge in trip.route[1:-1]]
+    if trip.model.name == "bus":
+        halts = [edge for edge in edges if random.random() < 0.35]
+    elif random.random() < options.halting_share:
+        halts = edges[-2:][:1]
+    else:
+        halts = []
+    for edge in halts:
+        _add_halt(vehicle, edge, trip.model, random)
+    return vehicle
+
+
+def _add_halt(
+    vehicle: ElementTree.Element,
+    edge: TrafficEdge,
+    model: VehicleModel,
+    random: np.random.Generator,
+) -> None:
+    """Add a stop at the right side of an edge: a bus stop, a delivery, a passenger."""
+    lanes = edge.lanes_for(model.sumo_class)
+    if edge.length_m < 60.0:
+        return
+    may_block = len(lanes) > 1
+    long_s = random.uniform(20.0, 120.0) if may_block else random.uniform(6.0, 20.0)
+    duration_s = random.uniform(8.0, 25.0) if model.name == "bus" else long_s
+    ElementTree.SubElement(
+        vehicle,
+        "stop",
+        {
+            "lane": lanes[0].lane_id,
+            "endPos": f"{random.uniform(30.0, edge.length_m - 15.0):.1f}",
+            "duration": f"{duration_s:.1f}",
+        },
+    )
+
+
+def _walks(
+    graph: TrafficGraph,
+    options: DemandOptions,
+    duration_s: float,
+    random: np.random.Generator,
+) -> list[tuple[float, str, str]]:
+    """Sample departure, first and last edge of each pedestrian."""
+    edges = graph.sidewalk_edges
+    if not edges:
+        return []
+    lengths = np.array([edge.length_m for edge in edges])
+    middles = np.array([edge.lanes[0].shape_m.mean(axis=0) for edge in edges])
+    spread = options.pedestrian_spread
+    density = random.lognormal(-0.5 * spread**2, spread)
+    present = density * options.pedestrians_per_km * lengths.sum() / 1000
+    walk_time_s = WALK_M / PEDESTRIAN_SPEED_MPS
+    num_first = random.poisson(present)
+    num_later = random.poisson(present * duration_s / walk_time_s)
+    departs = np.concatenate(
+        [np.zeros(num_first), random.uniform(0.0, duration_s, num_later)]
+    )
+    starts = random.choice(len(edges), size=len(departs), p=lengths / lengths.sum())
+    walks = []
+    for depart_s, start in zip(departs, starts, strict=True):
+        near = np.linalg.norm(middles - middles[start], axis=1)
+        reached = np.flatnonzero((near < WALK_M) & (near > 0))
+        end = start if len(reached) == 0 else int(random.choice(reached))
+        walks.append((float(depart_s), edges[start].edge_id, edges[end].edge_id))
+    return walks

@@ -1,0 +1,177 @@
+"""Simulates traffic on a network for some minutes, as a recording."""
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+from xml.etree.ElementTree import ElementTree
+
+import numpy as np
+
+from pd_editor.experiments.recordings.recording import Recording
+from pd_editor.experiments.synthesis.road_network.network import Network
+from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
+from pd_editor.experiments.synthesis.sumo.floating_car_data import read_raw_tracks
+from pd_editor.experiments.synthesis.sumo.signal_plans import sample_signal_plans
+from pd_editor.experiments.synthesis.sumo.sumo_tools import (
+    SIMULATION_LIMIT_S,
+    run_sumo_tool,
+)
+from pd_editor.experiments.synthesis.sumo.traffic_graph import (
+    TrafficGraph,
+    read_traffic_graph,
+)
+from pd_editor.experiments.synthesis.traffic.artefact_filter import (
+    has_artefact,
+    without_overlaps,
+)
+from pd_editor.experiments.synthesis.traffic.demand import sample_demand
+from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
+from pd_editor.experiments.synthesis.traffic.parked_vehicles import (
+    ParkedVehicles,
+    sample_parked_vehicles,
+)
+from pd_editor.experiments.synthesis.traffic.pedestrians import sample_pedestrians
+from pd_editor.experiments.synthesis.traffic.track_smoothing import (
+    TrafficTracks,
+    traffic_tracks,
+)
+from pd_editor.scene.agent_kind import AgentKind
+
+STEP_S: Final = 0.1
+WARM_UP_S: Final = 20.0
+"""Time in which the initial vehicles reach an equilibrium; it is discarded."""
+
+LATERAL_RESOLUTION_M: Final = 0.6
+"""Lateral resolution of SUMO's sublane model."""
+
+SLOW_MPS: Final = 2.0
+JAM_SHARE: Final = 0.42
+"""Share of slow time above which the demand exceeds the capacity of the roads."""
+LESS_FLOW: Final = 0.6
+"""Factor by which the flow is reduced in that case."""
+MAX_RETRIES: Final = 2
+
+JAM_S: Final = 90.0
+"""Vehicles that wait longer at the head of a lane are removed."""
+
+
+def simulate(
+    network: Network,
+    seed: int,
+    *,
+    duration_s: float = 160.0,
+    demand: DemandOptions | None = None,
+) -> Recording:
+    """Simulate road users of all kinds, and add parked vehicles and pedestrians.
+
+    Equal networks, seeds and options give equal arrays. Positions are in the frame of
+    the network's road map.
+
+    Raises:
+        SynthesisError: SUMO is missing, or refused the network or the traffic.
+    """
+    options = demand or DemandOptions()
+    graph = read_traffic_graph(network.net_file)
+    random = np.random.default_rng(seed)
+    tracks = _traffic(network, graph, options, duration_s, seed, random)
+    for _ in range(MAX_RETRIES):
+        if _slow_share(tracks) <= JAM_SHARE:
+            break
+        options = replace(options, flow_per_lane=LESS_FLOW * options.flow_per_lane)
+        tracks = _traffic(network, graph, options, duration_s, seed, random)
+    tracks = tracks.taken(~has_artefact(tracks, STEP_S))
+    tracks = tracks.taken(without_overlaps(tracks))
+    num_steps = round(duration_s / STEP_S)
+    if network.footways is not None and network.footways.lines_m:
+        pedestrians = sample_pedestrians(
+            network.footways, tracks, options, num_steps, STEP_S, random
+        )
+        tracks = tracks.joined(pedestrians)
+    parked = sample_parked_vehicles(network, tracks, options.parking, random)
+    return _recording(network, seed, tracks, parked, num_steps)
+
+
+def _traffic(
+    network: Network,
+    graph: TrafficGraph,
+    options: DemandOptions,
+    duration_s: float,
+    seed: int,
+    random: np.random.Generator,
+) -> TrafficTracks:
+    """Tracks of all simulated road users, after the warm-up."""
+    end_s = WARM_UP_S + duration_s
+    sampled = sample_demand(graph, options, end_s, random)
+    plans = sample_signal_plans(network.net_file, options.green_share, random)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        sampled.write(folder / "trips.rou.xml")
+        ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
+        write_with_curve_speeds(network.net_file, folder / "roads.net.xml")
+        _run(folder, seed, end_s)
+        raw = read_raw_tracks(
+            (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
+        )
+    return traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), sampled.types, STEP_S)
+
+
+def _slow_share(tracks: TrafficTracks) -> float:
+    """Share of the vehicles' time at very low speed."""
+    drives = np.array([kind is not AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
+    rows = drives[tracks.agent]
+    if not rows.any():
+        return 0.0
+    speed = np.linalg.norm(tracks.velocity_mps[rows], axis=1)
+    return float((speed < SLOW_MPS).mean())
+
+
+def _run(folder: Path, seed: int, end_s: float) -> None:
+    files = "--net-file roads.net.xml --route-files trips.rou.xml --additional-files signals.add.xml"
+    files += " --fcd-output vehicles.parquet"
+    files += " --person-fcd-output persons.parquet"
+    files += " --fcd-output.attributes id,x,y,angle"
+    clock = f"--step-length {STEP_S} --device.fcd.begin {WARM_UP_S} --end {end_s}"
+    model = f"--lateral-resolution {LATERAL_RESOLUTION_M} --seed {seed % 2**31}"
+    model += " --pedestrian.striping.stripe-width 0.5"
+    rules = f"--time-to-teleport {JAM_S} --time-to-teleport.remove true"
+    rules += " --collision.action none --intermodal-collision.action none"
+    rules += " --max-depart-delay 15 --ignore-route-errors true"
+    quiet = "--no-step-log true --no-warnings true --duration-log.disable true"
+    quiet += " --xml-validation never"
+    arguments = f"{files} {clock} {model} {rules} {quiet}".split()
+    run_sumo_tool("sumo", arguments, folder, limit_s=SIMULATION_LIMIT_S)
+
+
+def _recording(
+    network: Network,
+    seed: int,
+    tracks: TrafficTracks,
+    parked: ParkedVehicles,
+    num_steps: int,
+) -> Recording:
+    num_parked = len(parked.kinds)
+    counts = np.concatenate([np.diff(tracks.first_row), np.full(num_parked, num_steps)])
+    return Recording(
+        name=f"{network.name}-{seed}",
+        road_map=network.road_map,
+        city=network.family,
+        origin_city_m=np.zeros(2),
+        step_s=STEP_S,
+        num_steps=num_steps,
+        ids=(*tracks.ids, *(f"parked-{row:04d}" for row in range(num_parked))),
+        kinds=(*tracks.kinds, *parked.kinds),
+        size_m=np.concatenate([tracks.size_m, parked.size_m]),
+        is_parked=np.arange(len(counts)) >= len(tracks.ids),
+        first_step=np.concatenate([tracks.first_step, np.zeros(num_parked, int)]),
+        first_row=np.concatenate([[0], np.cumsum(counts)]).astype(int),
+        position_m=np.concatenate(
+            [tracks.position_m, np.repeat(parked.position_m, num_steps, axis=0)]
+        ),
+        heading_rad=np.concatenate(
+            [tracks.heading_rad, np.repeat(parked.heading_rad, num_steps)]
+        ),
+        velocity_mps=np.concatenate(
+            [tracks.velocity_mps, np.zeros((num_parked * num_steps, 2))]
+        ),
+    )

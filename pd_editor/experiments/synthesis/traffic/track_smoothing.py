@@ -1,0 +1,175 @@
+"""Converts SUMO's states to smooth tracks of box centres."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.experiments.synthesis.sumo.floating_car_data import (
+    RawTracks,
+    center_of_front,
+)
+from pd_editor.experiments.synthesis.traffic.vehicle_types import SampledType
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.angles import heading_of, wrap_angle
+from pd_editor.scene.thresholds import STANDING_MPS
+
+VEHICLE_SMOOTHING_S: Final = 0.3
+"""Standard deviation of the filter that smooths the corners of SUMO's lanes."""
+
+PEDESTRIAN_SMOOTHING_S: Final = 0.5
+"""The same for pedestrians, which SUMO moves sideways between discrete stripes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrafficTracks:
+    """Tracks of A road users; P states of all of them, one user after another."""
+
+    ids: tuple[str, ...]
+    kinds: tuple[AgentKind, ...]
+    size_m: Float[np.ndarray, "A 2"]
+    first_step: Int[np.ndarray, "A"]
+    first_row: Int[np.ndarray, "A_plus_1"]
+    position_m: Float[np.ndarray, "P 2"]
+    heading_rad: Float[np.ndarray, "P"]
+    velocity_mps: Float[np.ndarray, "P 2"]
+
+    @cached_property
+    def agent(self) -> Int[np.ndarray, "P"]:
+        """Index of the road user of each state."""
+        return np.repeat(np.arange(len(self.ids)), np.diff(self.first_row))
+
+    @cached_property
+    def step(self) -> Int[np.ndarray, "P"]:
+        """Step of each state."""
+        row = np.arange(len(self.position_m))
+        return self.first_step[self.agent] + row - self.first_row[self.agent]
+
+    def taken(self, wanted: Bool[np.ndarray, "A"]) -> "TrafficTracks":
+        """Select road users by a mask."""
+        rows = wanted[self.agent]
+        kept = np.flatnonzero(wanted)
+        counts = np.diff(self.first_row)[kept]
+        return TrafficTracks(
+            ids=tuple(self.ids[agent] for agent in kept),
+            kinds=tuple(self.kinds[agent] for agent in kept),
+            size_m=self.size_m[kept],
+            first_step=self.first_step[kept],
+            first_row=np.concatenate([[0], np.cumsum(counts)]).astype(int),
+            position_m=self.position_m[rows],
+            heading_rad=self.heading_rad[rows],
+            velocity_mps=self.velocity_mps[rows],
+        )
+
+    def joined(self, other: "TrafficTracks") -> "TrafficTracks":
+        """Concatenate: these road users, then others of the same recording."""
+        return TrafficTracks(
+            ids=(*self.ids, *other.ids),
+            kinds=(*self.kinds, *other.kinds),
+            size_m=np.concatenate([self.size_m, other.size_m]),
+            first_step=np.concatenate([self.first_step, other.first_step]),
+            first_row=np.concatenate(
+                [self.first_row, self.first_row[-1] + other.first_row[1:]]
+            ),
+            position_m=np.concatenate([self.position_m, other.position_m]),
+            heading_rad=np.concatenate([self.heading_rad, other.heading_rad]),
+            velocity_mps=np.concatenate([self.velocity_mps, other.velocity_mps]),
+        )
+
+
+def traffic_tracks(
+    raw: RawTracks, types: dict[str, SampledType], step_s: float
+) -> TrafficTracks:
+    """Tracks of box centres; a road user that was absent continues under a new id."""
+    begins = np.ones(len(raw.agent), bool)
+    begins[1:] = (np.diff(raw.agent) != 0) | (np.diff(raw.step) != 1)
+    first = np.append(np.flatnonzero(begins), len(raw.agent)).astype(int)
+    sumo_agent = raw.agent[first[:-1]]
+    part = np.arange(len(sumo_agent)) - np.searchsorted(sumo_agent, sumo_agent)
+    sampled = [types[raw.names[agent]] for agent in sumo_agent]
+    size_m = np.array([one.size_m for one in sampled], float).reshape(-1, 2)
+    walks = np.array([one.kind is AgentKind.PEDESTRIAN for one in sampled], bool)
+    agent = np.repeat(np.arange(len(sampled)), np.diff(first))
+    length = np.where(walks, 0.0, size_m[:, 0])[agent]
+    position = center_of_front(raw.front_m, raw.heading_rad, length)
+    turn = wrap_angle(np.diff(raw.heading_rad, prepend=raw.heading_rad[:1]))
+    heading = np.cumsum(turn) + (raw.heading_rad[0] if len(turn) else 0.0)
+    state = np.column_stack([position, heading])
+    spread = np.where(walks, PEDESTRIAN_SMOOTHING_S, VEHICLE_SMOOTHING_S) / step_s
+    state = _smoothed(state, first, spread)
+    velocity = _rate(state[:, :2], first, step_s)
+    heading = wrap_angle(state[:, 2])
+    return TrafficTracks(
+        ids=tuple(
+            raw.names[name] + (f"-{number}" if number else "")
+            for name, number in zip(sumo_agent, part, strict=True)
+        ),
+        kinds=tuple(one.kind for one in sampled),
+        size_m=size_m,
+        first_step=raw.step[first[:-1]],
+        first_row=first,
+        position_m=state[:, :2],
+        heading_rad=np.where(
+            walks[agent], _walking_heading(heading, velocity, first), heading
+        ),
+        velocity_mps=velocity,
+    )
+
+
+def _smoothed(
+    values: Float[np.ndarray, "P D"],
+    first: Int[np.ndarray, "A_plus_1"],
+    spread_steps: Float[np.ndarray, "A"],
+) -> Float[np.ndarray, "P D"]:
+    """Smooth each track with a Gaussian filter; both ends stay fixed.
+
+    Tracks are extended by point reflection, so that tracks of constant speed do not
+    change.
+    """
+    agent = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    low, high = first[:-1][agent], first[1:][agent] - 1
+    row = np.arange(len(values))
+    reach = int(np.ceil(3 * spread_steps.max(initial=0.0)))
+    total = np.zeros_like(values)
+    weights = np.zeros(len(values))
+    for shift in range(-reach, reach + 1):
+        weight = np.exp(-0.5 * (shift / spread_steps[agent]) ** 2)
+        at = row + shift
+        end = np.clip(at, low, high)
+        beyond = at - end
+        mirrored = np.clip(end - beyond, low, high)
+        reflected = 2 * values[end] - values[mirrored]
+        value = np.where((beyond == 0)[:, None], values[mirrored], reflected)
+        total += weight[:, None] * value
+        weights += weight
+    return total / np.maximum(weights, 1e-12)[:, None]
+
+
+def _rate(
+    position: Float[np.ndarray, "P 2"],
+    first: Int[np.ndarray, "A_plus_1"],
+    step_s: float,
+) -> Float[np.ndarray, "P 2"]:
+    """Central differences, one-sided at the ends of tracks; 0 for a single state."""
+    agent = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    row = np.arange(len(position))
+    after = np.minimum(row + 1, first[1:][agent] - 1)
+    before = np.maximum(row - 1, first[:-1][agent])
+    time = np.maximum(after - before, 1) * step_s
+    return (position[after] - position[before]) / time[:, None]
+
+
+def _walking_heading(
+    heading: Float[np.ndarray, "P"],
+    velocity: Float[np.ndarray, "P 2"],
+    first: Int[np.ndarray, "A_plus_1"],
+) -> Float[np.ndarray, "P"]:
+    """Direction of motion; stationary pedestrians keep their last direction."""
+    moves = np.hypot(velocity[:, 0], velocity[:, 1]) > STANDING_MPS
+    row = np.arange(len(heading))
+    last = np.maximum.accumulate(np.where(moves, row, -1))
+    start = np.repeat(first[:-1], np.diff(first))
+    has_moved = last >= start
+    return np.where(has_moved, heading_of(velocity)[np.maximum(last, 0)], heading)

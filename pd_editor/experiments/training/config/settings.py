@@ -1,0 +1,195 @@
+"""Settings of a run by name, out of TOML files and of ``key=value`` texts.
+
+A name is a section and a field, ``model.width``; before it a stage, ``init.model.width``,
+where both stages are trained. ``SECTIONS`` has the sections of each stage.
+"""
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from pd_editor.base.errors import ModelError, TrainingError
+from pd_editor.base.plain_text import nearest_or_all
+from pd_editor.base.regular_file import read_regular
+from pd_editor.experiments.training.config.presets import LOSSES, NETWORKS, SAMPLING
+from pd_editor.experiments.training.config.run_config import Augmentation, Optimisation
+from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
+
+STAGES: Final[tuple[Literal["init", "traj"], ...]] = ("init", "traj")
+SECTIONS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
+    stage: {
+        "model": NETWORKS[stage],
+        "loss": LOSSES[stage],
+        "optimisation": Optimisation,
+        "augmentation": Augmentation,
+        **SAMPLING[stage],
+        "own_samples": OwnSamplesConfig,
+    }
+    for stage in STAGES
+}
+"""Types of the sections that can be set, for each stage."""
+_MAX_BYTES: Final = 1_000_000
+_KINDS: Final[Mapping[Any, str]] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    tuple[float, float]: "two numbers, [LOW, HIGH]",
+}
+_Value = TypeVar("_Value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Values of fields by section, and the files and texts that they are from."""
+
+    values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    places: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Files and texts of each section."""
+
+    def of(self, section: str) -> Mapping[str, Any]:
+        """Values of the fields of a section that were given."""
+        return self.values.get(section, {})
+
+    def place(self, section: str, stage: str) -> str:
+        """Where the values of a section are from, in words."""
+        given = ", ".join(self.places.get(section, ()))
+        return f"{given}: [{stage}.{section}]" if given else f"[{stage}.{section}]"
+
+
+def settings_of(files: Sequence[Path], texts: Sequence[str], stage: str) -> Settings:
+    """What files and texts say for a stage; texts count before files, later ones first.
+
+    Raises:
+        TrainingError: a file is no TOML, a text is no ``key=value``, or the stage has no
+            such section, field or type of value.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    places: dict[str, tuple[str, ...]] = {}
+    other = _other_than(stage)
+    given = [(str(file), _read(file)) for file in files]
+    given += [(f"--set {text}", _parsed(text)) for text in texts]
+    for place, tree in given:
+        shared = {name: one for name, one in tree.items() if name not in STAGES}
+        for part in (shared, tree.get(stage, {})):
+            if not isinstance(part, Mapping):
+                raise TrainingError(f"{place}: {stage} is no table of sections.")
+            for section, values in part.items():
+                if section in SECTIONS[other] and section not in SECTIONS[stage]:
+                    raise TrainingError(
+                        f"{place}: only the stage {other} has a section {section!r}; "
+                        f"expected [{other}.{section}], or {other}.{section}.NAME=VALUE."
+                    )
+                if section not in SECTIONS[stage]:
+                    raise TrainingError(
+                        f"{place}: there is no section {section!r}; "
+                        f"{nearest_or_all(section, SECTIONS[stage])}."
+                    )
+                if not isinstance(values, Mapping):
+                    raise TrainingError(
+                        f"{place}: {section} is no table of fields; expected for "
+                        f"example {section}.NAME=VALUE."
+                    )
+                _check_fields(values, section, stage, place)
+                found.setdefault(section, {}).update(values)
+                places[section] = (*places.get(section, ()), place)
+    return Settings(values=found, places=places)
+
+
+def _field_types(config_type: type[Any]) -> dict[str, Any]:
+    hints = get_type_hints(config_type)
+    return {one.name: hints[one.name] for one in fields(config_type)}
+
+
+def _check_fields(
+    values: Mapping[str, Any], section: str, stage: str, place: str
+) -> None:
+    """Raise for fields that the stage does not have, and for values of another type."""
+    place = f"{place}: [{stage}.{section}]"
+    kinds = _field_types(SECTIONS[stage][section])
+    other = _other_than(stage)
+    is_shared = section in SECTIONS[other]
+    theirs = _field_types(SECTIONS[other][section]) if is_shared else {}
+    for name, value in values.items():
+        if name in theirs and name not in kinds:
+            raise TrainingError(
+                f"{place} has no field {name!r}; [{other}.{section}] has it, expected it "
+                "there."
+            )
+        _check_name(place, name, kinds)
+        try:
+            msgspec.convert(value, kinds[name])
+        except msgspec.ValidationError as error:
+            raise TrainingError(
+                f"{place} {name} is {_as_text(value)}; expected {in_words(kinds[name])}."
+            ) from error
+
+
+def _other_than(stage: str) -> str:
+    return next(one for one in STAGES if one != stage)
+
+
+def _as_text(value: Any) -> str:
+    """A value as TOML writes it."""
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def in_words(kind: Any) -> str:
+    """What values a field may have, by its type."""
+    if get_origin(kind) is Literal:
+        return " or ".join(map(repr, get_args(kind)))
+    return _KINDS[kind]
+
+
+def with_settings(value: _Value, given: Mapping[str, Any], place: str) -> _Value:
+    """A dataclass of a config with other values in some fields.
+
+    Raises:
+        TrainingError: the values cannot be; the message begins with the place.
+    """
+    present = asdict(value)  # type: ignore[call-overload]
+    for name in given:
+        _check_name(place, name, present)
+    try:
+        return msgspec.convert({**present, **given}, type(value))
+    except msgspec.ValidationError as error:
+        reason = str(error).partition(" - at `$")[0]
+        raise TrainingError(f"{place} {reason}.") from error
+    except (ModelError, TrainingError) as error:
+        raise TrainingError(f"{place} {error}") from error
+
+
+def _check_name(place: str, name: str, known: Iterable[str]) -> None:
+    if name not in known:
+        raise TrainingError(
+            f"{place} has no field {name!r}; {nearest_or_all(name, known)}."
+        )
+
+
+def _read(file: Path) -> dict[str, Any]:
+    text = read_regular(file, max_bytes=_MAX_BYTES, error=TrainingError)
+    try:
+        return tomllib.loads(text.decode() if isinstance(text, bytes) else text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise TrainingError(f"{file}: is no TOML ({error}).") from error
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    """``a.b=c`` as nested tables; what is no TOML value is a text."""
+    key, sign, value = text.partition("=")
+    parts = [part.strip() for part in key.split(".")]
+    if not sign or len(parts) not in (2, 3) or not all(parts):
+        raise TrainingError(
+            f"--set {text}: expected SECTION.FIELD=VALUE, such as model.width=96."
+        )
+    try:
+        tree: Any = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        tree = value
+    for part in reversed(parts):
+        tree = {part: tree}
+    return tree

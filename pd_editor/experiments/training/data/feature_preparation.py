@@ -1,0 +1,287 @@
+"""Preparation of the features of all scenarios of data roots, stored on disk."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pd_editor.base.errors import PdEditorError, TrainingError
+from pd_editor.experiments.training.config.run_config import Augmentation
+from pd_editor.experiments.training.data.augmentation import (
+    DEFAULT_AUGMENTATION,
+    augmented,
+    crawling_share,
+)
+from pd_editor.experiments.training.data.scenario_source import (
+    ScenarioSource,
+    open_roots,
+)
+from pd_editor.experiments.work_engine import LocalProcesses, run_items
+from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.model.features.encoded_scene import packed
+from pd_editor.model.features.feature_store import (
+    FORMAT_VERSION,
+    FeatureStore,
+    StoreIndex,
+    open_for_writing,
+    write_part,
+)
+from pd_editor.model.features.scene_features import (
+    NUM_FUTURE_STEPS,
+    SceneFeatures,
+    scene_center,
+    scene_features,
+)
+from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.scene.scenario import Scenario
+
+__all__ = ["ScenarioSource", "fit_basis", "open_roots", "prepare_features"]
+
+PART_SIZE: Final = 400
+"""Scenarios per part; an interrupted preparation loses at most the running parts."""
+BASIS_SCENARIOS: Final = 2000
+_FIT_SIZE: Final = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PartItem:
+    """Work item: some scenarios of a root."""
+
+    root: Path
+    root_index: int
+    numbers: tuple[int, ...]
+    augmentation: Augmentation | None
+    seed: int
+    copy: int = 0
+    windows: int = 1
+
+    def features(self, *, with_candidates: bool) -> Iterator[tuple[str, SceneFeatures]]:
+        """Yield group and features of each usable scenario."""
+        source = _opened(self.root, self.windows)
+        root = source.roots[0]
+        for number in self.numbers:
+            random = np.random.default_rng(
+                [self.seed, self.root_index, number, self.copy]
+            )
+            try:
+                scenario = source[number]
+                if root.is_simulated and self._is_left_out(scenario):
+                    continue
+                scenario, center = self._prepared(
+                    scenario, random, hides_agents=root.is_simulated
+                )
+                found = scene_features(
+                    scenario, with_candidates=with_candidates, center_m=center
+                )
+            except PdEditorError:
+                # Unusable scenarios are skipped; they are counted by what is missing.
+                continue
+            yield root.group(number), found
+
+    def _is_left_out(self, scenario: Scenario) -> bool:
+        if self.augmentation is None:
+            return False
+        share = crawling_share(scenario, scene_center(scenario))
+        return share > self.augmentation.most_crawling
+
+    def _prepared(
+        self, scenario: Scenario, random: np.random.Generator, *, hides_agents: bool
+    ) -> tuple[Scenario, np.ndarray]:
+        center = scene_center(scenario)
+        if self.augmentation is None:
+            return scenario, center
+        center = center + self.augmentation.center_m * random.standard_normal(2)
+        changed = augmented(
+            scenario, self.augmentation, random, hides_agents=hides_agents
+        )
+        return changed, center
+
+
+@lru_cache(maxsize=4)
+def _opened(root: Path, windows: int) -> ScenarioSource:
+    return open_roots([root], windows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PartWriter:
+    """Prepares and writes a part in a worker."""
+
+    folder: Path
+    basis: TrajectoryBasis
+
+    def __call__(self, named: tuple[str, _PartItem]) -> int:
+        name, work = named
+        found = list(work.features(with_candidates=True))
+        write_part(
+            self.folder,
+            name,
+            [packed(features, self.basis.encode) for _, features in found],
+            [group for group, _ in found],
+            work.root_index,
+        )
+        return len(found)
+
+
+def prepare_features(
+    roots: Sequence[Path],
+    folder: Path,
+    basis: TrajectoryBasis,
+    *,
+    workers: int | None = None,
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
+    seed: int = 0,
+    most_per_root: int | None = None,
+    copies: int = 1,
+    windows: int = 1,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> FeatureStore:
+    """Create or complete the store in a folder; equal arguments give equal bytes.
+
+    Scenarios that cannot be read are left out, so the store may have fewer scenes than
+    the roots. ``most_per_root`` limits the scenarios, evenly distributed over each root.
+    ``copies`` are independently augmented copies of each scenario. Scenarios of
+    Argoverse 2 are used at ``windows`` current steps.
+
+    Raises:
+        InputError: a root is neither a dataset nor shards.
+        TrainingError: the folder holds other features, or no scenario can be used.
+    """
+    folder = Path(folder)
+    source = open_roots(roots, windows)
+    works = _parts(
+        source,
+        roots,
+        augmentation,
+        seed,
+        most_per_root,
+        PART_SIZE,
+        copies=copies,
+        windows=windows,
+    )
+    index = StoreIndex(
+        fingerprint=_fingerprint(
+            source, basis, augmentation, seed, most_per_root, copies
+        ),
+        roots=tuple(map(str, roots)),
+        settings=f"{augmentation}, seed {seed}, at most {most_per_root} of each root",
+    )
+    done = open_for_writing(folder, index)
+    failures = run_items(
+        LocalProcesses(num_workers=workers),
+        _PartWriter(folder=folder, basis=basis),
+        {name: (name, work) for name, work in works.items()},
+        on_value=lambda _, __: None,
+        on_progress=on_progress,
+        done=done,
+    )
+    for failure in failures.values():
+        raise TrainingError(
+            f"{folder}: {len(failures)} of {len(works)} parts failed, the first with "
+            f"{failure.error}: {failure.message}"
+        )
+    store = FeatureStore(folder)
+    if not len(store):
+        raise TrainingError(f"None of {len(source)} scenarios can be used.")
+    return store
+
+
+def fit_basis(
+    roots: Sequence[Path],
+    *,
+    count: int = BASIS_SCENARIOS,
+    workers: int | None = None,
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
+    seed: int = 1,
+) -> TrajectoryBasis:
+    """Fit the trajectory basis on about ``count`` scenarios, evenly over the roots.
+
+    Raises:
+        InputError: a root is neither a dataset nor shards.
+        TrainingError: no agent has a complete trajectory, or a part could not be read.
+    """
+    source = open_roots(roots)
+    most = max(1, count // len(source.roots))
+    works = _parts(source, roots, augmentation, seed, most, _FIT_SIZE)
+    trajectories: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    failures = run_items(
+        LocalProcesses(num_workers=workers),
+        _trajectories_of,
+        works,
+        on_value=trajectories.__setitem__,
+    )
+    for failure in failures.values():
+        raise TrainingError(
+            f"{len(failures)} of {len(works)} parts of the data could not be read for the "
+            f"trajectory basis, the first with {failure.error}: {failure.message}"
+        )
+    points = [trajectories[name][0] for name in sorted(trajectories)]
+    if not sum(map(len, points)):
+        raise TrainingError("No agent of the data roots has a complete trajectory.")
+    speeds = np.concatenate([trajectories[name][1] for name in sorted(trajectories)])
+    return TrajectoryBasis.fit(np.concatenate(points), speeds)
+
+
+def _trajectories_of(work: _PartItem) -> tuple[np.ndarray, np.ndarray]:
+    """Trajectories and speeds of the agents with complete trajectories."""
+    found = [one for _, one in work.features(with_candidates=False)]
+    points = [one.future_m[one.has_future] for one in found]
+    speeds = [one.agent_speed[one.has_future] for one in found]
+    if not found:
+        return np.zeros((0, NUM_FUTURE_STEPS, 2)), np.zeros(0)
+    return (
+        np.concatenate(points).astype(float),
+        np.concatenate(speeds).astype(float),
+    )
+
+
+def _parts(
+    source: ScenarioSource,
+    roots: Sequence[Path],
+    augmentation: Augmentation | None,
+    seed: int,
+    most_per_root: int | None,
+    size: int,
+    *,
+    copies: int = 1,
+    windows: int = 1,
+) -> dict[str, _PartItem]:
+    """Work items by name; names sort in the order of roots and scenarios."""
+    works = {}
+    for place, (path, root) in enumerate(zip(roots, source.roots, strict=True)):
+        count = min(len(root), most_per_root or len(root))
+        chosen = np.arange(count) * len(root) // max(count, 1)
+        firsts = range(0, count, size)
+        for part, (copy, first) in enumerate(product(range(copies), firsts)):
+            works[f"{place:03d}-{part:05d}"] = _PartItem(
+                root=Path(path),
+                root_index=place,
+                numbers=tuple(chosen[first : first + size].tolist()),
+                augmentation=augmentation,
+                seed=seed,
+                copy=copy,
+                windows=windows,
+            )
+    return works
+
+
+def _fingerprint(
+    source: ScenarioSource,
+    basis: TrajectoryBasis,
+    augmentation: Augmentation | None,
+    seed: int,
+    most_per_root: int | None,
+    copies: int,
+) -> str:
+    digest = hashlib.sha256()
+    for root in source.roots:
+        digest.update(root.fingerprint.encode())
+    for name, values in sorted(basis.arrays().items()):
+        digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
+    settings = (augmentation, seed, most_per_root, copies, PART_SIZE, FORMAT_VERSION)
+    digest.update(repr(settings).encode())
+    return digest.hexdigest()

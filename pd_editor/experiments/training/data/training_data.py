@@ -1,0 +1,197 @@
+"""Training and validation scenes, prepared once for all runs on the same data."""
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from filelock import FileLock
+from jaxtyping import Int
+
+from pd_editor.base.errors import TrainingError
+from pd_editor.base.regular_file import unwritable
+from pd_editor.experiments.training.config.run_config import Augmentation, Budget
+from pd_editor.experiments.training.data.augmentation import DEFAULT_AUGMENTATION
+from pd_editor.experiments.training.data.batched_scenes import (
+    TrainingData,
+    augmented_scenes,
+)
+from pd_editor.experiments.training.data.feature_preparation import (
+    fit_basis,
+    open_roots,
+    prepare_features,
+)
+from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.model.checkpoints.tensor_file import read_tensors, write_tensors
+from pd_editor.model.features.encoded_scene import PackedScene
+from pd_editor.model.features.feature_store import FORMAT_VERSION, FeatureStore
+from pd_editor.model.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
+
+_BASIS_NAME: Final = "basis.safetensors"
+_BASIS_KIND: Final = "trajectory-basis"
+_STORE_NAME: Final = "scenes"
+_LEAST_SCENES: Final = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PreparedData:
+    """Encoded scenes of some roots, and their trajectory basis."""
+
+    store: FeatureStore
+    basis: TrajectoryBasis
+    num_left_out: int
+    """Number of unusable scenarios of the roots and of damaged shards."""
+
+
+def default_cache() -> Path:
+    """Default folder of prepared scenes."""
+    beside = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(beside) / "pd-editor" / "scenes"
+
+
+def prepared_data(
+    roots: Sequence[Path],
+    cache: Path,
+    *,
+    basis: TrajectoryBasis | None = None,
+    copies: int = 1,
+    windows: int = 1,
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
+    workers: int | None = None,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+) -> PreparedData:
+    """Prepare the scenes of the roots, or load those of an earlier run.
+
+    Of several concurrent runs one prepares and the others wait. An interrupted
+    preparation is resumed. Without a basis, one is fitted to the data; ``copies`` of
+    each scenario are augmented independently.
+
+    Raises:
+        InputError: a root is neither a dataset nor shards.
+        TrainingError: no scenario can be used, or the cache cannot be written.
+    """
+    source = open_roots(roots, windows)
+    prints = [root.fingerprint for root in source.roots]
+    names = [os.path.realpath(root) for root in roots]
+    parts = [*names, *prints, str(FORMAT_VERSION), str(copies), str(augmentation)]
+    if basis is not None:
+        parts += [repr(one.tolist()) for one in basis.arrays().values()]
+    key = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    folder = cache / key
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / ".lock"):
+            if basis is None:
+                basis = _basis(roots, folder / _BASIS_NAME, workers)
+            store = prepare_features(
+                roots,
+                folder / _STORE_NAME,
+                basis,
+                copies=copies,
+                windows=windows,
+                augmentation=augmentation,
+                workers=workers,
+                on_progress=on_progress,
+            )
+    except OSError as error:
+        raise unwritable(folder, error, TrainingError) from error
+    left_out = len(source) - len(store) // copies + source.num_damaged
+    return PreparedData(store=store, basis=basis, num_left_out=left_out)
+
+
+def read_basis(path: Path) -> TrajectoryBasis:
+    """Read a trajectory basis from a file.
+
+    Raises:
+        ModelError: the file holds none.
+    """
+    arrays = read_tensors(path, _BASIS_KIND).tensors
+    return TrajectoryBasis.of_arrays(
+        {name: one.numpy() for name, one in arrays.items()}
+    )
+
+
+def write_basis(path: Path, basis: TrajectoryBasis) -> None:
+    """Write a trajectory basis for ``read_basis``."""
+    arrays = {
+        name: torch.from_numpy(np.asarray(one)) for name, one in basis.arrays().items()
+    }
+    write_tensors(path, _BASIS_KIND, arrays, {})
+
+
+def _basis(roots: Sequence[Path], path: Path, workers: int | None) -> TrajectoryBasis:
+    if os.path.exists(path):
+        return read_basis(path)
+    basis = fit_basis(roots, workers=workers)
+    write_basis(path, basis)
+    return basis
+
+
+def training_data(
+    store: FeatureStore,
+    budget: Budget,
+    seed: int,
+    validation: FeatureStore | None = None,
+) -> TrainingData:
+    """Make training and validation scenes; hold some out without the latter.
+
+    Raises:
+        TrainingError: a root has too few scenes.
+    """
+    share = budget.held_out_share if validation is None else 0.0
+    held_out = held_out_scenes(store.group, share, seed)
+    rows = np.arange(len(store))
+    training = tuple(
+        rows[(store.root == root) & ~held_out] for root in range(len(store.roots))
+    )
+    for name, part in zip(store.roots, training, strict=True):
+        if len(part) < _LEAST_SCENES:
+            raise TrainingError(
+                f"{name}: has {len(part)} scenarios to train on that can be used; "
+                f"expected {_LEAST_SCENES} or more."
+            )
+    checked = rows[held_out]
+    if validation is not None:
+        checked = len(store) + np.arange(len(validation))
+    step = -(-len(checked) // max(budget.held_out_scenes, 1))
+
+    def batch(chosen: Int[np.ndarray, "_"]) -> SceneTensors:
+        return batch_of([scene(int(row)) for row in chosen])
+
+    def scene(row: int) -> PackedScene:
+        if row < len(store) or validation is None:
+            return store[row]
+        return validation[row - len(store)]
+
+    stores = [store] if validation is None else [store, validation]
+
+    return TrainingData(
+        training_rows=training,
+        held_out_rows=checked[:: max(step, 1)],
+        size=np.concatenate([one.num_agents + one.num_pieces // 16 for one in stores]),
+        batch=batch,
+        augment=augmented_scenes,
+    )
+
+
+def held_out_scenes(group: np.ndarray, share: float, seed: int) -> np.ndarray:
+    """Sample the held-out scenes [N]: whole networks or cities.
+
+    Single scenes are sampled if no network or city is small enough.
+    """
+    room = share * len(group)
+    held_out = np.zeros(len(group), bool)
+    names, place, counts = np.unique(group, return_inverse=True, return_counts=True)
+    random = np.random.default_rng([seed, 5])
+    for index in random.permutation(len(names)):
+        if counts[index] <= room:
+            held_out |= place == index
+            room -= counts[index]
+    if not held_out.any():
+        held_out[random.permutation(len(group))[: int(share * len(group))]] = True
+    return held_out

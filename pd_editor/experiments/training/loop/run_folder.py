@@ -1,0 +1,123 @@
+"""Folder of a training run: configuration, log, checkpoint and model."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pd_editor.base.errors import TrainingError
+from pd_editor.base.regular_file import unwritable
+from pd_editor.experiments.training.config.run_config import RunConfig
+from pd_editor.experiments.work_engine.work_folder import WorkFolder
+
+CONFIG_NAME: Final = "run.json"
+DATA_NAME: Final = "data.json"
+LOG_NAME: Final = "log.jsonl"
+STATE_NAME: Final = "state.safetensors"
+BASIS_NAME: Final = "basis.safetensors"
+CURVES_NAME: Final = "loss.png"
+MODEL_NAME: Final = "model"
+
+
+class RunFolder(WorkFolder):
+    """Files of a training run; the log grows line by line.
+
+    run.json is the configuration, data.json describes the data; log.jsonl has the losses,
+    and figures of samples;
+    loss.png plots them; state.safetensors is the checkpoint, model/ the trained model.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Set the path of the folder."""
+        super().__init__(path)
+        self.on_entry: Callable[[Mapping[str, Any]], None] = lambda _: None
+        """Called with each entry of the log."""
+
+    @property
+    def state_path(self) -> Path:
+        """Path of the checkpoint."""
+        return self.path / STATE_NAME
+
+    @property
+    def basis_path(self) -> Path:
+        """Path of the trajectory basis of the model that the run started from, if any."""
+        return self.path / BASIS_NAME
+
+    @property
+    def model_path(self) -> Path:
+        """Path of the trained model."""
+        return self.path / MODEL_NAME
+
+    def begin(self, config: RunConfig, data: Mapping[str, Any]) -> None:
+        """Create the folder of a new run.
+
+        Raises:
+            ExportError: the folder is not empty, or cannot be written.
+        """
+        self.check_free()
+        self.write_json(DATA_NAME, data)
+        self.write(CONFIG_NAME, config.to_json().encode())
+
+    def config(self) -> RunConfig:
+        """Configuration of the run.
+
+        Raises:
+            TrainingError: the folder holds no run.
+        """
+        return RunConfig.from_json(self._read(CONFIG_NAME))
+
+    def go_on(self, config: RunConfig, data: Mapping[str, Any]) -> None:
+        """Resume the folder, possibly with another budget.
+
+        Raises:
+            TrainingError: the data differs from that of the run.
+            ExportError: the folder cannot be written.
+        """
+        earlier = json.loads(self._read(DATA_NAME))
+        if earlier.get("fingerprint") != data["fingerprint"]:
+            raise TrainingError(
+                f"{self.path}: was begun on other data than is there now; begin a new "
+                "run, or bring the data back."
+            )
+        self.write(CONFIG_NAME, config.to_json().encode())
+
+    def _read(self, name: str) -> bytes:
+        try:
+            return (self.path / name).read_bytes()
+        except OSError as error:
+            raise TrainingError(
+                f"{self.path}: holds no training run to go on with (no readable {name})."
+            ) from error
+
+    def log(self, entry: Mapping[str, Any]) -> None:
+        """Append an entry to the log.
+
+        Raises:
+            ExportError: the log cannot be written.
+        """
+        try:
+            with (self.path / LOG_NAME).open("a", encoding="utf-8") as file:
+                file.write(json.dumps(entry) + "\n")
+        except OSError as error:
+            raise unwritable(self.path / LOG_NAME, error) from error
+        self.on_entry(entry)
+
+    def logged(self) -> list[dict[str, Any]]:
+        """Entries of the log, without one that was truncated by a kill."""
+        try:
+            lines = (self.path / LOG_NAME).read_text(encoding="utf-8").splitlines()
+        except OSError:
+            return []
+        entries = []
+        for line in lines:
+            try:
+                entries.append(json.loads(line))
+            except ValueError:
+                continue
+        return entries
+
+    def forget_after(self, step: int) -> None:
+        """Remove entries after a checkpoint, whose steps will be repeated."""
+        kept = [entry for entry in self.logged() if entry["step"] <= step]
+        text = "".join(json.dumps(entry) + "\n" for entry in kept)
+        self.write(LOG_NAME, text.encode())

@@ -1,0 +1,180 @@
+"""Runs work items on a Ray cluster (extra ``cluster``)."""
+
+import importlib
+import logging
+import os
+import socket
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pd_editor.base.errors import InputError
+from pd_editor.experiments.work_engine.local_processes import ONE_THREAD, PROCESS_DIED
+from pd_editor.experiments.work_engine.time_limit import WORKER_MARK
+from pd_editor.experiments.work_engine.work_engine import (
+    WAIT_S,
+    WorkResult,
+    failure_of,
+    result_of,
+)
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+LOCAL_ADDRESS: Final = "local"
+"""Address that starts a cluster on this machine for the time of the run."""
+_QUEUED_PER_CORE: Final = 2
+"""Tasks submitted per core, so that no core waits for the caller."""
+_LEAST_WAITING: Final = 8
+_PROBE_S: Final = 5.0
+_TOKEN_FILE: Final = Path(".ray/auth_token")
+"""Below the home folder; ``ray get-auth-token --generate`` writes it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RayCluster:
+    """Work engine on Ray: one task of one core per item, each with one compute thread.
+
+    A task whose worker or node is lost is run again, once; if it is lost again, it
+    fails. Folders of data must be reachable from all nodes under the same paths: tasks
+    read them, and the caller writes the results.
+    """
+
+    address: str | None = None
+    """Address of an existing cluster, such as ``auto`` or ``ray://head:10001``; None or
+    ``local``: a new one on this machine."""
+    num_workers: int | None = None
+    """Number of tasks that run at a time; None: one per core of the cluster."""
+
+    def run(
+        self,
+        function: Callable[[Item], Value],
+        items: Mapping[str, Item],
+        *,
+        on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Call ``function`` on every item; see ``WorkEngine.run``.
+
+        Raises:
+            InputError: Ray is not installed, or the cluster does not answer.
+        """
+        if not items:
+            return
+        with self.connected() as ray:
+            task = ray.remote(result_of).options(num_cpus=1, max_retries=1)
+            waiting = iter(items.items())
+            running: dict[Any, str] = {}
+            try:
+                while True:
+                    most = self._most_submitted(ray)
+                    while len(running) < most:
+                        found = next(waiting, None)
+                        if found is None:
+                            break
+                        running[task.remote(function, *found)] = found[0]
+                    if not running:
+                        return
+                    finished, _ = ray.wait(list(running), num_returns=1, timeout=WAIT_S)
+                    if not finished:
+                        on_wait()
+                    for reference in finished:
+                        on_result(_result_of(ray, reference, running.pop(reference)))
+            except BaseException:
+                for reference in running:
+                    ray.cancel(reference, force=True)
+                raise
+
+    @property
+    def _is_new(self) -> bool:
+        """Whether the cluster is started for the run."""
+        return self.address in (None, LOCAL_ADDRESS)
+
+    def _most_submitted(self, ray: Any) -> int:
+        """Limit of submitted tasks; nodes may join and leave during a run."""
+        if self.num_workers is not None and not self._is_new:
+            return self.num_workers
+        cores = int(ray.cluster_resources().get("CPU", 1))
+        return max(cores * _QUEUED_PER_CORE, _LEAST_WAITING)
+
+    @contextmanager
+    def connected(self) -> Iterator[Any]:
+        """Connection to the cluster, ended with the context; runs within it share it.
+
+        Raises:
+            InputError: Ray is not installed, or the cluster does not answer.
+        """
+        ray = _ray()
+        is_ours = not ray.is_initialized()
+        if is_ours:
+            try:
+                self._check_reachable()
+                ray.init(**self._options())
+            except (ImportError, RuntimeError, ValueError, OSError) as error:
+                reason = getattr(error, "strerror", None) or str(error).strip()
+                reason = reason.splitlines()[0][:200].rstrip(".")
+                place = "on this machine" if self._is_new else f"at {self.address}"
+                raise InputError(
+                    f"The Ray cluster {place} cannot be used: {reason}."
+                ) from error
+        try:
+            yield ray
+        finally:
+            if is_ours:
+                ray.shutdown()
+
+    def _options(self) -> dict[str, Any]:
+        """Arguments of ``ray.init``."""
+        options: dict[str, Any] = {
+            "log_to_driver": False,
+            "logging_level": logging.ERROR,
+            "runtime_env": {"env_vars": {**ONE_THREAD, WORKER_MARK: "1"}},
+        }
+        if not self._is_new:
+            return options | {"address": self.address}
+        return options | {
+            "address": LOCAL_ADDRESS,
+            "num_cpus": self.num_workers,
+            "include_dashboard": False,
+        }
+
+    def _check_reachable(self) -> None:
+        """Raise at once if nothing listens; Ray itself would try for minutes."""
+        host, _, port = (self.address or "").removeprefix("ray://").rpartition(":")
+        if host and port.isdecimal():
+            socket.create_connection((host.strip("[]"), int(port)), _PROBE_S).close()
+
+
+def _ray() -> Any:
+    """The package ``ray``, quiet about what users need not know."""
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if os.path.exists(Path.home() / _TOKEN_FILE):
+        # Ray uses the token by itself for clusters that it starts or finds only.
+        os.environ.setdefault("RAY_AUTH_MODE", "token")
+    try:
+        ray = importlib.import_module("ray")
+    except ImportError as error:
+        raise InputError(
+            'Ray is not installed; install the extra "cluster" '
+            "(pip install 'pd-editor[cluster]'), or use --engine local."
+        ) from error
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    return ray
+
+
+def _result_of(ray: Any, reference: Any, key: str) -> WorkResult[Any]:
+    """Result of a task, or a failure if it was lost or could not be pickled."""
+    try:
+        return ray.get(reference)
+    except (
+        ray.exceptions.WorkerCrashedError,
+        ray.exceptions.OutOfMemoryError,
+        ray.exceptions.NodeDiedError,
+        ray.exceptions.ObjectLostError,
+    ):
+        return WorkResult(key=key, failure=PROCESS_DIED)
+    except Exception as error:  # noqa: BLE001  (pickling raises errors of any class)
+        return WorkResult(key=key, failure=failure_of(error))

@@ -1,0 +1,165 @@
+"""Interface of work engines, which run a function on many items, and their results."""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from traceback import format_exception
+from typing import Final, Generic, Protocol, TypeVar, runtime_checkable
+
+from pd_editor.base.errors import PdEditorError
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+WAIT_S: Final = 0.25
+"""Longest time between two calls of ``on_wait``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkFailure:
+    """Reason why an item has no value; text only, so that it can always be pickled."""
+
+    error: str
+    """Name of the exception's class; ``ProcessDied`` if its process was lost."""
+    message: str
+    traceback: str = ""
+    """The worker's traceback, for a log."""
+    is_users: bool = False
+    """Whether the error is a ``PdEditorError``, which users can cause, not a bug."""
+
+    @property
+    def reason(self) -> str:
+        """For the user: the message, after the name of the error if it is a bug's."""
+        return self.message if self.is_users else f"{self.error}: {self.message}"
+
+
+def failure_of(error: BaseException) -> WorkFailure:
+    """Convert an exception to a failure."""
+    return WorkFailure(
+        error=type(error).__name__,
+        message=str(error),
+        traceback="".join(format_exception(error)),
+        is_users=isinstance(error, PdEditorError),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkResult(Generic[Value]):
+    """Result of one item: a value or a failure."""
+
+    key: str
+    value: Value | None = None
+    failure: WorkFailure | None = None
+
+
+def result_of(
+    function: Callable[[Item], Value], key: str, item: Item
+) -> WorkResult[Value]:
+    """Run one item in a worker; exceptions become failures."""
+    try:
+        return WorkResult(key=key, value=function(item))
+    except (Exception, SystemExit) as error:  # noqa: BLE001  (one must not stop the rest)
+        return WorkResult(key=key, failure=failure_of(error))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkProgress:
+    """Progress of a run; items finished in an earlier run do not count."""
+
+    num_done: int
+    num_failed: int
+    num_items: int
+
+
+def rate_in_words(per_s: float, noun: str = "") -> str:
+    """Rate of work, as in "2.5 a second" or "12 variants a minute"."""
+    what = f" {noun}" if noun else ""
+    if per_s >= 1:
+        return f"{per_s:.3g}{what} a second"
+    return f"{60 * per_s:.2g}{what} a minute"
+
+
+def minutes_left(left_s: float) -> str:
+    """Time that work still takes, as in "2:05 left"."""
+    left = round(left_s)
+    return f"{left // 60}:{left % 60:02d} left"
+
+
+@runtime_checkable
+class WorkEngine(Protocol):
+    """Interface of engines that call a function on many items."""
+
+    def run(
+        self,
+        function: Callable[[Item], Value],
+        items: Mapping[str, Item],
+        *,
+        on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Call ``function`` on every item and pass each result to ``on_result``.
+
+        Function, items and values must be picklable; keys name the items. Results
+        arrive in any order, in the caller's thread. An item that raises gives a
+        failure and does not stop the others. ``on_wait`` is called from time to time
+        while items run. If a callback raises, or on KeyboardInterrupt, running items
+        are stopped and the exception is raised.
+        """
+        ...
+
+
+class InThisProcess:
+    """Work engine that calls the function here, item by item."""
+
+    def run(
+        self,
+        function: Callable[[Item], Value],
+        items: Mapping[str, Item],
+        *,
+        on_result: Callable[[WorkResult[Value]], None],
+        on_wait: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Call ``function`` on every item; see ``WorkEngine.run``."""
+        for key, item in items.items():
+            on_wait()
+            on_result(result_of(function, key, item))
+
+
+def run_items(
+    engine: WorkEngine,
+    function: Callable[[Item], Value],
+    items: Mapping[str, Item],
+    *,
+    on_value: Callable[[str, Value], None],
+    on_progress: Callable[[WorkProgress], None] | None = None,
+    done: Collection[str] = (),
+) -> dict[str, WorkFailure]:
+    """Run the items whose keys are not in ``done``; returns the failures by key.
+
+    To resume, a caller stores each value in ``on_value`` and gives the stored keys
+    next time. ``on_progress`` is called once before the first result, after each, and
+    from time to time while items run, so that it can end the run by an exception.
+    """
+    left = {key: item for key, item in items.items() if key not in done}
+    failures: dict[str, WorkFailure] = {}
+    num_done = 0
+
+    def tell() -> None:
+        if on_progress is not None:
+            on_progress(
+                WorkProgress(
+                    num_done=num_done, num_failed=len(failures), num_items=len(left)
+                )
+            )
+
+    def take(result: WorkResult[Value]) -> None:
+        nonlocal num_done
+        if result.failure is not None:
+            failures[result.key] = result.failure
+        elif result.value is not None:
+            on_value(result.key, result.value)
+        num_done += 1
+        tell()
+
+    tell()
+    engine.run(function, left, on_result=take, on_wait=tell)
+    return failures

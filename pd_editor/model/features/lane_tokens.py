@@ -1,0 +1,263 @@
+"""Map tokens of lanes and crosswalks: pieces of about 10 m."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.scene.geometry.angles import heading_of, wrap_angle
+from pd_editor.scene.geometry.lines import numbered
+from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
+from pd_editor.scene.road_map import Crosswalk, LaneKind, RoadMap
+
+PIECE_LENGTH_M: Final = 10.0
+PIECE_KINDS: Final = (LaneKind.VEHICLE, LaneKind.BIKE, LaneKind.BUS)
+"""Lane kinds by ``piece_kind``; crosswalks come after them."""
+CROSSWALK_KIND: Final = len(PIECE_KINDS)
+NUM_PIECE_KINDS: Final = CROSSWALK_KIND + 1
+
+PIECE_SHAPE: Final = (
+    "length",
+    "turn_before",
+    "turn",
+    "turn_after",
+    "left_width",
+    "right_width",
+    "has_left",
+    "has_right",
+    "is_intersection",
+    "has_successor",
+    "has_predecessor",
+    "branches",
+)
+"""Features of each piece, scaled to about one.
+
+Length in tens of metres; turns of the previous piece, of the piece itself and of the
+next one in radians, positive to the left; distances to both boundaries in units of 2 m;
+whether there are neighbouring lanes in the same direction on each side; whether the lane
+is in an intersection; whether the piece has a successor, a predecessor, and several
+successors.
+"""
+MIRRORED_SHAPE: Final = (0, 1, 2, 3, 5, 4, 7, 6, 8, 9, 10, 11)
+"""Index of the feature that replaces each one of ``PIECE_SHAPE`` in a mirrored scene."""
+MIRRORED_SHAPE_SIGNS: Final = (1, -1, -1, -1, 1, 1, 1, 1, 1, 1, 1, 1)
+
+_HALF_WIDTH_M: Final = 1.75
+"""Assumed distance to a boundary without length."""
+_WIDTH_UNIT_M: Final = 2.0
+_WIDEST_M: Final = 8.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LanePieces:
+    """P pieces of lanes and crosswalks; poses in the scene frame.
+
+    Lanes come first, in the order of the map, each divided into pieces of equal length;
+    then crosswalks, each as one piece per direction.
+    """
+
+    pose: Float[np.ndarray, "P 3"]
+    """Midpoint of each piece, and direction from its start to its end."""
+    shape: Float[np.ndarray, "P F"]
+    """Features named by ``PIECE_SHAPE``."""
+    kind: Int[np.ndarray, "P"]
+
+
+_pieces: WeakKeyDictionary[RoadMap, LanePieces] = WeakKeyDictionary()
+
+
+def lane_pieces(road_map: RoadMap) -> LanePieces:
+    """Pieces of a map, computed once per map value."""
+    pieces = _pieces.get(road_map)
+    if pieces is None:
+        lanes = _pieces_of_lanes(road_map, lane_graph(road_map))
+        pieces = _pieces[road_map] = _joined(lanes, _crossings(road_map.crosswalks))
+    return pieces
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _DividedLanes:
+    """Assignment of pieces to the L lanes of a graph."""
+
+    lane: Int[np.ndarray, "P"]
+    first: Int[np.ndarray, "L"]
+    last: Int[np.ndarray, "L"]
+    part: Float[np.ndarray, "P 3"]
+    """Start, midpoint and end of each piece as fractions of its lane's length."""
+
+    @classmethod
+    def of(cls, graph: LaneGraph) -> "_DividedLanes":
+        counts = np.maximum(np.rint(graph.lengths_m / PIECE_LENGTH_M), 1).astype(int)
+        ends = np.cumsum(counts)
+        lane, index = numbered(counts)
+        part = (index[:, None] + np.array([0.0, 0.5, 1.0])) / counts[lane, None]
+        return cls(lane=lane, first=ends - counts, last=ends - 1, part=part)
+
+
+def _pieces_of_lanes(road_map: RoadMap, graph: LaneGraph) -> LanePieces:
+    if not graph.lane_ids:
+        return _no_pieces()
+    cut = _DividedLanes.of(graph)
+    lanes = [road_map.lane_of[lane_id] for lane_id in graph.lane_ids]
+    start, middle, end = _points_at(graph.centerlines_m, cut.lane, cut.part)
+    chord = end - start
+    heading = heading_of(chord)
+    turn = 2 * wrap_angle(heading_of(end - middle) - heading_of(middle - start))
+    turn = np.clip(turn, -np.pi, np.pi)
+    after, before, num_after = _links(graph, cut)
+    lengths = graph.lengths_m / (cut.last - cut.first + 1) / PIECE_LENGTH_M
+    left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+    columns = {
+        "length": lengths[cut.lane],
+        "turn_before": np.where(before >= 0, turn[before], 0.0),
+        "turn": turn,
+        "turn_after": np.where(after >= 0, turn[after], 0.0),
+        "left_width": _width([lane.left_m for lane in lanes], cut, middle, left),
+        "right_width": _width([lane.right_m for lane in lanes], cut, middle, -left),
+        "has_left": _is_beside(graph, [one.left_neighbor for one in lanes])[cut.lane],
+        "has_right": _is_beside(graph, [one.right_neighbor for one in lanes])[cut.lane],
+        "is_intersection": np.array([one.is_intersection for one in lanes])[cut.lane],
+        "has_successor": after >= 0,
+        "has_predecessor": before >= 0,
+        "branches": num_after > 1,
+    }
+    kinds = np.array([PIECE_KINDS.index(lane.kind) for lane in lanes])
+    return LanePieces(
+        pose=np.column_stack([middle, heading]),
+        shape=np.stack([columns[name] for name in PIECE_SHAPE], axis=1).astype(float),
+        kind=kinds[cut.lane],
+    )
+
+
+def _is_beside(
+    graph: LaneGraph, neighbors: Sequence[int | None]
+) -> Bool[np.ndarray, "L"]:
+    """Whether each lane has a neighbour in the map with the same direction.
+
+    Argoverse 2's neighbours include oncoming lanes.
+    """
+    chords = np.array([line[-1] - line[0] for line in graph.centerlines_m])
+    rows = [graph.row_of.get(-1 if one is None else one, -1) for one in neighbors]
+    beside = np.array(rows, int)
+    return (beside >= 0) & ((chords * chords[beside]).sum(axis=1) > 0)
+
+
+def _links(
+    graph: LaneGraph, cut: _DividedLanes
+) -> tuple[Int[np.ndarray, "P"], Int[np.ndarray, "P"], Int[np.ndarray, "P"]]:
+    """Next and previous piece of each piece (-1: none), and its number of successors.
+
+    Of several successors or predecessors the straightest is used.
+    """
+    count = len(cut.lane)
+    after = np.arange(1, count + 1)
+    before = np.arange(-1, count - 1)
+    after[cut.last] = -1
+    before[cut.first] = -1
+    num_after = np.ones(count, int)
+    num_after[cut.last] = [len(rows) for rows in graph.successors]
+    linked = [(row, rows[0]) for row, rows in enumerate(graph.successors) if rows]
+    if linked:
+        here, there = np.array(linked).T
+        after[cut.last[here]] = cut.first[there]
+    links = [
+        (rank, row, other)
+        for row, rows in enumerate(graph.successors)
+        for rank, other in enumerate(rows)
+    ]
+    if links:
+        _, here, there = np.array(sorted(links, reverse=True)).T
+        before[cut.first[there]] = cut.last[here]
+    return after, before, num_after
+
+
+def _points_at(
+    lines_m: tuple[np.ndarray, ...] | list[np.ndarray],
+    line: Int[np.ndarray, "P"],
+    part: Float[np.ndarray, "P N"],
+) -> Float[np.ndarray, "N P 2"]:
+    """Points at fractions of the length of lines, in one pass."""
+    counts = np.array([len(one) for one in lines_m])
+    points = np.concatenate(lines_m)
+    step = np.diff(points, axis=0)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
+    ends = np.cumsum(counts)
+    low, high = along[ends - counts][line], along[ends - 1][line]
+    # Stay strictly inside each line, so that ends are not interpolated with the next.
+    wanted = low[:, None] + part * (high - low)[:, None]
+    inner = 1e-9 * (high - low)[:, None]
+    wanted = np.clip(wanted, low[:, None] + inner, high[:, None] - inner)
+    return np.stack(
+        [np.interp(wanted.T, along, points[:, axis]) for axis in (0, 1)], axis=-1
+    )
+
+
+def _width(
+    boundaries_m: list[np.ndarray],
+    cut: _DividedLanes,
+    middle_m: Float[np.ndarray, "P 2"],
+    outward: Float[np.ndarray, "P 2"],
+) -> Float[np.ndarray, "P"]:
+    """Distance from the midpoint of each piece to a boundary, in units of 2 m."""
+    usable = np.array([len(b) > 0 and np.isfinite(b).all() for b in boundaries_m])
+    lines = [
+        line if is_usable else np.zeros((1, 2))
+        for line, is_usable in zip(boundaries_m, usable, strict=True)
+    ]
+    (beside,) = _points_at(lines, cut.lane, cut.part[:, 1:2])
+    width = np.clip(((beside - middle_m) * outward).sum(-1), 0.0, _WIDEST_M)
+    return np.where(usable[cut.lane], width, _HALF_WIDTH_M) / _WIDTH_UNIT_M
+
+
+def _crossings(crosswalks: tuple[Crosswalk, ...]) -> LanePieces:
+    """Pieces of crosswalks, one per direction."""
+    ends = np.array([_ends(one) for one in crosswalks]).reshape(-1, 2, 2, 2)
+    ends = ends[np.isfinite(ends).all(axis=(1, 2, 3))]
+    middle_line = ends.mean(axis=1)
+    chord = middle_line[:, 1] - middle_line[:, 0]
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    ends, middle_line = ends[length > 0], middle_line[length > 0]
+    chord, length = chord[length > 0], length[length > 0]
+    if not len(length):
+        return _no_pieces()
+    apart = (ends[:, 1] - ends[:, 0]).mean(axis=1)
+    width = np.abs(chord[:, 0] * apart[:, 1] - chord[:, 1] * apart[:, 0]) / length / 2
+    heading = heading_of(chord)
+    shape = np.zeros((len(length), len(PIECE_SHAPE)))
+    shape[:, PIECE_SHAPE.index("length")] = length / PIECE_LENGTH_M
+    for side in ("left_width", "right_width"):
+        shape[:, PIECE_SHAPE.index(side)] = np.minimum(width, _WIDEST_M) / _WIDTH_UNIT_M
+    there = np.column_stack([middle_line.mean(axis=1), heading])
+    back = np.column_stack([middle_line.mean(axis=1), wrap_angle(heading + np.pi)])
+    return LanePieces(
+        pose=np.stack([there, back], axis=1).reshape(-1, 3),
+        shape=np.repeat(shape, 2, axis=0),
+        kind=np.full(2 * len(length), CROSSWALK_KIND),
+    )
+
+
+def _ends(crosswalk: Crosswalk) -> list[list[np.ndarray]]:
+    """First and last points of both edges, oriented alike."""
+    one, two = crosswalk.edge1[:, :2], crosswalk.edge2[:, :2]
+    if np.linalg.norm(one[-1] - two[-1]) > np.linalg.norm(one[-1] - two[0]):
+        two = two[::-1]
+    return [[one[0], one[-1]], [two[0], two[-1]]]
+
+
+def _no_pieces() -> LanePieces:
+    return LanePieces(
+        pose=np.zeros((0, 3)),
+        shape=np.zeros((0, len(PIECE_SHAPE))),
+        kind=np.zeros(0, int),
+    )
+
+
+def _joined(one: LanePieces, other: LanePieces) -> LanePieces:
+    return LanePieces(
+        pose=np.concatenate([one.pose, other.pose]),
+        shape=np.concatenate([one.shape, other.shape]),
+        kind=np.concatenate([one.kind, other.kind]),
+    )

@@ -1,0 +1,312 @@
+"""Index of a folder tree of Argoverse 2 scenarios, read lazily.
+
+Files are read on demand only, and calls are safe from any thread.
+"""
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from threading import RLock
+from typing import Final
+
+from pd_editor.base.errors import InputError, ScenarioFileError
+from pd_editor.base.plain_text import is_plain
+from pd_editor.base.regular_file import check_path
+from pd_editor.scene.av2_io.file_names import (
+    TRACKS_PREFIX,
+    is_map_name,
+    is_scenario_id,
+    is_tracks_name,
+)
+from pd_editor.scene.av2_io.track_table import open_track_table
+from pd_editor.scene.av2_io.tracks_file import current_step_of
+
+MAX_DEPTH: Final = 4
+"""Levels of folders below the root that are searched."""
+_CARD_COLUMNS: Final = (
+    "track_id",
+    "city",
+    "timestep",
+    "num_timestamps",
+    "observed",
+    "current_step",
+    "start_timestamp",
+    "end_timestamp",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenarioCard:
+    """Summary of a scenario for lists."""
+
+    scenario_id: str
+    folder: Path
+    city: str
+    num_agents: int
+    split: str = ""
+    """Folder below the root that holds the scenario's folder; empty for the root."""
+    has_future: bool = True
+    """Whether there are states after the current step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CardFilter:
+    """Conditions on scenarios; None and the empty text accept all."""
+
+    city: str | None = None
+    text: str | None = None
+    """Part of the id, in any case."""
+    min_agents: int | None = None
+    max_agents: int | None = None
+    split: str | None = None
+    with_future: bool = False
+    """Whether scenarios without a logged future are left out."""
+
+    def accepts_id(self, scenario_id: str) -> bool:
+        """Whether an id passes the filter; reads no file."""
+        return not self.text or self.text.strip().lower() in scenario_id.lower()
+
+    def accepts(self, card: ScenarioCard) -> bool:
+        """Whether a scenario passes the filter."""
+        return (
+            self.accepts_id(card.scenario_id)
+            and (not self.city or self.city == card.city)
+            and (self.split is None or self.split == card.split)
+            and (card.has_future or not self.with_future)
+            and (self.min_agents is None or card.num_agents >= self.min_agents)
+            and (self.max_agents is None or card.num_agents <= self.max_agents)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchStep:
+    """Result of one step of a search."""
+
+    cards: tuple[ScenarioCard, ...]
+    next_start: int
+    """Index of the folder at which the next step starts."""
+    is_complete: bool
+    """Whether the whole dataset was searched."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    scenario_id: str
+    folder: Path
+
+
+class DatasetIndex:
+    """The scenarios below a root, in the order of their folders' names."""
+
+    def __init__(self, root: Path) -> None:
+        """Open a dataset without listing it.
+
+        Raises:
+            InputError: there is no such folder.
+        """
+        check_path(root)
+        self.root = Path(root)
+        if not os.path.isdir(self.root):
+            raise InputError(f"{root}: there is no such dataset folder.")
+        self.is_complete = False
+        """Whether all folders were listed."""
+        self._walk = _scenario_folders(self.root, 0)
+        self._found: list[_Found] = []
+        self._position_of: dict[Path, int] = {}
+        self._cards: dict[int, ScenarioCard | None] = {}
+        self._num_incomplete = 0
+        self._lock = RLock()
+
+    @property
+    def num_found(self) -> int:
+        """Number of scenario folders listed so far."""
+        return len(self._found)
+
+    @property
+    def num_skipped(self) -> int:
+        """Number of folders that lack a file and of unreadable scenarios so far."""
+        with self._lock:
+            damaged = sum(card is None for card in self._cards.values())
+            return self._num_incomplete + damaged
+
+    def folders(self) -> tuple[Path, ...]:
+        """Folders of the scenarios listed so far."""
+        with self._lock:
+            return tuple(entry.folder for entry in self._found)
+
+    def cities(self) -> tuple[str, ...]:
+        """Cities of the scenarios read so far, sorted."""
+        with self._lock:
+            cards = list(self._cards.values())
+        return tuple(sorted({card.city for card in cards if card is not None}))
+
+    def splits(self) -> tuple[str, ...]:
+        """Splits of the scenarios read so far, sorted."""
+        with self._lock:
+            cards = list(self._cards.values())
+        return tuple(sorted({card.split for card in cards if card is not None}))
+
+    def scan(self, limit: int | None = None) -> int:
+        """List up to ``limit`` more scenario folders; 0 when there are no more."""
+        num_new = 0
+        while limit is None or num_new < limit:
+            with self._lock:
+                entry = next(self._walk, None)
+                if entry is None:
+                    self.is_complete = True
+                    break
+                if isinstance(entry, Path):
+                    self._num_incomplete += 1
+                    continue
+                self._position_of[entry.folder] = len(self._found)
+                self._found.append(entry)
+            num_new += 1
+        return num_new
+
+    def search(
+        self, wanted: CardFilter, start: int = 0, max_folders: int = 100
+    ) -> SearchStep:
+        """Search the next ``max_folders`` folders for accepted scenarios."""
+        missing = start + max_folders - self.num_found
+        if missing > 0:
+            self.scan(missing)
+        end = min(start + max_folders, self.num_found)
+        cards = [
+            card
+            for position in range(start, end)
+            if (card := self._card(position, wanted)) is not None
+        ]
+        is_complete = self.is_complete and end == self.num_found
+        return SearchStep(cards=tuple(cards), next_start=end, is_complete=is_complete)
+
+    def filter(
+        self,
+        *,
+        city: str | None = None,
+        text: str | None = None,
+        min_agents: int | None = None,
+        max_agents: int | None = None,
+    ) -> Iterator[ScenarioCard]:
+        """Yield accepted scenarios as they are found."""
+        wanted = CardFilter(
+            city=city, text=text, min_agents=min_agents, max_agents=max_agents
+        )
+        position = 0
+        while position < self.num_found or self.scan(1):
+            card = self._card(position, wanted)
+            if card is not None:
+                yield card
+            position += 1
+
+    def after(
+        self, folder: Path, wanted: CardFilter | None = None
+    ) -> ScenarioCard | None:
+        """Next accepted scenario after the one in a folder; None at the end.
+
+        Raises:
+            InputError: the folder is not in the dataset.
+        """
+        position = self._position(folder) + 1
+        while position < self.num_found or self.scan(1):
+            card = self._card(position, wanted or CardFilter())
+            if card is not None:
+                return card
+            position += 1
+        return None
+
+    def before(
+        self, folder: Path, wanted: CardFilter | None = None
+    ) -> ScenarioCard | None:
+        """Last accepted scenario before the one in a folder; None at the start.
+
+        Raises:
+            InputError: the folder is not in the dataset.
+        """
+        for position in reversed(range(self._position(folder))):
+            card = self._card(position, wanted or CardFilter())
+            if card is not None:
+                return card
+        return None
+
+    def _position(self, folder: Path) -> int:
+        while folder not in self._position_of:
+            if not self.scan(1000):
+                raise InputError(f"{folder}: is no scenario folder of {self.root}.")
+        return self._position_of[folder]
+
+    def _card(self, position: int, wanted: CardFilter) -> ScenarioCard | None:
+        """Scenario at a position if it is accepted and readable, else None."""
+        found = self._found[position]
+        if not wanted.accepts_id(found.scenario_id):
+            return None
+        if position not in self._cards:
+            card = _read_card(found, self.root)
+            with self._lock:
+                self._cards[position] = card
+        card = self._cards[position]
+        return card if card is not None and wanted.accepts(card) else None
+
+
+def no_scenario(roots: Iterable[Path]) -> InputError:
+    """The error of roots without a scenario."""
+    return InputError(
+        f"{' '.join(map(str, roots))}: no Argoverse 2 scenario there; expected folders "
+        "with scenario_<id>.parquet and log_map_archive_<id>.json."
+    )
+
+
+def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
+    """Yield scenario folders below a folder; plain paths where a file is missing."""
+    try:
+        with os.scandir(folder) as entries:
+            listed = [
+                (entry.name, entry.is_dir())
+                for entry in entries
+                if is_plain(entry.name)
+            ]
+    except OSError:
+        yield folder
+        return
+    files = [name for name, is_folder in listed if not is_folder]
+    # Hidden folders are exports that are being written.
+    folders = sorted(
+        name for name, is_folder in listed if is_folder and not name.startswith(".")
+    )
+    tracks = [name for name in files if is_tracks_name(name)]
+    if tracks:
+        scenario_id = tracks[0].removeprefix(TRACKS_PREFIX).removesuffix(".parquet")
+        has_map = any(is_map_name(name) for name in files)
+        is_whole = len(tracks) == 1 and has_map and is_scenario_id(scenario_id)
+        yield _Found(scenario_id=scenario_id, folder=folder) if is_whole else folder
+    elif depth == MAX_DEPTH or not folders:
+        yield folder
+    else:
+        for name in folders:
+            yield from _scenario_folders(folder / name, depth + 1)
+
+
+def _read_card(found: _Found, root: Path) -> ScenarioCard | None:
+    name = f"{TRACKS_PREFIX}{found.scenario_id}.parquet"
+    try:
+        table = open_track_table(found.folder / name, name, _CARD_COLUMNS)
+        _, ids = table.texts("track_id")
+        city = table.one_text("city")
+        step = table.integers("timestep")
+        num_steps = int(table.one_number("num_timestamps"))
+        current = current_step_of(table, step, num_steps)
+    except ScenarioFileError:
+        return None
+    return ScenarioCard(
+        scenario_id=found.scenario_id,
+        folder=found.folder,
+        city=city,
+        num_agents=len(ids),
+        split=_split_of(found.folder, root),
+        has_future=bool((step > current).any()),
+    )
+
+
+def _split_of(folder: Path, root: Path) -> str:
+    """The folders between the root and a scenario's folder."""
+    return "/".join(folder.relative_to(root).parts[:-1])

@@ -1,0 +1,72 @@
+"""Polylines as arrays of points, shape [N 2], in metres."""
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.scene.geometry.lines import Lines
+
+
+def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
+    """Distance along the line from its first point to each of its points."""
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
+    return np.concatenate([[0.0], np.cumsum(step)])
+
+
+def without_repeats(
+    points_m: Float[np.ndarray, "N 2"], tolerance_m: float = 1e-6
+) -> Float[np.ndarray, "M 2"]:
+    """Remove points that repeat the previous one; at least one point remains."""
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
+    return points_m[np.concatenate([[True], step > tolerance_m])]
+
+
+def point_at(
+    points_m: Float[np.ndarray, "N 2"], distance_m: Float[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "*shape 2"]:
+    """Points at distances along the line; clamped to its two ends."""
+    along = arc_length(points_m)
+    return np.stack(
+        [np.interp(distance_m, along, points_m[:, axis]) for axis in (0, 1)], axis=-1
+    )
+
+
+def resample(
+    points_m: Float[np.ndarray, "N 2"], num_points: int
+) -> Float[np.ndarray, "num_points 2"]:
+    """Resample the line to ``num_points`` points equally spaced along it."""
+    length = arc_length(points_m)[-1]
+    return point_at(points_m, np.linspace(0.0, length, num_points))
+
+
+def densify(
+    points: Float[np.ndarray, "N D"], max_spacing_m: float
+) -> Float[np.ndarray, "M D"]:
+    """Add points so that neighbours are at most ``max_spacing_m`` apart.
+
+    All given points are kept exactly. Distances are measured in the first two
+    coordinates; further ones (elevation) are interpolated.
+    """
+    return Lines.of([points]).densified(max_spacing_m).points_m
+
+
+def smoothed(
+    points: Float[np.ndarray, "N D"], width_points: float
+) -> Float[np.ndarray, "N D"]:
+    """Smooth the line with a Gaussian of that width; its end values are repeated."""
+    reach = int(np.ceil(4.0 * width_points))
+    kernel = np.exp(
+        -0.5 * (np.arange(-reach, reach + 1) / max(width_points, 1e-9)) ** 2
+    )
+    longer = np.pad(points, ((reach, reach), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(longer, len(kernel), axis=0)
+    return windows @ (kernel / kernel.sum())
+
+
+def offset_line(
+    points_m: Float[np.ndarray, "N 2"], distance_m: float
+) -> Float[np.ndarray, "N 2"]:
+    """Offset the line to its left by a distance, with mitred corners.
+
+    The mitre is limited to twice the distance, so that sharp corners have no spikes.
+    """
+    return Lines.of([points_m]).offset(distance_m).points_m

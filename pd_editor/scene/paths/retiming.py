@@ -1,0 +1,185 @@
+"""Retiming: moving along the same curve at other speeds."""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.scene.geometry.angles import heading_of, unit_vector, wrap_angle
+from pd_editor.scene.thresholds import MOVING_MPS
+
+STANDING_EXTENT_M: Final = 1.0
+"""A curve that stays closer to its first point is tracking noise, not a path."""
+
+Motion = tuple[
+    Float[np.ndarray, "G H 2"], Float[np.ndarray, "G H"], Float[np.ndarray, "G H 2"]
+]
+
+
+def interpolate_rows(
+    x: Float[np.ndarray, "G Q"],
+    known_x: Float[np.ndarray, "G H"],
+    known_y: Float[np.ndarray, "G H D"],
+) -> Float[np.ndarray, "G Q D"]:
+    """Linear interpolation with separate knots in each row, clamped to the ends.
+
+    ``known_x`` must not decrease along a row.
+    """
+    num_rows, num_known = known_x.shape
+    if num_known == 1:
+        return np.repeat(known_y, x.shape[1], axis=1)
+    # Rows are shifted to disjoint intervals, so that one search finds all knots.
+    low = min(known_x.min(initial=0.0), x.min(initial=0.0))
+    high = max(known_x.max(initial=0.0), x.max(initial=0.0))
+    shift = (np.arange(num_rows) * (high - low + 1.0))[:, None]
+    after = np.searchsorted((known_x + shift).ravel(), (x + shift).ravel(), "right")
+    first = (np.arange(num_rows) * num_known)[:, None]
+    after = np.clip(after.reshape(x.shape) - first, 1, num_known - 1) + first
+    x0, x1 = known_x.ravel()[after - 1], known_x.ravel()[after]
+    span = x1 - x0
+    fraction = np.clip((x - x0) / np.where(span > 0, span, 1.0), 0.0, 1.0)[..., None]
+    knots = known_y.reshape(-1, known_y.shape[-1])
+    y0, y1 = knots[after - 1], knots[after]
+    return np.where(fraction == 1.0, y1, y0 + fraction * (y1 - y0))
+
+
+def fill_gaps(
+    values: Float[np.ndarray, "G H D"], is_valid: Bool[np.ndarray, "G H"]
+) -> Float[np.ndarray, "G H D"]:
+    """Fill invalid steps: interpolated in time, constant before and after."""
+    if is_valid.all():
+        return values
+    steps = np.arange(is_valid.shape[1])
+    before = np.maximum.accumulate(np.where(is_valid, steps, -1), axis=1)
+    reverse = np.where(is_valid, steps, len(steps))[:, ::-1]
+    after = np.minimum.accumulate(reverse, axis=1)[:, ::-1]
+    before = np.where(before < 0, np.minimum(after, steps[-1]), before)
+    after = np.where(after > steps[-1], before, after)
+    rows = np.arange(len(values))[:, None]
+    start, end = values[rows, before], values[rows, after]
+    fraction = (steps - before) / np.maximum(after - before, 1)
+    return start + fraction[..., None] * (end - start)
+
+
+def fill_heading_gaps(
+    heading_rad: Float[np.ndarray, "G H"], is_valid: Bool[np.ndarray, "G H"]
+) -> Float[np.ndarray, "G H"]:
+    """Unwrapped headings, filled at invalid steps."""
+    steps = np.arange(is_valid.shape[1])
+    last = np.maximum.accumulate(np.where(is_valid, steps, -1), axis=1)
+    last = np.where(last < 0, is_valid.argmax(axis=1)[:, None], last)
+    held = np.take_along_axis(heading_rad, last, axis=1)
+    return fill_gaps(np.unwrap(held, axis=1)[..., None], is_valid)[..., 0]
+
+
+def travelled_m(position_m: Float[np.ndarray, "G H 2"]) -> Float[np.ndarray, "G H"]:
+    """Distance travelled along each row of positions."""
+    step = np.diff(position_m, axis=1)
+    length = np.hypot(step[..., 0], step[..., 1])
+    return np.concatenate(
+        [np.zeros((len(length), 1)), np.cumsum(length, axis=1)], axis=1
+    )
+
+
+def retime(
+    position_m: Float[np.ndarray, "G H 2"],
+    heading_rad: Float[np.ndarray, "G H"],
+    is_valid: Bool[np.ndarray, "G H"],
+    distance_m: Float[np.ndarray, "G H"],
+    step_s: float,
+    speed_mps: Float[np.ndarray, "G H"] | None = None,
+) -> Motion:
+    """Position, heading and velocity at given distances along each agent's own curve.
+
+    ``distance_m`` counts from the curve's first valid point; beyond its last one the
+    agent continues straight. Headings are those of the agent at each point of the
+    curve. Without ``speed_mps`` the speed is the rate of ``distance_m``. Rows are zero
+    where ``is_valid`` is false.
+    """
+    curve = fill_gaps(position_m, is_valid)
+    heading = fill_heading_gaps(heading_rad, is_valid)
+    along = travelled_m(curve)
+    known = np.concatenate([curve, heading[..., None]], axis=-1)
+    reached = interpolate_rows(distance_m, along, known)
+    beyond = np.maximum(distance_m - along[:, -1:], 0.0)
+    onward = _direction_at_end(curve, heading, along)
+    position = reached[..., :2] + beyond[..., None] * onward[:, None]
+    if speed_mps is None:
+        speed_mps = rate(distance_m, step_s)
+    velocity = speed_mps[..., None] * _tangent(position, reached[..., 2])
+    mask = is_valid[..., None]
+    return (
+        np.where(mask, position, 0.0),
+        np.where(is_valid, wrap_angle(reached[..., 2]), 0.0),
+        np.where(mask, velocity, 0.0),
+    )
+
+
+def with_new_speed(
+    position_m: Float[np.ndarray, "G H 2"],
+    heading_rad: Float[np.ndarray, "G H"],
+    velocity_mps: Float[np.ndarray, "G H 2"],
+    is_valid: Bool[np.ndarray, "G H"],
+    new_speed_mps: Float[np.ndarray, "G"],
+    step_s: float,
+) -> Motion:
+    """Retime trajectories from the current step on for other current speeds.
+
+    All speeds of an agent are scaled by the same factor, up to the larger of its new
+    speed and its highest logged speed. A stationary agent continues at the new speed,
+    along its curve if it has one, else straight ahead.
+    """
+    curve = fill_gaps(position_m, is_valid)
+    old_speed = np.hypot(velocity_mps[..., 0], velocity_mps[..., 1]) * is_valid
+    new_speed = new_speed_mps[:, None]
+    stands = old_speed[:, :1] < MOVING_MPS
+    factor = new_speed / np.where(stands, 1.0, old_speed[:, :1])
+    fastest = np.maximum(new_speed, old_speed.max(axis=1, keepdims=True))
+    step_m = np.diff(travelled_m(curve), axis=1)
+    cap = np.where(factor > 1, fastest, np.inf)
+    scaled = np.minimum(factor * step_m, cap * step_s)
+    moved = np.where(stands, new_speed * step_s, scaled)
+    distance = np.concatenate(
+        [np.zeros((len(moved), 1)), np.cumsum(moved, axis=1)], axis=1
+    )
+    speed = np.where(stands, new_speed, np.minimum(factor * old_speed, cap))
+
+    extent = np.linalg.norm(curve - curve[:, :1], axis=-1).max(axis=1)
+    jitter = stands[:, 0] & (extent < STANDING_EXTENT_M)
+    position_m = np.where(jitter[:, None, None], curve[:, :1], curve)
+    heading = fill_heading_gaps(heading_rad, is_valid)
+    heading = np.where(jitter[:, None], heading[:, :1], heading)
+    return retime(position_m, heading, is_valid, distance, step_s, speed)
+
+
+def _direction_at_end(
+    curve_m: Float[np.ndarray, "G H 2"],
+    heading_rad: Float[np.ndarray, "G H"],
+    along_m: Float[np.ndarray, "G H"],
+) -> Float[np.ndarray, "G 2"]:
+    """Direction of each curve's last metre, or the last heading if it is shorter."""
+    before = np.maximum(along_m[:, -1:] - STANDING_EXTENT_M, 0.0)
+    chord = curve_m[:, -1] - interpolate_rows(before, along_m, curve_m)[:, 0]
+    short = np.hypot(chord[:, 0], chord[:, 1]) < STANDING_EXTENT_M / 2
+    return unit_vector(np.where(short, heading_rad[:, -1], heading_of(chord)))
+
+
+def rate(
+    values: Float[np.ndarray, "G H *d"], step_s: float
+) -> Float[np.ndarray, "G H *d"]:
+    """Rate of change along each row; zero if there is only one step."""
+    if values.shape[1] < 2:
+        return np.zeros_like(values)
+    return np.gradient(values, step_s, axis=1)
+
+
+def _tangent(
+    position_m: Float[np.ndarray, "G H 2"], heading_rad: Float[np.ndarray, "G H"]
+) -> Float[np.ndarray, "G H 2"]:
+    """Unit vectors of motion; of the heading where the agent does not move."""
+    change = rate(position_m, 1.0)
+    norm = np.hypot(change[..., 0], change[..., 1])[..., None]
+    moving = norm > 1e-3
+    return np.where(
+        moving, change / np.where(moving, norm, 1), unit_vector(heading_rad)
+    )

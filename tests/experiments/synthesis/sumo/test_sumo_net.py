@@ -1,0 +1,72 @@
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.base.errors import SynthesisError
+from pd_editor.experiments.synthesis.sumo.sumo_net import read_sumo_net
+from pd_editor.experiments.synthesis.sumo.traffic_graph import read_traffic_graph
+from pd_editor.scene.road_map import LaneKind
+
+NET = """<net version="1.20">
+    <edge id=":b_0" function="internal">
+        <lane id=":b_0_0" index="0" speed="9" length="1" shape="99.5,0 100.5,0"/>
+    </edge>
+    <edge id="in" from="a" to="b" priority="1">
+        <lane id="in_0" index="0" allow="pedestrian" speed="2" length="99.5"
+            width="2.00" shape="0,-4 99.5,-4"/>
+        <lane id="in_1" index="1" disallow="pedestrian" speed="13" length="99.5"
+            shape="0,0 50.25,0.125 99.5,0"/>
+    </edge>
+    <edge id="out" from="b" to="c" priority="1">
+        <lane id="out_0" index="0" allow="bus" speed="13" length="99" shape="100.5,0 200,0"/>
+    </edge>
+    <junction id="a" type="dead_end" x="0" y="0" incLanes="" intLanes="" shape="0,0 0,3"/>
+    <junction id="b" type="priority" x="100" y="0" incLanes="in_1" intLanes=":b_0_0"
+        shape="99.5,2 100.5,2 100.5,-2 99.5,-2"/>
+    <junction id="c" type="dead_end" x="200" y="0" incLanes="out_0" intLanes=""/>
+    <connection from="in" to="out" fromLane="1" toLane="0" via=":b_0_0" dir="s" state="M"/>
+    <connection from=":b_0" to="out" fromLane="0" toLane="0" dir="s" state="M"/>
+</net>
+"""
+
+
+def test_a_net_by_hand(tmp_path: Path):
+    file = tmp_path / "hand.net.xml"
+    file.write_text(NET)
+    net = read_sumo_net(file)
+    assert list(net.lanes) == [":b_0_0", "in_0", "in_1", "out_0"]
+    car, walk = net.lanes["in_1"], net.lanes["in_0"]
+    np.testing.assert_array_equal(car.shape_m, [[0, 0], [50.25, 0.125], [99.5, 0]])
+    assert (car.kind, car.width_m, walk.width_m) == (LaneKind.VEHICLE, 3.2, 2.0)
+    assert (walk.kind, net.lanes["out_0"].kind) == (None, LaneKind.BUS)
+    assert net.lanes[":b_0_0"].is_internal
+    assert not any(lane.is_parking for lane in net.lanes.values())
+    assert net.links == (("in_1", ":b_0_0"), (":b_0_0", "out_0"))
+    assert net.junction_of == {"in": ("a", "b"), "out": ("b", "c")}
+    assert net.num_legs == {"a": 1, "b": 2, "c": 1}
+    assert not net.has_signals
+    graph = read_traffic_graph(file)
+    assert list(graph.edges) == ["in", "out"]
+    assert [edge.edge_id for edge in graph.sidewalk_edges] == ["in"]
+    assert graph.turns_for("bus") == {"in": {"out": "s"}, "out": {}}
+    assert graph.turns_for("passenger") == {"in": {}}
+
+
+@pytest.mark.parametrize("read", [read_sumo_net, read_traffic_graph])
+@pytest.mark.parametrize(
+    "text", [None, "", "<net>", "<net/>", "words", "<net><edge/></net>"]
+)
+def test_what_is_no_net_is_refused_in_one_sentence(tmp_path: Path, read, text):
+    file = tmp_path / "bad.net.xml"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(SynthesisError, match=r"bad\.net\.xml: expected a SUMO net"):
+        read(file)
+
+
+def test_without_sumolib_the_extra_is_named(tmp_path: Path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sumolib.net", None)
+    with pytest.raises(SynthesisError, match=r"pd-editor\[synth\]"):
+        read_sumo_net(tmp_path / "any.net.xml")
