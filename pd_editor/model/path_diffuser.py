@@ -588,7 +588,8 @@ def _fit_notes(fits: Sequence[tuple[int, int]]) -> list[str]:
     ]
     notes = [
         (f"Sample {sample}: " if len(fits) > 1 else "")
-        + f"{number} of {asked} new agents were placed; no more fit."
+        + f"{number} of {asked} new agents were placed; no free place was found for "
+        f"{asked - number}."
         for sample, number, asked in short[:_MOST_NAMED]
     ]
     if len(short) > _MOST_NAMED:

@@ -140,15 +140,18 @@ def near_passes(scenario: Scenario) -> list[Finding]:
     return found
 
 
-def later_colliders(agents: AgentStates) -> Bool[np.ndarray, "A"]:
-    """Agents in collisions that begin after the first step, counted as in the list."""
+def later_collisions(
+    agents: AgentStates,
+) -> tuple[Int[np.ndarray, "P 2"], Int[np.ndarray, "P"]]:
+    """Pairs whose collision begins after the first step, counted as in the list.
+
+    Returns their rows, and the step at which each begins.
+    """
     pairs, pair, at, _ = _hits(agents, agents)
     moves = _moves(agents.position_m, agents.is_valid)
-    begins_later = ~np.isin(np.arange(len(pairs)), pair[at == 0])
-    counted = begins_later & moves[pairs].any(axis=1)
-    collides = np.zeros(len(agents), bool)
-    collides[pairs[pair[counted[pair]]].ravel()] = True
-    return collides
+    hit, first = np.unique(pair, return_index=True)
+    counted = (at[first] > 0) & moves[pairs[hit]].any(axis=1)
+    return pairs[hit[counted]], at[first[counted]]
 
 
 def _hits(

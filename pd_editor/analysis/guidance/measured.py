@@ -22,6 +22,9 @@ class Measured:
     is_obeyed: bool
     is_feasible: bool = True
     """Whether it could have been met, against what the other agent did."""
+    has_no_case: bool = False
+    """Whether nothing arose to which the term applies, so that a term that was infeasible
+    before the run is not obeyed."""
     worst_id: str | None = None
     """The agent that the deviation is of."""
 

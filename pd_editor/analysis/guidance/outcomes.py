@@ -87,16 +87,18 @@ def term_outcomes(
             measured = _without_effect(term, driven)
         ids = term.guided_ids or (measured.worst_id,)
         is_slowed = not set(slowed_ids).isdisjoint(ids)
+        is_feasible = measured.is_feasible and term not in infeasible
         found.append(
             TermOutcome(
                 term=term,
                 is_run=is_run,
-                is_feasible=measured.is_feasible and term not in infeasible,
+                is_feasible=is_feasible,
                 asked=measured.asked,
                 achieved=measured.achieved + SLOWED * is_slowed,
                 error=measured.error,
                 unit=measured.unit,
-                is_obeyed=measured.is_obeyed,
+                is_obeyed=measured.is_obeyed
+                and (is_feasible or not measured.has_no_case),
             )
         )
     return tuple(found)
@@ -192,7 +194,7 @@ def _target_speed(term: TargetSpeed, driven: Driven) -> Measured | None:
     worst = last[int(np.abs(last - term.speed_mps).argmax())]
     error = float(abs(worst - term.speed_mps))
     return Measured(
-        asked=f"{term.speed_mps:.1f} m/s at the end",
+        asked=f"{term.speed_mps:.1f} m/s over the last second",
         achieved=of_several(len(last), f"{worst:.1f} m/s"),
         error=error,
         unit="m/s",

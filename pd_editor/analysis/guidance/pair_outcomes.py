@@ -1,11 +1,11 @@
 """Outcomes of terms on pairs of agents: gaps, collisions, yielding, threats."""
 
-from collections.abc import Collection
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.analysis.findings.collisions import later_collisions
 from pd_editor.analysis.guidance.limits import (
     MAX_BRAKING_MPS2,
     OBEYED_GAP_M,
@@ -14,7 +14,7 @@ from pd_editor.analysis.guidance.limits import (
 from pd_editor.analysis.guidance.measured import Driven, Measured, of_several
 from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
-from pd_editor.analysis.metrics.traffic_view import generated_traffic
+from pd_editor.analysis.metrics.traffic_view import generated_traffic, whole_traffic
 from pd_editor.analysis.threats.encounter import Track, encounter
 from pd_editor.analysis.threats.threat_feasibility import (
     recorded_track,
@@ -25,7 +25,7 @@ from pd_editor.analysis.threats.threat_plans import ThreatAim
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.geometry.angles import left_of, unit_vector
-from pd_editor.scene.geometry.oriented_box import Boxes, BoxStates
+from pd_editor.scene.geometry.oriented_box import BoxStates
 from pd_editor.scene.guidance_terms import AvoidCollisions, KeepGap, Threaten, YieldTo
 
 _FOLLOWS_COS: Final = 0.5
@@ -140,6 +140,7 @@ def yield_outcome(term: YieldTo, driven: Driven) -> Measured | None:
             error=0.0,
             unit="s",
             is_obeyed=True,
+            has_no_case=True,
         )
     after_s = float((place - time).min()) * driven.step_s
     achieved = (
@@ -171,7 +172,7 @@ def threat_measured(term: Threaten, driven: Driven) -> Measured | None:
     aim = ThreatAim.of(term.approach, term.severity)
     words = threat_in_words(aim, found)
     until = round(found.at_s / driven.step_s)
-    hit = _first_hit(driven, first, {term.agent_id, term.other_id}, until)
+    hit = _first_hit(driven, term, until)
     achieved, obstacle = words.achieved, None
     if hit is not None:
         achieved += f", but hits {hit[0]} after {hit[1]:.1f} s"
@@ -194,25 +195,17 @@ def threat_measured(term: Threaten, driven: Driven) -> Measured | None:
     )
 
 
-def _first_hit(
-    driven: Driven, track: Track, but: Collection[str], until: int
-) -> tuple[str, float] | None:
-    """The first other agent that one hits up to a step, and when; none it overlaps now."""
-    everyone = generated_traffic(driven.scenario, driven.sample).everyone
-    names = [name for name in everyone.ids if name not in but]
-    rows = [everyone.ids.index(name) for name in names]
-    steps = slice(0, until + 1)
-    boxes = Boxes(
-        position_m=np.nan_to_num(everyone.position_m[rows, steps]),
-        heading_rad=np.nan_to_num(everyone.heading_rad[rows, steps]),
-        size_m=everyone.size_m[rows, None],
-    )
-    touches = boxes_touch(track.at(steps), boxes) & everyone.is_valid[rows, steps]
-    touches &= ~touches[:, :1]
-    if not touches.any():
-        return None
-    step = int(touches.any(axis=0).argmax())
-    return names[int(touches[:, step].argmax())], step * driven.step_s
+def _first_hit(driven: Driven, term: Threaten, until: int) -> tuple[str, float] | None:
+    """What the agent that threatens hits first besides the other one, up to a step."""
+    everyone = whole_traffic(driven.scenario, driven.sample)
+    pairs, begins = later_collisions(everyone.from_step(driven.scenario.current_step))
+    own = everyone.ids.index(term.agent_id)
+    others = np.where(pairs[:, 0] == own, pairs[:, 1], pairs[:, 0])
+    counted = (pairs == own).any(axis=1) & (begins <= until)
+    for row in np.flatnonzero(counted)[np.argsort(begins[counted], kind="stable")]:
+        if everyone.ids[others[row]] != term.other_id:
+            return everyone.ids[others[row]], float(begins[row]) * driven.step_s
+    return None
 
 
 def track_of(driven: Driven, agent_id: str) -> Track | None:

@@ -43,7 +43,8 @@ class PossibleEncounter:
 
     term: Threaten | YieldTo
     at_s: float
-    """When the agents meet, or when the other one passes."""
+    """When the agents meet by the plan, or when the other one passes; trajectories of the
+    model meet up to 2 s earlier or later."""
     gap_m: float | None
     """How near they come, 0 for contact; None of a yield."""
     way_m: Float[np.ndarray, "H 2"]
@@ -53,11 +54,12 @@ class PossibleEncounter:
     def in_words(self) -> str:
         """What the guided agent does, when, and how near, without its name."""
         if isinstance(self.term, YieldTo):
-            return f"lets {self.term.other_id} pass at {self.at_s:.1f} s"
+            return f"lets {self.term.other_id} pass at about {self.at_s:.0f} s"
         how = f"{self.gap_m:.1f} m" if self.gap_m else "contact"
         # The plan is feasible, but trajectories of the model bend less than it may.
         doubt = " (may miss)" if self.term.approach == "side" else ""
-        return f"{_DOES[self.term.approach]}: {how} at {self.at_s:.1f} s{doubt}"
+        when = f"at about {self.at_s:.0f} s"
+        return f"{_DOES[self.term.approach]}: {how} {when}{doubt}"
 
 
 def endangered_id(scenario: Scenario, selection: tuple[str, ...] = ()) -> str | None:

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.findings.collisions import later_colliders
+from pd_editor.analysis.findings.collisions import later_collisions
 from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasible_terms
 from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.analysis.metrics.motion.kinematics import kinematics
@@ -45,10 +45,9 @@ def guidance_reports(
     infeasible = infeasible_terms(problems)
     # A contact that was asked for does not count.
     asked = {
-        name
+        frozenset(term.named_ids)
         for term in terms
         if isinstance(term, Threaten) and term.is_on and term.severity == 1
-        for name in term.named_ids
     }
     plain = [AgentRealism.of(scenario, one, asked) for one in unguided]
     figures = [one.over() for one in plain]
@@ -108,17 +107,19 @@ class AgentRealism:
         cls,
         scenario: Scenario,
         sample: TrafficSample,
-        collide_ids: Collection[str] = (),
+        asked: Collection[frozenset[str]] = (),
     ) -> "AgentRealism":
-        """Measure a sample; collisions with ``collide_ids`` do not count.
+        """Measure a sample; collisions of pairs of ids in ``asked`` do not count.
 
         Collisions and steps off the road are counted as in the list of findings.
         """
         view, now = generated_traffic(scenario, sample), scenario.current_step
         everyone = whole_traffic(scenario, sample)
         drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in sample.kinds], bool)
-        hits = later_colliders(everyone.from_step(now))[: len(drives)]
-        hits &= np.array([name not in collide_ids for name in sample.ids], bool)
+        pairs, _ = later_collisions(everyone.from_step(now))
+        names = [frozenset(everyone.ids[row] for row in pair) for pair in pairs]
+        counted = np.array([pair not in asked for pair in names], bool)
+        hits = np.isin(np.arange(len(drives)), pairs[counted])
         deviation, motion = lane_deviation(view), kinematics(view)
         total = np.hypot(motion.longitudinal_mps2, motion.lateral_mps2)
         speed = np.linalg.norm(sample.velocity_mps, axis=-1)

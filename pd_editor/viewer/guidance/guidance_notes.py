@@ -24,7 +24,8 @@ NOT_RUN: Final = "Not run yet: Regenerate to apply it."
 FIGURES: Final = (
     (
         "Agents that collide after t = 0",
-        "Agents whose boxes overlap at t = 0 already count only if they hit another one",
+        "Agents whose boxes overlap at t = 0 already count only if they hit another one; a "
+        "contact that was asked for does not count",
     ),
     (
         "Time off the road",

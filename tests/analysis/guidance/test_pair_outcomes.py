@@ -10,12 +10,13 @@ import torch
 from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasible_terms
 from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.analysis.guidance.pair_outcomes import gaps_ahead
-from pd_editor.analysis.guidance.report import AgentRealism
+from pd_editor.analysis.guidance.report import AgentRealism, guidance_reports
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.model.trajectory.guidance.interaction_terms import (
     gaps_ahead as gaps_ahead_of_prediction,
 )
 from pd_editor.model.trajectory.guidance.latent_motion import PredictedMotion
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.guidance_terms import (
     AvoidCollisions,
@@ -138,6 +139,18 @@ def test_outcomes_say_what_was_achieved(
     assert outcome.is_obeyed == is_obeyed
 
 
+def without_last(sample: TrafficSample) -> TrafficSample:
+    return replace(
+        sample,
+        ids=sample.ids[:-1],
+        kinds=sample.kinds[:-1],
+        size_m=sample.size_m[:-1],
+        position_m=sample.position_m[:-1],
+        heading_rad=sample.heading_rad[:-1],
+        velocity_mps=sample.velocity_mps[:-1],
+    )
+
+
 def test_kept_agents_count_as_recorded() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-12, 0, 0, 12)]))
     sample = recorded(scenario)
@@ -161,8 +174,34 @@ def test_collisions_that_were_asked_for_do_not_count() -> None:
     )
     sample = recorded(scenario)
     assert AgentRealism.of(scenario, sample).over().num_collisions == 2
-    asked_for = AgentRealism.of(scenario, sample, {"100", "101"})
+    asked_for = AgentRealism.of(scenario, sample, {frozenset({"100", "101"})})
     assert asked_for.over().num_collisions == 0
+
+
+def test_collisions_of_an_agent_that_threatens_count_but_for_the_one_asked_for() -> (
+    None
+):
+    """It hit two cones on its way, and the report told of no collision and success."""
+    states = [(0, 0, 0, 10), (-12, 0, 0, 12), (14, 1.0, 0, 0)]
+    scenario = scenario_with(straight_drivers(states))
+    kinds = (*scenario.agents.kinds[:2], AgentKind.CONSTRUCTION)
+    scenario = scenario.with_agents(replace(scenario.agents, kinds=kinds))
+    sample = without_last(recorded(scenario))
+    term = Threaten(agent_id="101", other_id="100")
+    (report,) = guidance_reports(scenario, [sample], [term], [sample])
+    assert report.cost is not None
+    assert report.cost.guided.num_collisions == 2
+    assert ", but hits 102 after" in report.outcomes[0].achieved
+    assert not report.outcomes[0].is_obeyed
+
+
+def test_a_yield_that_was_infeasible_is_not_obeyed_where_nothing_arose() -> None:
+    """One card said that it cannot yield, and below that it did."""
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (0, 20, 0, 10)]))
+    term = YieldTo(agent_id="100", other_id="101")
+    for infeasible in ((), (term,)):
+        (outcome,) = term_outcomes(scenario, recorded(scenario), [term], infeasible)
+        assert outcome.is_obeyed == (not infeasible)
 
 
 def test_gaps_are_those_of_the_guidance() -> None:

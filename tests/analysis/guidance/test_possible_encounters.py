@@ -96,7 +96,7 @@ def test_the_list_is_what_the_checks_of_single_terms_allow() -> None:
 
 def test_words_tell_when_and_how_near() -> None:
     for one in possible_encounters(busy(), "100"):
-        assert f"at {one.at_s:.1f} s" in one.in_words
+        assert f"at about {one.at_s:.0f} s" in one.in_words
         if isinstance(one.term, YieldTo):
             assert one.gap_m is None
             continue

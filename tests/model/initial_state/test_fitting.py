@@ -59,7 +59,10 @@ def test_what_fits_is_placed_and_the_number_is_said(diffuser: PathDiffuser):
     traffic = run_to_end(diffuser.generate(request))
     count = len(traffic.samples[0].ids)
     assert 0 < count < 30
-    assert f"{count} of 30 new agents were placed; no more fit." in traffic.notes
+    assert (
+        f"{count} of 30 new agents were placed; no free place was found for "
+        in " ".join(traffic.notes)
+    )
     after = traffic_command(request, traffic).apply(scenario)
     assert overlaps_of(after, traffic.samples[0].ids) == 0
 

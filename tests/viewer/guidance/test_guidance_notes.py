@@ -129,7 +129,10 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
     (row,) = state["rows"]
     assert row["notes"] == [
         # What the trajectories in the scene achieve, not what a run once said.
-        {"tone": "good", "text": "Asked: 5.0 m/s at the end. Achieved: 5.0 m/s."}
+        {
+            "tone": "good",
+            "text": "Asked: 5.0 m/s over the last second. Achieved: 5.0 m/s.",
+        }
     ]
     tones = {line["text"]: line["tone"] for line in state["report"]}
     assert tones["Terms obeyed: 1 of 1"] == "good"
@@ -157,7 +160,7 @@ def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
     (note,) = panel(guided)["rows"][0]["notes"]
     assert note == {
         "tone": "bad",
-        "text": "Asked: 5.0 m/s at the end. Achieved: 3.0 m/s.",
+        "text": "Asked: 5.0 m/s over the last second. Achieved: 3.0 m/s.",
     }
     guided.run(guided.session.undo)
     # The guided traffic is back, and with it its report.
