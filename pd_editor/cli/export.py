@@ -1,6 +1,7 @@
 """``pd-editor export``: write scenarios, with a name, tags and a note."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -142,7 +143,8 @@ def _session(reference: str, variant: Variant, cut: TimeCut) -> EditorSession:
     session = EditorSession.from_recipe(recipe, open_base(recipe, where, None))
     own = session.variant
     session.describe(
-        Variant(
+        replace(
+            own,
             name=variant.name or own.name,
             tags=variant.tags or own.tags,
             note=variant.note or own.note,
@@ -162,9 +164,7 @@ def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
         recipe = undated_recipe(session)
         name = free_name(recipe.result_id, made.__contains__)
         if name != recipe.result_id:
-            session.describe(
-                described(name, session.variant.tags, session.variant.note)
-            )
+            session.describe(replace(session.variant, name=name))
             recipe = undated_recipe(session)
         made[name] = exported_files(session.scenario, recipe, session.base)
         rows.append(index_row(session.scenario, session.base, recipe))

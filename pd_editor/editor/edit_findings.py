@@ -15,6 +15,7 @@ from pd_editor.analysis.findings.finding import (
 from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.guidance import AddGuidance, ChangeGuidance
+from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
 from pd_editor.editor.commands.traffic import ReplaceTraffic
 from pd_editor.scene.generation import GuidanceSetting, TrafficSample
 from pd_editor.scene.guidance_outcome import TermOutcome
@@ -47,7 +48,10 @@ def edit_findings(
             for one in outcomes
             if not one.is_obeyed
         ]
-    return replace(found, new=tuple(new))
+    drawn = _samples(commands)
+    return replace(
+        found, new=tuple(replace(one, sample=_sample(one, drawn)) for one in new)
+    )
 
 
 def unrun_terms(
@@ -183,6 +187,23 @@ def _origins(scenario: Scenario, commands: Iterable[Command]) -> dict[str, Sourc
             )
             origin[name] = "guidance" if guided else "model"
     return origin
+
+
+def _samples(commands: Iterable[Command]) -> dict[str, str]:
+    """Sample that each agent's trajectory is from; reactions to edits continue it."""
+    return {
+        name: f"{part.generator} {part.seed} {part.request.sample_index}"
+        for command in commands
+        if not isinstance(command, RegeneratedEdit)
+        for part in command.parts
+        if isinstance(part, ReplaceTraffic)
+        for name in part.sample.ids
+    }
+
+
+def _sample(finding: Finding, drawn: dict[str, str]) -> str:
+    followed = {drawn.get(name, "") for name in finding.agent_ids} - {""}
+    return " + ".join(sorted(followed))
 
 
 def edited_by(part: Command) -> set[str]:

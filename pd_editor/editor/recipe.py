@@ -92,9 +92,10 @@ class Recipe:
             RecipeError: it has more commands or bytes than are read again.
         """
         variant = to_json(self.variant)
-        if not self.variant.is_proposed:
+        for name in ("is_proposed", "ignored"):
             # Of no meaning to most recipes, and unknown to earlier versions.
-            del variant["is_proposed"]
+            if not variant[name]:
+                del variant[name]
         head = {
             "format": RECIPE_FORMAT,
             "version": RECIPE_VERSION,

@@ -1,10 +1,11 @@
-"""Name, tags and note of an edited scenario."""
+"""Name, tags and note of an edited scenario, and what its user ignores."""
 
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from pd_editor.analysis.findings.finding import IgnoredKey
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import is_note, is_plain
 from pd_editor.editor.commands.command import Command
@@ -25,7 +26,7 @@ _UUID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """Name, tags and note of an edited scenario."""
+    """Name, tags and note of an edited scenario, and what its user ignores."""
 
     name: str = ""
     """Id of the exported scenario: letters, digits and hyphens. Empty: proposed."""
@@ -34,6 +35,8 @@ class Variant:
     is_proposed: bool = False
     """Whether the program chose a name of another kind than ``proposed_name`` for a
     result; it holds until the next edit."""
+    ignored: tuple[IgnoredKey, ...] = ()
+    """Findings that do not count."""
 
     def __post_init__(self) -> None:
         if self.name and _NAME.fullmatch(self.name) is None:
@@ -55,6 +58,11 @@ class Variant:
             )
         if not is_note(self.note):
             raise EditError("The note has control characters; expected plain text.")
+
+    def of_result(self) -> "Variant":
+        """Tags, note and ignored findings of the result, which has no edits."""
+        ignored = tuple((kind, ids, about, "") for kind, ids, about, _ in self.ignored)
+        return Variant(tags=self.tags, note=self.note, ignored=ignored)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,6 +56,7 @@ _KIND_NAME: Final[dict[AgentKind, str]] = {
     AgentKind.UNKNOWN: "object",
 }
 FindingKey = tuple[str, tuple[str, ...], str]
+IgnoredKey = tuple[str, tuple[str, ...], str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,11 +83,18 @@ class Finding:
     about: str = ""
     """What it is about if agents do not tell, such as the kind of a guidance term."""
     source: Source = "edited"
+    sample: str = ""
+    """Sampled trajectories that its agents follow; empty: none."""
 
     @property
     def key(self) -> FindingKey:
         """Key by which a finding is recognised after further edits."""
         return self.kind, self.agent_ids, self.about
+
+    @property
+    def ignored_key(self) -> IgnoredKey:
+        """Key of a finding that a user ignores; it does not fit another sample's."""
+        return *self.key, self.sample
 
     @property
     def severity(self) -> Severity:

@@ -3,11 +3,11 @@
 import csv
 import io
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from pd_editor.analysis.findings.finding import FindingKey
+from pd_editor.analysis.findings.finding import IgnoredKey
 from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.edit_findings import edit_findings, guidance_in_words
 from pd_editor.editor.recipe import Recipe
@@ -50,6 +50,8 @@ class IndexRow:
     """What each term of guidance asked and what was achieved."""
     tags: tuple[str, ...] = ()
     note: str = ""
+    ignored: tuple[IgnoredKey, ...] = ()
+    """Problems that are not counted."""
 
     @property
     def num_problems(self) -> int:
@@ -57,21 +59,13 @@ class IndexRow:
         return sum(self.problems.values())
 
 
-def index_row(
-    scenario: Scenario,
-    base: Scenario,
-    recipe: Recipe,
-    *,
-    ignored: Collection[FindingKey] = (),
-) -> IndexRow:
-    """Row of a scenario that a recipe makes from ``base``.
-
-    Problems with ``ignored`` keys do not count.
-    """
+def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
+    """Row of a scenario that a recipe makes from ``base``; ignored ones do not count."""
+    ignored = recipe.variant.ignored
     parts = [part for command in recipe.commands for part in command.parts]
     generated = [one for one in parts if isinstance(one, ReplaceTraffic)]
     found = edit_findings(scenario, base, recipe.commands).problems
-    counts = Counter(one.kind for one in found if one.key not in ignored)
+    counts = Counter(one.kind for one in found if one.ignored_key not in ignored)
     return IndexRow(
         scenario_id=recipe.result_id,
         base_id=recipe.base.root.scenario_id,
@@ -83,6 +77,7 @@ def index_row(
         guidance=tuple(guidance_in_words(scenario, recipe.commands)),
         tags=recipe.variant.tags,
         note=recipe.variant.note,
+        ignored=ignored,
     )
 
 

@@ -257,7 +257,8 @@ class SampleStrip:
         assert cards is not None
         count = len(cards.numbers)
         told = [
-            [one for one in found if one.key not in ignored] for found in cards.findings
+            [one for one in found if one.ignored_key not in ignored]
+            for found in cards.findings
         ]
         rank = {
             index: n for n, index in enumerate(ranked(cards.numbers, self._ranking), 1)

@@ -51,7 +51,7 @@ class BasketPanel:
     def star(self) -> None:
         """Add the current state to the basket, or tell that it is there already.
 
-        One whose name, tags or note were changed since is described anew.
+        One of which something else is said by now is described anew.
         """
         self._ui.commit_gesture()
         if self._workspace.is_starred():

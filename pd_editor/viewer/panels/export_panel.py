@@ -3,6 +3,7 @@
 import datetime
 from collections import Counter
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import viser
 
 from pd_editor.analysis.findings.finding import Finding, open_in_words
 from pd_editor.base.errors import InputError
-from pd_editor.editor.variant import Variant, name_from_text, tags_from_text
+from pd_editor.editor.variant import name_from_text, tags_from_text
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.ui_context import UiContext, set_value
@@ -127,7 +128,8 @@ class ExportPanel:
         session = self._ui.session
         typed = session.variant.name if self._typed is None else self._typed
         session.describe(
-            Variant(
+            replace(
+                session.variant,
                 name=name_from_text(typed),
                 tags=tags_from_text(str(self._tags.value)),
                 note=str(self._note.value).strip(),
@@ -155,12 +157,12 @@ class ExportPanel:
         self._dialog = gui.add_modal("There is an export of this name")
         with self._dialog:
             beside = gui.add_button(f"Write as {free}")
-            replace = gui.add_button(
+            overwrite = gui.add_button(
                 f"Replace the export of {_moment(earlier)}", color="red"
             )
             cancel = gui.add_button("Cancel", color="gray")
         self._ui.on_click(beside, lambda: self._write_into(out))
-        self._ui.on_click(replace, lambda: self._write_into(out, replaces=True))
+        self._ui.on_click(overwrite, lambda: self._write_into(out, replaces=True))
         self._ui.on_click(cancel, self._close_dialog)
 
     def _write_into(self, out: Path, *, replaces: bool = False) -> None:

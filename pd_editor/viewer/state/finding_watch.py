@@ -1,5 +1,7 @@
 """The list of findings of the current scenario: new, ignored and recorded ones."""
 
+from dataclasses import replace
+
 from pd_editor.analysis.findings.check import SceneCheck, scene_findings
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.editor.edit_findings import edit_findings
@@ -66,7 +68,7 @@ class FindingWatch:
     def ignored(self) -> tuple[Finding, ...]:
         """Findings that the user ignores."""
         ignored = self._workspace.ignored_findings
-        return tuple(one for one in self._check.new if one.key in ignored)
+        return tuple(one for one in self._check.new if one.ignored_key in ignored)
 
     @property
     def recorded(self) -> tuple[Finding, ...]:
@@ -76,14 +78,14 @@ class FindingWatch:
 
     def _unignored(self) -> tuple[Finding, ...]:
         ignored = self._workspace.ignored_findings
-        return tuple(one for one in self._check.new if one.key not in ignored)
+        return tuple(one for one in self._check.new if one.ignored_key not in ignored)
 
     def ignore(self, finding: Finding, is_ignored: bool) -> None:
-        """Ignore a finding, or no longer; kept as long as the scenario's session."""
-        if is_ignored:
-            self._workspace.ignored_findings.add(finding.key)
-        else:
-            self._workspace.ignored_findings.discard(finding.key)
+        """Ignore a finding, or no longer; the scenario's recipe says so."""
+        session, key = self._workspace.session, finding.ignored_key
+        ignored = tuple(one for one in session.variant.ignored if one != key)
+        ignored += (key,) * is_ignored
+        session.describe(replace(session.variant, ignored=ignored))
 
     def agents_at(self, step: float) -> frozenset[str]:
         """Agents with a new problem at a step."""

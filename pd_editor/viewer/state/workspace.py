@@ -6,9 +6,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
-from weakref import WeakKeyDictionary
 
-from pd_editor.analysis.findings.finding import FindingKey
+from pd_editor.analysis.findings.finding import IgnoredKey
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.editor.basket.basket import BasketEntry
@@ -28,7 +27,13 @@ from pd_editor.editor.scenario_store import (
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
-from pd_editor.editor.variant import ExportMark, free_name, name_from_text, short_id
+from pd_editor.editor.variant import (
+    ExportMark,
+    Variant,
+    free_name,
+    name_from_text,
+    short_id,
+)
 from pd_editor.scene.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.exporters.bundle import zip_files
@@ -130,9 +135,6 @@ class Workspace:
         """Values of the generation panel's inputs, for the page that comes next."""
         self.has_lost_run = False
         """Whether a generation was cancelled because its page had gone."""
-        self._ignored: WeakKeyDictionary[Scenario, set[FindingKey]] = (
-            WeakKeyDictionary()
-        )
         self.guided_runs = GuidedRuns(obeying)
         self.dataset = dataset
         self.cut = TimeCut()
@@ -144,9 +146,9 @@ class Workspace:
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
     @property
-    def ignored_findings(self) -> set[FindingKey]:
+    def ignored_findings(self) -> tuple[IgnoredKey, ...]:
         """Keys of the findings that the user ignores in the open session."""
-        return self._ignored.setdefault(self.session.base, set())
+        return self.session.variant.ignored
 
     def open_reference(self, reference: str) -> None:
         """Open a demo or a scenario folder.
@@ -157,11 +159,8 @@ class Workspace:
         scenario = open_scenario(
             reference, current_s=self.cut.current_s, until_s=self.cut.until_s
         )
-        recipe = None
-        if scenario.provenance.base is not None:
-            recipe = recipe_of_export(Path(scenario.provenance.source))
         self._open(scenario)
-        self._offer(recipe)
+        self._offer(recipe_of_export(Path(scenario.provenance.source)))
 
     def open_upload(self, files: Mapping[str, bytes]) -> None:
         """Open uploaded files; their bytes are kept beside the journal.
@@ -230,12 +229,15 @@ class Workspace:
         self._exchange(session)
 
     def _offer(self, recipe: Recipe | None) -> None:
-        """Offer to continue the edits of an opened export."""
-        self.continuation = None
-        if recipe is None or not recipe.commands or self.session.entries:
+        """Describe an opened export as its recipe does, and offer to continue its edits."""
+        self.continuation, base = None, self.session.base
+        is_of_base = recipe is not None and recipe.result_id == base.scenario_id
+        if recipe is None or not is_of_base or self.session.entries:
             return
+        if self.session.variant == Variant():
+            self.session.describe(recipe.variant.of_result())
         source = self._base_source(recipe)
-        if source is not None:
+        if source is not None and base.provenance.base is not None:
             self.continuation = OpenedEdits(recipe=recipe, source=source)
 
     def _base_source(self, recipe: Recipe) -> str | None:
@@ -428,9 +430,7 @@ class Workspace:
         recipe = self._recipe_to_star(former)
         session = self.session
         entry = self.basket.add(
-            index_row(
-                session.scenario, session.base, recipe, ignored=self.ignored_findings
-            ),
+            index_row(session.scenario, session.base, recipe),
             exported_files(session.scenario, recipe, session.base),
             starred_at=time.time() if former is None else former.starred_at,
             thumbnail=thumbnail(session.scenario),
@@ -445,15 +445,17 @@ class Workspace:
         return entry
 
     def is_starred(self) -> bool:
-        """Whether the basket holds the current state with its name, tags and note."""
+        """Whether the basket holds the current state, with what is said of it."""
         former = self.starred_entry()
         if former is None:
             return False
-        recipe = self._recipe_to_star(former)
-        is_renamed = recipe.result_id != former.name
-        return not is_renamed and (recipe.variant.tags, recipe.variant.note) == (
-            former.row.tags,
-            former.row.note,
+        said, row = self._recipe_to_star(former), former.row
+        about = said.variant
+        return (said.result_id, about.tags, about.note, set(about.ignored)) == (
+            former.name,
+            row.tags,
+            row.note,
+            set(row.ignored),
         )
 
     def starred_entry(self) -> BasketEntry | None:
@@ -540,7 +542,6 @@ def _from_upload(
     """The scenario in an upload, cut, and the recipe that made it if it is an export."""
     scenario, recipe = scenario_and_recipe(files)
     made = scenario if recipe is None else made_by(scenario, recipe)
-    recipe = None if made is scenario else recipe
     return made if cut == TimeCut() else cut_scenario(made, cut), recipe
 
 

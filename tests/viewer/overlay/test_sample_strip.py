@@ -57,7 +57,7 @@ class Tab(UiContext):
 
     def __init__(self):
         self.notices, self.errors = [], []
-        self.workspace = SimpleNamespace(ignored_findings=set())
+        self.workspace = SimpleNamespace(ignored_findings=())
 
     def post(self, action, merge_key=None, *, failure=None):
         action()

@@ -1,24 +1,30 @@
 """Sessions per scenario, and unfinished work."""
 
+import io
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from pd_editor.base.errors import InputError, RecipeError
-from pd_editor.editor.commands import TransformAgents
-from pd_editor.editor.recipe import is_recipe
+from pd_editor.editor.commands import TransformAgents, traffic_command
+from pd_editor.editor.recipe import Recipe, is_recipe
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import find_unfinished
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.viewer.state import session_shelf
+from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.session_shelf import MAX_LIVE, SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 from tests.builders import two_agents_that_pass
+from tests.editor.fake_generators import DriftGenerator
 from tests.scene.test_time_cut import long_recording
 
 IDS = tuple(f"scene-{number}" for number in range(MAX_LIVE + 3))
@@ -421,3 +427,76 @@ def test_long_recordings_are_opened_cut_and_go_on_after_a_restart(root: Path):
     assert second.session.base.time_axis == axis
     assert len(second.session.entries) == 1
     close(second)
+
+
+def overlap_ignored(workspace: Workspace) -> int:
+    """Let two agents overlap, and ignore one of the problems; how many are left."""
+    if not workspace.session.entries:
+        workspace.session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
+    watch = FindingWatch(workspace)
+    watch.whole()
+    watch.ignore(watch.new[0], True)
+    assert watch.ignored
+    return len(watch.new)
+
+
+def test_a_problem_that_is_ignored_after_the_star_is_no_longer_counted(
+    workspace: Workspace,
+):
+    """The state counted as starred already, and the table kept the old number."""
+    workspace.session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
+    former = workspace.star()
+    left = overlap_ignored(workspace)
+    assert not workspace.is_starred()
+    entry = workspace.star()
+    assert workspace.is_starred()
+    assert entry.row.num_problems == left == former.row.num_problems - 1
+
+
+@pytest.mark.parametrize("way", ["as it is", "continued"])
+def test_what_is_ignored_and_said_comes_back_with_an_export(workspace: Workspace, way):
+    """Problems that were ignored came back, without tags and note in one of the ways."""
+    left = overlap_ignored(workspace)
+    session = workspace.session
+    session.describe(replace(session.variant, tags=("cut-in",), note="near"))
+    name, content = workspace.exported_zip()
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        files = {Path(one).name: archive.read(one) for one in archive.namelist()}
+    workspace.open_upload(files)
+    if way == "continued":
+        workspace.continue_export()
+    about = workspace.session.variant
+    assert (about.tags, about.note) == (("cut-in",), "near")
+    assert workspace.session.name == name.removesuffix(".zip")
+    watch = FindingWatch(workspace)
+    watch.whole()
+    assert (len(watch.new), len(watch.ignored)) == (left, 1)
+
+
+def test_a_recipe_without_ignored_problems_is_opened():
+    text = EditorSession(two_agents_that_pass()).recipe().to_text()
+    assert "ignored" not in text
+    assert Recipe.from_text(text).variant.ignored == ()
+
+
+def test_what_is_ignored_of_one_sample_counts_in_another(workspace: Workspace):
+    """The cards of other samples, in which the agent drives elsewhere, lost it as well."""
+    session = workspace.session
+    session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
+    before = session.scenario
+    watch = FindingWatch(workspace)
+    seen = []
+    for seed in (0, 1):
+        request = GenerationRequest(scenario=before, agent_ids=("100",), seed=seed)
+        traffic = run_to_end(DriftGenerator().generate(request))
+        session.apply(traffic_command(request, traffic))
+        watch.whole()
+        seen.append({one.key for one in watch.new})
+        if seed == 0:
+            for one in watch.new:
+                watch.ignore(one, True)
+            assert not watch.new
+    assert seen[0] & seen[1]
+    session.undo()
+    watch.whole()
+    assert not watch.new
