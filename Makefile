@@ -36,7 +36,7 @@ bench: install
 
 # All systems of the paper, small, and its tables; goes on where it was stopped.
 variants: install
-	$(BIN)/python -m benchmarks.variants $(ARGS)
+	$(BIN)/python -m reproduction.variants $(ARGS)
 
 docs: install
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -106,7 +106,12 @@ def counted() -> dict[str, int]:
         ),
         "document_words": sum(
             len(path.read_text().split())
-            for pattern in ("*.md", "docs/**/*.md", "models/**/*.md")
+            for pattern in (
+                "*.md",
+                "docs/**/*.md",
+                "models/**/*.md",
+                "reproduction/*.md",
+            )
             for path in ROOT.glob(pattern)
         ),
     }

@@ -16,6 +16,7 @@ PAGES = (
     "GLOSSARY.md",
     "ROADMAP.md",
     "docs/*.md",
+    "reproduction/*.md",
     "docs/pictures/*",
     "models/*/*.md",
     "models/*/*.png",

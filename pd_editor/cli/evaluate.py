@@ -15,15 +15,12 @@ from pd_editor.cli.options.arguments import (
     AddressOption,
     FolderOption,
     LimitOption,
-    OptionalFolders,
     Switch,
     TimeLimitOption,
     WorkersOption,
-    folders,
     several,
 )
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.cli.paper import PaperEvaluation, evaluate_paper
 from pd_editor.experiments.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
@@ -119,12 +116,9 @@ def evaluate(
     states: StatesChoice = "recorded",
     agents: AgentsChoice = "all",
     warps: Annotated[
-        tuple[str, ...] | None,
-        tyro.conf.arg(
-            metavar="WARP [WARP ...]",
-            help_behavior_hint="(default: none; with --paper all)",
-        ),
-    ] = None,
+        tuple[str, ...],
+        tyro.conf.arg(metavar="WARP [WARP ...]"),
+    ] = ("none",),
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     development: Annotated[
@@ -136,10 +130,8 @@ def evaluate(
     workers: WorkersOption = None,
     time_limit: TimeLimitOption = None,
     device: DeviceName = "auto",
-    paper: Switch = False,
-    models: OptionalFolders = (),
     resume: Switch = False,
-) -> "Evaluation | PaperEvaluation":
+) -> Evaluation:
     """Evaluate methods on many scenes and write rows, tables and a report.
 
     Args:
@@ -158,18 +150,14 @@ def evaluate(
         workers: Work items that run at a time; they do not change the numbers.
         time_limit: Seconds that a method may take for a scene; a method that takes longer has no rows of that scene, and the rest goes on.
         device: Where models compute; auto takes a GPU if there is one.
-        paper: Print the tables of the paper instead, with all its systems, and draw its figures, into paper.html.
-        models: With --paper, folders of trained variants, or of such folders, as make variants leaves them; NAME-seedK is the variant NAME trained with seed K.
         resume: Go on with an earlier run of the same settings.
     """
     task = EvaluationTask(states=states, agents=agents)
-    _check_paper(methods, task, models, paper=paper)
-    roads = several(warps or ("all" if paper else "none"))
     plan = EvaluationPlan(
         task=task,
         data=tuple(map(Path, several(data))),
-        methods=() if paper else _methods(methods, device, task),
-        conditions=road_conditions(roads),
+        methods=_methods(methods, device, task),
+        conditions=road_conditions(several(warps)),
         num_samples=within(1, samples, MAX_SAMPLES, "samples"),
         seed=within(0, seed, MAX_SEED, "seed"),
         limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
@@ -177,16 +165,6 @@ def evaluate(
         limit_s=limit_in_s(time_limit),
     )
     choice = EngineChoice(name=engine, address=address, num_workers=workers)
-    if paper:
-        return evaluate_paper(
-            plan,
-            folders(models) if models else (),
-            Path(out),
-            _maker(device),
-            choice,
-            resume=resume,
-            command=_command(plan, out, models, paper=True),
-        )
     found = scenes_of(plan.data, plan.limit)
     with choice.engine() as runner:
         folder = EvaluationFolder(Path(out), plan.settings, resume=resume)
@@ -283,25 +261,6 @@ def _maker(device: DeviceName) -> Callable[[str], ScenarioGenerator]:
     )
 
 
-def _check_paper(
-    methods: str | tuple[str, ...] | None,
-    task: EvaluationTask,
-    models: str | Path | tuple[str | Path, ...],
-    *,
-    paper: bool,
-) -> None:
-    """Raise for options that belong to the other kind of evaluation."""
-    if paper and (methods is not None or task != DRIVING):
-        raise InputError(
-            "--paper chooses methods, states and agents itself; leave out --methods, "
-            "--states and --agents, and give variants by --models."
-        )
-    if models and not paper:
-        raise InputError(
-            "--models is for --paper; give folders of models by --methods otherwise."
-        )
-
-
 def _places_agents(name: str, make: Callable[[str], ScenarioGenerator]) -> bool:
     if name in REFERENCE_METHODS:
         return name == GROUND_TRUTH
@@ -351,18 +310,10 @@ def _check_something_left(found: Findings, record: RunRecord, report: Path) -> N
             )
 
 
-def _command(
-    plan: EvaluationPlan,
-    out: str | Path,
-    models: str | Path | tuple[str | Path, ...] = (),
-    *,
-    paper: bool = False,
-) -> str:
+def _command(plan: EvaluationPlan, out: str | Path) -> str:
     """Command line that reproduces the numbers."""
-    words = ["pd-editor", "evaluate", *(["--paper"] if paper else [])]
-    words += ["--data", *map(str, plan.data), "--out", str(out)]
-    words += ["--models", *map(str, several(models))] if models else []
-    words += [] if paper else ["--methods", *(one.name for one in plan.methods)]
+    words = ["pd-editor", "evaluate", "--data", *map(str, plan.data)]
+    words += ["--out", str(out), "--methods", *(one.name for one in plan.methods)]
     if plan.task != DRIVING:
         words += ["--states", plan.task.states, "--agents", plan.task.agents]
     words += ["--warps", *(one.label for one in plan.conditions)]

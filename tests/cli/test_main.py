@@ -205,7 +205,6 @@ PATH_OPTIONS = (
     "replay {} --out o",
     "evaluate --data {} --methods constant-velocity --out o",
     "evaluate --data demos --methods {} --out o",
-    "evaluate --paper --data demos --models {} --out o",
     "study --data {} --methods constant-velocity --out o",
     "model --init {} --out o",
     "model --traj {} --out o",

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from pd_editor.model.core.attention import DifferentialAttention, Mask
-from pd_editor.model.initial_state.network.attention_probe import (
+from reproduction.attention_probe import (
     AttentionProbe,
     attention_variance,
 )

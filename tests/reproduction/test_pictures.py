@@ -1,9 +1,9 @@
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.installed_files import demo_folder
-from pd_editor.experiments.evaluation.paper.pictures import PictureBook
-from pd_editor.experiments.evaluation.paper.systems import Trained
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest
+from reproduction.pictures import PictureBook
+from reproduction.systems import Trained
 from tests.experiments.evaluation.small_dataset import Sideways
 
 

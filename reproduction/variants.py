@@ -1,9 +1,9 @@
 """The study of variants: trains all systems of the paper, small ones, and prints its tables.
 
-``make variants`` or ``python -m benchmarks.variants --out build/variants``: simulates 2,000
+``make variants`` or ``python -m reproduction.variants --out build/variants``: simulates 2,000
 scenarios unless ``--data`` names a corpus, prepares them once, and trains each variant with
 each seed for equally many steps of equal scenes; every variant is the base of the study
-but for one file. Then, if PD_EDITOR_AV2 is set, ``pd-editor evaluate --paper`` with its
+but for one file. Then, if PD_EDITOR_AV2 is set, ``python -m reproduction`` with its
 ``val`` scenes. What is finished stays: the same command goes on where it was stopped. A
 variant of one's own is one more TOML file: ``--variants my.toml`` trains it and the base
 instead of those of the paper. A file that was edited since its training is refused.
@@ -19,7 +19,6 @@ from pathlib import Path
 import tyro
 
 from pd_editor.base.errors import PdEditorError, TrainingError
-from pd_editor.cli.evaluate import evaluate
 from pd_editor.cli.model import model
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
@@ -31,6 +30,7 @@ from pd_editor.experiments.training.config.run_request import (
 )
 from pd_editor.experiments.training.config.settings import settings_of
 from pd_editor.experiments.training.loop.run_folder import CONFIG_NAME, RunFolder
+from reproduction.__main__ import PaperTables, make_tables
 
 FOLDER = Path(__file__).parents[1] / "examples" / "variants"
 BASE = FOLDER / "study" / "base.toml"
@@ -229,12 +229,13 @@ def run_study(study: Study) -> int:
         return 0
     report = study.out / "report"
     print(
-        evaluate(
-            data=Path(recorded) / "val",
-            out=report,
-            paper=True,
-            models=study.out,
-            resume=report.exists(),
+        make_tables(
+            PaperTables(
+                data=(str(Path(recorded) / "val"),),
+                out=report,
+                models=(study.out,),
+                resume=report.exists(),
+            )
         )
     )
     return 0

@@ -7,13 +7,13 @@ from typing import Final
 
 from pd_editor.analysis.metrics.distributions.distribution_distance import histogram_of
 from pd_editor.analysis.metrics.metric_table import Source
-from pd_editor.experiments.evaluation.paper.measures import (
+from pd_editor.experiments.evaluation.report.tables import ReportTable
+from reproduction.measures import (
     MeasuredValue,
     RowTable,
     TableLine,
 )
-from pd_editor.experiments.evaluation.paper.systems import in_table_order, label_of
-from pd_editor.experiments.evaluation.report.tables import ReportTable
+from reproduction.systems import in_table_order, label_of
 
 NONE: Final = "-"
 SAW_WARPS: Final = " (saw warped roads)"

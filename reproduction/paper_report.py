@@ -3,27 +3,27 @@
 from collections.abc import Sequence
 
 from pd_editor.experiments.evaluation.evaluation import EvaluationSplits, RunRecord
-from pd_editor.experiments.evaluation.paper.attention_scores import LEVELS
-from pd_editor.experiments.evaluation.paper.claims import claims_table, default_table
-from pd_editor.experiments.evaluation.paper.measures import RowTable
-from pd_editor.experiments.evaluation.paper.paper_tables import (
-    NONE,
-    AttentionScores,
-    attention_table,
-    state_tables,
-    trajectory_tables,
-)
-from pd_editor.experiments.evaluation.paper.systems import (
-    Trained,
-    in_table_order,
-    label_of,
-)
 from pd_editor.experiments.evaluation.report.sections import (
     FIGURES_TITLE,
     Report,
     Section,
 )
 from pd_editor.experiments.evaluation.report.tables import ReportTable
+from reproduction.attention_scores import LEVELS
+from reproduction.claims import claims_table, default_table
+from reproduction.measures import RowTable
+from reproduction.paper_tables import (
+    NONE,
+    AttentionScores,
+    attention_table,
+    state_tables,
+    trajectory_tables,
+)
+from reproduction.systems import (
+    Trained,
+    in_table_order,
+    label_of,
+)
 
 _MOST_FAILURES = 20
 

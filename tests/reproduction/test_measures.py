@@ -3,21 +3,21 @@ import pytest
 
 from pd_editor.analysis.metrics.distributions.distribution_distance import histogram_of
 from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.paper.claims import claims_table
-from pd_editor.experiments.evaluation.paper.measures import (
+from pd_editor.model.lane_follower import LaneFollower
+from reproduction.claims import claims_table
+from reproduction.measures import (
     MeasuredValue,
     RowTable,
     TableLine,
 )
-from pd_editor.experiments.evaluation.paper.paper_tables import (
+from reproduction.paper_tables import (
     STATE_COLUMNS,
     TRAJECTORY_COLUMNS,
     state_tables,
     text_of,
     trajectory_tables,
 )
-from pd_editor.experiments.evaluation.paper.plans import Entry, Mode
-from pd_editor.model.lane_follower import LaneFollower
+from reproduction.plans import Entry, Mode
 
 NUM_SCENES, NUM_AGENTS = 8, 20
 PD, PAPER = (

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from pd_editor.experiments.evaluation.paper.measures import (
+from pd_editor.experiments.evaluation.report.tables import ReportTable
+from reproduction.measures import (
     MeasuredValue,
     RowTable,
     TableLine,
 )
-from pd_editor.experiments.evaluation.paper.paper_tables import (
+from reproduction.paper_tables import (
     CORRECTED_COMPARISON,
     CORRECTED_REALISM,
     CORRECTED_STATES,
@@ -17,8 +18,7 @@ from pd_editor.experiments.evaluation.paper.paper_tables import (
     Column,
     text_of,
 )
-from pd_editor.experiments.evaluation.paper.systems import label_of
-from pd_editor.experiments.evaluation.report.tables import ReportTable
+from reproduction.systems import label_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,20 +10,6 @@ import numpy as np
 from pd_editor.base.errors import PdEditorError
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
 from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.paper.systems import (
-    STATES,
-    TRAJECTORIES,
-    Trained,
-    in_table_order,
-    label_of,
-)
-from pd_editor.experiments.evaluation.paper.top_view import (
-    COLORS,
-    draw_paths,
-    draw_road,
-    draw_states,
-    draw_trajectories,
-)
 from pd_editor.experiments.evaluation.reference_methods import (
     GROUND_TRUTH,
     REFERENCE_METHODS,
@@ -41,6 +27,20 @@ from pd_editor.scene.generation import (
 from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
+from reproduction.systems import (
+    STATES,
+    TRAJECTORIES,
+    Trained,
+    in_table_order,
+    label_of,
+)
+from reproduction.top_view import (
+    COLORS,
+    draw_paths,
+    draw_road,
+    draw_states,
+    draw_trajectories,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 
 from pd_editor.base.errors import PdEditorError
-from pd_editor.experiments.evaluation.paper.paper_tables import AttentionScores
-from pd_editor.experiments.evaluation.paper.systems import (
+from pd_editor.scene.av2_io.read import read_scenario
+from reproduction.paper_tables import AttentionScores
+from reproduction.systems import (
     STATES,
     Trained,
     in_table_order,
 )
-from pd_editor.scene.av2_io.read import read_scenario
 
 LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 MAX_SCENES: Final = 12
@@ -28,12 +28,12 @@ def attention_scores(
     used.
     """
     from pd_editor.model.checkpoints.model_folder import load_model
-    from pd_editor.model.initial_state.network.attention_probe import (
-        attention_variance,
-    )
     from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
     from pd_editor.model.initial_state.pipeline import recorded_states
     from pd_editor.model.stages import STAGE_KINDS
+    from reproduction.attention_probe import (
+        attention_variance,
+    )
 
     batches = []
     for folder in scenes[:MAX_SCENES]:

@@ -1,4 +1,4 @@
-"""``pd-editor evaluate --paper``: the paper's tables and figures."""
+"""Evaluates all systems for the paper's tables, and writes the report."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,16 +16,6 @@ from pd_editor.experiments.evaluation.evaluation import (
     scenes_of,
     splits_of,
 )
-from pd_editor.experiments.evaluation.paper.attention_scores import attention_scores
-from pd_editor.experiments.evaluation.paper.measures import RowTable
-from pd_editor.experiments.evaluation.paper.paper_report import paper_report
-from pd_editor.experiments.evaluation.paper.paper_tables import (
-    STATE_COLUMNS,
-    TRAJECTORY_COLUMNS,
-)
-from pd_editor.experiments.evaluation.paper.pictures import PaperPicture, PictureBook
-from pd_editor.experiments.evaluation.paper.plans import PaperPlan, Part, paper_plan
-from pd_editor.experiments.evaluation.paper.systems import Trained, trained_systems
 from pd_editor.experiments.evaluation.report.figures import Figure
 from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
@@ -34,6 +24,16 @@ from pd_editor.experiments.work_engine.work_folder import WorkFolder
 from pd_editor.model.generators import shipped_models
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import ScenarioGenerator
+from reproduction.attention_scores import attention_scores
+from reproduction.measures import RowTable
+from reproduction.paper_report import paper_report
+from reproduction.paper_tables import (
+    STATE_COLUMNS,
+    TRAJECTORY_COLUMNS,
+)
+from reproduction.pictures import PaperPicture, PictureBook
+from reproduction.plans import PaperPlan, Part, paper_plan
+from reproduction.systems import Trained, trained_systems
 
 PAGE_NAME: Final = "paper.html"
 TEXT_NAME: Final = "paper.md"

@@ -19,13 +19,13 @@ from pd_editor.analysis.metrics.distributions.distribution_distance import (
 from pd_editor.analysis.metrics.distributions.mean_discrepancy import (
     maximum_mean_discrepancy,
 )
-from pd_editor.experiments.evaluation.paper.plans import Entry, Mode
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.experiments.evaluation.scene_bootstrap import (
     COVERAGE,
     mean_over_scenes,
     scene_weights,
 )
+from reproduction.plans import Entry, Mode
 
 _KEYS: Final = ("scenario_id", "split", "method", "warp", "sample", "recorded")
 _MOTOR_VEHICLES: Final = "movers"

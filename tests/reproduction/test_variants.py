@@ -6,8 +6,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from benchmarks import variants
-from benchmarks.variants import BASE, VARIANTS, Study, run_study, stages_of, tasks_of
 from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.training.config.run_request import (
     RunRequest,
@@ -15,6 +13,8 @@ from pd_editor.experiments.training.config.run_request import (
     new_config,
 )
 from pd_editor.experiments.training.config.settings import settings_of
+from reproduction import variants
+from reproduction.variants import BASE, VARIANTS, Study, run_study, stages_of, tasks_of
 
 
 def test_each_variant_trains_the_stages_that_it_changes(tmp_path: Path):

@@ -8,15 +8,15 @@ from typing import Final, Literal
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
 from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.paper.systems import (
+from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.experiments.evaluation.road_condition import RoadCondition
+from pd_editor.scene.generation import ScenarioGenerator
+from reproduction.systems import (
     REFERENCES,
     STATES,
     TRAJECTORIES,
     Trained,
 )
-from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
-from pd_editor.scene.generation import ScenarioGenerator
 
 Mode = Literal["", "unguided", "guided"]
 PLAIN_ROADS: Final = (RoadCondition(),)

@@ -1,17 +1,19 @@
-"""``pd-editor evaluate --paper`` from trained folders to the page."""
+"""The paper's tables from trained folders to the page."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pd_editor.cli import paper
-from pd_editor.experiments.evaluation.paper.pictures import PaperPicture
+from pd_editor.base.errors import ModelError
 from pd_editor.model.checkpoints.model_folder import TrainedStage, save_model
 from pd_editor.model.initial_state.network.agent_count_prior import AgentCounts
 from pd_editor.model.stages import INITIAL_STATES, TRAJECTORIES
-from tests.cli.shell import Shell
+from reproduction import evaluation as paper
+from reproduction.__main__ import PaperTables, make_tables
+from reproduction.pictures import PaperPicture
 from tests.experiments.evaluation.small_dataset import write_dataset
 from tests.model.initial_state.scenes import small_model as small_placer
 from tests.model.trajectory.scenes import small_model as small_driver
@@ -49,23 +51,25 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def command(study: Path, out: Path, *more: str) -> list[str]:
-    data, models = str(study / "data" / "val"), str(study / "models")
-    words = ["evaluate", "--paper", "--data", data, "--models", models]
-    words += ["--out", str(out), "--samples", "1", "--workers", "1"]
-    return [*words, *more]
+def asked(study: Path, out: Path, **more: Any) -> PaperTables:
+    given: dict[str, Any] = {
+        "data": (str(study / "data" / "val"),),
+        "models": (study / "models",),
+        "out": out,
+        "samples": 1,
+        "workers": 1,
+    }
+    return PaperTables(**given | more)
 
 
 @pytest.mark.slow
 def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
-    shell: Shell, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     drawn = PaperPicture(name="states", caption="A caption.", png=b"png", pdf=b"pdf")
     monkeypatch.setattr(paper, "_pictures", lambda *_: [drawn])
     out = tmp_path / "report"
-    roads = ["--warps", "none"]
-    result = shell.run(*command(study, out, *roads))
-    assert result.code == 0, result.err
+    result = make_tables(asked(study, out, warps=("none",)))
     page = (out / "paper.html").read_text()
     for number in ("I:", "II:", "II, corrected", "III:", "IV:"):
         assert f"Table {number}" in page
@@ -81,46 +85,19 @@ def test_the_page_has_all_tables_and_figures_and_the_run_goes_on(
     assert page.count("data:image/png;base64") == 1
     assert (out / "figures" / "states.pdf").read_bytes() == b"pdf"
     text = (out / "paper.md").read_text()
-    assert text in result.out
+    assert text in str(result)
     # What is finished is not done again, and the numbers are the same.
     rows = out / "states" / "rows.parquet"
     before = rows.read_bytes()
-    assert shell.run(*command(study, out, *roads, "--resume")).code == 0
+    make_tables(asked(study, out, warps=("none",), resume=True))
     assert rows.read_bytes() == before
     assert (out / "paper.md").read_text() == text
 
 
-@pytest.mark.parametrize(
-    ("more", "sentence"),
-    [
-        (["--methods", "path-diffuser"], "--paper chooses methods"),
-        (["--states", "sampled"], "--paper chooses methods"),
-    ],
-)
-def test_options_of_the_other_evaluation_are_refused(
-    shell: Shell, study: Path, tmp_path: Path, more: list[str], sentence: str
-):
-    assert sentence in shell.refused(*command(study, tmp_path / "x", *more))
-    assert not (tmp_path / "x").exists()
-
-
-def test_models_without_the_paper_are_refused(
-    shell: Shell, study: Path, tmp_path: Path
-):
-    words = command(study, tmp_path / "x")
-    words.remove("--paper")
-    assert "--models is for --paper" in shell.refused(*words)
-
-
-def test_weights_that_do_not_fit_are_refused_at_once(
-    shell: Shell, study: Path, tmp_path: Path
-):
+def test_weights_that_do_not_fit_are_refused_at_once(study: Path, tmp_path: Path):
     write_variant(tmp_path / "models" / "pd-seed0", "init", "traj")
     config = tmp_path / "models" / "pd-seed0" / "config.json"
     config.write_text(config.read_text().replace('"width": 32', '"width": 64'))
-    words = command(study, tmp_path / "x")
-    words[words.index("--models") + 1] = str(tmp_path / "models")
-    told = shell.refused(*words)
-    assert "safetensors" in told
-    assert "expected" in told
+    with pytest.raises(ModelError, match=r"safetensors.*expected"):
+        make_tables(asked(study, tmp_path / "x", models=(tmp_path / "models",)))
     assert not (tmp_path / "x").exists()

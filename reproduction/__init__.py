@@ -1,0 +1,1 @@
+"""The paper's systems, tables, claims and figures, made with the package."""
