@@ -29,6 +29,7 @@ from pd_editor.editor.edit_findings import edit_findings, edited_by
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.generation import ScenarioGenerator, run_to_end
+from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 
 RECIPE_FORMAT: Final = "pd-editor recipe"
@@ -56,11 +57,20 @@ class Recipe:
     """Name (scenario id of the result; empty: the base's id), tags and note."""
     caused_findings: tuple[FindingKey, ...] | None = None
     """Keys of the result's findings that edits caused; None if not looked for."""
+    warps: tuple[RoadWarp, ...] = ()
+    """Warps of the result's road, those of its base first, in the city frame."""
+    friction_coefficient: float | None = None
+    """Friction coefficient mu that the result's agents were slowed to."""
 
     def judged(self, scenario: Scenario, base: Scenario) -> "Recipe":
-        """The recipe with the findings of its result that edits caused."""
+        """The recipe with the findings of its result that edits caused, and its warps."""
         found = edit_findings(scenario, base, self.commands).new
-        return replace(self, caused_findings=tuple(one.key for one in found))
+        return replace(
+            self,
+            caused_findings=tuple(one.key for one in found),
+            warps=tuple(one.moved(scenario.origin_city_m) for one in scenario.warps),
+            friction_coefficient=scenario.friction_coefficient,
+        )
 
     @property
     def edited_ids(self) -> frozenset[str]:
@@ -106,6 +116,9 @@ class Recipe:
         }
         if self.caused_findings is not None:
             head["caused_findings"] = to_json(self.caused_findings)
+        if self.warps:
+            head["warps"] = to_json(self.warps)
+            head["friction_coefficient"] = self.friction_coefficient
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]
         body = ",\n".join(f"  {line}" for line in lines)
@@ -147,6 +160,8 @@ class Recipe:
             "notes",
             "variant",
             "caused_findings",
+            "warps",
+            "friction_coefficient",
             "commands",
         }
         if unknown:
@@ -175,6 +190,14 @@ class Recipe:
                 tuple[FindingKey, ...] | None,
                 data.get("caused_findings"),
                 "The recipe's caused_findings",
+            ),
+            warps=from_json(
+                tuple[RoadWarp, ...], data.get("warps", []), "The recipe's warps"
+            ),
+            friction_coefficient=from_json(
+                float | None,
+                data.get("friction_coefficient"),
+                "The recipe's friction_coefficient",
             ),
         )
 

@@ -168,6 +168,8 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
         caused_findings=None
         if recipe.caused_findings is None
         else frozenset(recipe.caused_findings),
+        warps=recipe.warps,
+        friction_coefficient=recipe.friction_coefficient,
     )
     return dataclasses.replace(scenario, provenance=provenance)
 

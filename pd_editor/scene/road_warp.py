@@ -8,7 +8,7 @@ with f = 0 behind a border. f is a sum of terms; with u = x - border >= 0:
 - ripple: f = P (1 - cos(2 pi u / l)).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -118,6 +118,11 @@ class RoadWarp:
         for term in self.terms:
             total = total + term.derivative(x_m, order)
         return total
+
+    def moved(self, by_m: Float[np.ndarray, "2"]) -> "RoadWarp":
+        """The same warp in a frame whose points are ``by_m`` further."""
+        x, y = (np.array([self.anchor.x_m, self.anchor.y_m]) + by_m).tolist()
+        return replace(self, anchor=replace(self.anchor, x_m=x, y_m=y))
 
     def apply(self, points_m: Float[np.ndarray, "*s 2"]) -> Float[np.ndarray, "*s 2"]:
         """Warp points of the original plane (scene frame)."""

@@ -38,7 +38,10 @@ class Provenance:
     """Ids of agents that were generated or edited before the source was exported."""
     caused_findings: frozenset[tuple[str, tuple[str, ...], str]] | None = None
     """Keys of the findings of an export that edits had caused; None if unknown."""
-
+    warps: tuple[RoadWarp, ...] = ()
+    """Warps of an export's road in the order of application, in the city frame."""
+    friction_coefficient: float | None = None
+    """Friction coefficient mu that agents of an export were slowed to."""
     cut: TimeCut | None = None
     """What is used of the source; None: all of it."""
 
@@ -102,6 +105,20 @@ class Scenario:
     def is_warped(self) -> bool:
         """Whether the road is warped, here or before it was exported."""
         return self.applied_warp is not None or self.provenance.is_bent
+
+    @property
+    def warps(self) -> tuple[RoadWarp, ...]:
+        """All warps of the road, also before it was exported, in order of application."""
+        past = [one.moved(-self.origin_city_m) for one in self.provenance.warps]
+        return (*past, *((self.applied_warp.warp,) if self.applied_warp else ()))
+
+    @property
+    def friction_coefficient(self) -> float | None:
+        """Friction coefficient mu that agents were slowed to; None if they were not."""
+        applied = self.applied_warp
+        if applied is None or applied.friction_coefficient is None:
+            return self.provenance.friction_coefficient
+        return applied.friction_coefficient
 
     @property
     def reference(self) -> BaseReference:

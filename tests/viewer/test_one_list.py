@@ -175,15 +175,11 @@ def reopened(session, new) -> list[str]:
     theirs = {
         str([kind, tuple(ids), about])
         for kind, ids, about in new
-        if not FAMILY.match(kind) and kind not in UNTOLD
+        if not FAMILY.match(kind)
     }
     # Rounding to the file's centimetres may lift a finding over a limit or below it.
     differ = mine ^ theirs
     return [f"export, list: {differ}"] if len(differ) > 1 else []
-
-
-UNTOLD = frozenset({"sharp-road", "folded-road", "friction", "impossible-motion"})
-"""An export's road is the road: its warp is not known there, nor what friction was set."""
 
 
 def card(tab: FakeTab, num_problems: int) -> list[str]:

@@ -1,5 +1,6 @@
 """Findings on agents above the friction limit in curves: v^2 |kappa| > mu g."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,8 +18,6 @@ from pd_editor.analysis.metrics.motion.kinematics import (
 from pd_editor.analysis.repair.friction_pass import drivable_speed, slowed_distance
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.geometry.angles import left_of
-from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.paths.retiming import (
     fill_gaps,
     fill_heading_gaps,
@@ -41,9 +40,6 @@ _NODES_PER_STEP: Final = 4
 _SLOWEST_MPS: Final = 2.0
 """Below this speed a recorded path is too noisy to measure curvature."""
 _MAX_ROUNDS: Final = 6
-_NO_WARP: Final = RoadWarp(
-    anchor=RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=0.0), terms=()
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,21 +54,18 @@ class SidewaysMotion:
 
 def friction_coefficient_of(scenario: Scenario) -> float:
     """Friction coefficient that agents were slowed to, or that of a dry road."""
-    applied = scenario.applied_warp
-    if applied is None or applied.friction_coefficient is None:
-        return DRY_ROAD_FRICTION
-    return applied.friction_coefficient
+    mu = scenario.friction_coefficient
+    return DRY_ROAD_FRICTION if mu is None else mu
 
 
 def sideways_motion(scenario: Scenario) -> SidewaysMotion:
     """Lateral accelerations of moving vehicles, buses, motorcyclists and cyclists.
 
-    The motion without the warp is smoothed by cubics over two seconds because recorded
-    positions are noisy; the contribution of the warp, which is often shorter than that,
-    is exact.
+    The motion without warps is smoothed by cubics over two seconds because recorded
+    positions are noisy; the contribution of the warps, which is often shorter than that,
+    is exact. An export knows its warps, so it is measured alike.
     """
     agents, now = scenario.agents, scenario.current_step
-    warp = _NO_WARP if scenario.applied_warp is None else scenario.applied_warp.warp
     rows = np.flatnonzero(agents.kind_mask(LANE_FOLLOWER_KINDS))
     is_valid = agents.is_valid[rows, now:]
     path = fill_gaps(agents.position_m[rows, now:], is_valid)
@@ -80,7 +73,10 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
         np.linalg.norm(path - path[:, :1], axis=-1).max(axis=1, initial=0) > MOVING_M
     ]
     is_valid = agents.is_valid[rows]
-    position = fill_gaps(warp.undo(agents.position_m[rows]), is_valid)
+    position, warps = agents.position_m[rows], scenario.warps
+    for warp in warps[::-1]:
+        position = warp.undo(position)
+    position = fill_gaps(position, is_valid)
     step_s = scenario.time_axis.step_s
     estimates = []
     # The past improves the estimate at the current step, unless an edit made a jump
@@ -90,8 +86,8 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
             position[:, start:], is_valid[:, start:], step_s
         )
         later = slice(now - start, None)
-        speed, lateral = _under_warp(
-            position[:, now:], velocity[:, later], acceleration[:, later], warp
+        speed, lateral = _under_warps(
+            position[:, now:], velocity[:, later], acceleration[:, later], warps
         )
         # If the road bends between two steps, the sharpest point counts.
         nodes = lateral.reshape(*is_valid[:, now:].shape, _NODES_PER_STEP).max(axis=-1)
@@ -224,32 +220,31 @@ def _derivatives(
     return first @ position_m, second @ position_m, known
 
 
-def _under_warp(
+def _under_warps(
     position_m: Float[np.ndarray, "G S 2"],
     velocity_mps: Float[np.ndarray, "G S 2"],
     acceleration_mps2: Float[np.ndarray, "G S 2"],
-    warp: RoadWarp,
+    warps: Iterable[RoadWarp],
 ) -> tuple[Float[np.ndarray, "G K"], Float[np.ndarray, "G K"]]:
-    """Speed and lateral acceleration after a warp, at several times between two steps.
+    """Speed and lateral acceleration after warps, at several times between two steps.
 
     With v the velocity before and J = [[1, 0], [f', 1]] the velocity after is J v and
     the acceleration J a + (0, f'' vx^2); lateral is their cross product over the speed.
+    J preserves areas, and therefore cross products.
     """
     position, velocity, acceleration = (
         _between(values) for values in (position_m, velocity_mps, acceleration_mps2)
     )
-    forward = warp.anchor.turn(np.array([1.0, 0.0]))
-    ahead = velocity @ forward
-    x = warp.distance_ahead(position)
-    slope = warp.derivative(x, 1)
-    after = np.stack([ahead, velocity @ left_of(forward) + slope * ahead], axis=-1)
-    speed = np.hypot(after[..., 0], after[..., 1])
-    # J preserves areas, and therefore cross products.
     cross = (
         velocity[..., 0] * acceleration[..., 1]
         - velocity[..., 1] * acceleration[..., 0]
-        + warp.derivative(x, 2) * ahead**3
     )
+    for warp in warps:
+        ahead = velocity @ warp.anchor.turn(np.array([1.0, 0.0]))
+        cross = cross + warp.derivative(warp.distance_ahead(position), 2) * ahead**3
+        velocity = warp.turn(position, velocity)
+        position = warp.apply(position)
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
     moving: Bool[np.ndarray, "G K"] = speed > _SLOWEST_MPS
     return speed, np.where(moving, np.abs(cross) / np.where(moving, speed, 1.0), 0.0)
 

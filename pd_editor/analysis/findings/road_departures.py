@@ -3,15 +3,12 @@
 from typing import Final
 
 import numpy as np
-import shapely
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, at_time, finding_of_agent
-from pd_editor.analysis.metrics.road.off_road import departures, drivable_ground
+from pd_editor.analysis.metrics.road.off_road import departures, outside_m
 from pd_editor.scene.scenario import Scenario
 
-_MEASURED_STEPS: Final = 5
-"""Steps of each agent at which its distance from the road is measured."""
 _MUCH_FURTHER_M: Final = 0.5
 _LEAST_TOLD_M: Final = 0.1
 
@@ -24,8 +21,13 @@ def road_departures(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[Fin
     """
     found = departures(scenario, scenario.agents)
     off, beyond = found.is_off_road[:, steps], found.is_beyond_map[:, steps]
+    distance = np.zeros(off.shape)
+    distance[off] = outside_m(scenario, scenario.agents.position_m[:, steps][off])
     return [
-        *(_off_road(scenario, row, steps[off[row]]) for row in _rows(off)),
+        *(
+            _off_road(scenario, row, steps[off[row]], distance[row, off[row]])
+            for row in _rows(off)
+        ),
         *(
             finding_of_agent(
                 scenario,
@@ -45,13 +47,18 @@ def _rows(holds: np.ndarray) -> list[int]:
     return np.flatnonzero(holds.any(axis=1)).tolist()
 
 
-def _off_road(scenario: Scenario, row: int, off: Int[np.ndarray, "N"]) -> Finding:
-    first = int(off[0])
-    worst, distance, at_first = _distances(scenario, row, off)
-    furthest, is_now = _in_metres(distance), first == scenario.current_step
+def _off_road(
+    scenario: Scenario,
+    row: int,
+    off: Int[np.ndarray, "N"],
+    distance_m: Float[np.ndarray, "N"],
+) -> Finding:
+    first, worst, at_first = int(off[0]), int(distance_m.argmax()), distance_m[0]
+    most = float(distance_m[worst])
+    furthest, is_now = _in_metres(most), first == scenario.current_step
     if is_now:
         message = f"is {_in_metres(at_first)} off the road"
-        if distance > at_first + _MUCH_FURTHER_M:
+        if most > at_first + _MUCH_FURTHER_M:
             message += f", later up to {furthest}"
     else:
         message = f"leaves the road {at_time(scenario, first)}, by up to {furthest}"
@@ -60,34 +67,13 @@ def _off_road(scenario: Scenario, row: int, off: Int[np.ndarray, "N"]) -> Findin
         "off-road" if is_now else "later-off-road",
         row,
         off,
-        value=distance,
+        value=most,
         words=f" off the road, {_in_metres(at_first) if is_now else furthest}",
         message=f"{message}.",
-        worst=worst,
+        worst=int(off[worst]),
     )
 
 
 def _in_metres(distance_m: float) -> str:
     """A distance from the road; 0.0 m would read as if the agent were on it."""
     return f"{max(distance_m, _LEAST_TOLD_M):.1f} m"
-
-
-def _distances(
-    scenario: Scenario, row: int, steps: Int[np.ndarray, "N"]
-) -> tuple[int, float, float]:
-    """Step at which an agent is furthest from the road, and its distances.
-
-    The distances are those at that step and at the first step; under a warp they are
-    measured on the original road. Only a few steps are evaluated.
-    """
-    some = steps[
-        np.unique(np.linspace(0, len(steps) - 1, _MEASURED_STEPS).round().astype(int))
-    ]
-    points = scenario.agents.position_m[row, some]
-    if scenario.applied_warp is not None:
-        points = scenario.applied_warp.warp.undo(points)
-    ground = drivable_ground(scenario.original_road_map)
-    away = shapely.distance(np.array([ground]), shapely.points(points))
-    distance = np.nan_to_num(np.asarray(away))
-    worst = int(distance.argmax())
-    return int(some[worst]), float(distance[worst]), float(distance[0])

@@ -18,13 +18,10 @@ _SAMPLE_SPACING_M: Final = 0.05
 
 
 def road_problems(scenario: Scenario) -> list[Finding]:
-    """One problem if the applied warp makes the road undrivable, else none."""
-    applied = scenario.applied_warp
-    if applied is None:
-        return []
-    summary = summarise(applied.warp)
-    radius = summary.min_radius_m
-    if not radius < MIN_RADIUS_M:
+    """One problem if a warp makes the road undrivable, else none."""
+    found = [(summarise(warp).min_radius_m, warp) for warp in scenario.warps]
+    radius, sharpest = min(found, key=lambda one: one[0], default=(np.inf, None))
+    if sharpest is None or not radius < MIN_RADIUS_M:
         return []
     is_folded = radius < FOLDED_RADIUS_M
     message = (
@@ -47,7 +44,7 @@ def road_problems(scenario: Scenario) -> list[Finding]:
             )
             + f", radius {radius:.1f} m",
             message=message,
-            place_m=_sharpest_place(applied.warp),
+            place_m=_sharpest_place(sharpest),
         )
     ]
 

@@ -1,4 +1,4 @@
-"""Distance of points outside the road, and ways back of boxes that leave it."""
+"""Ways back of boxes that leave the road."""
 
 from functools import lru_cache
 from typing import Final
@@ -14,18 +14,6 @@ from pd_editor.scene.scenario import Scenario
 
 _LENGTHWISE: Final = 0.8
 """Share of a way along an agent's heading from which on the map ends there."""
-
-
-def outside_m(
-    scenario: Scenario, points_m: Float[np.ndarray, "*s 2"]
-) -> Float[np.ndarray, "*s"]:
-    """Distance of each point to the road; 0 on it."""
-    distance = np.zeros(points_m.shape[:-1])
-    off = is_off_road(scenario, points_m)
-    if off.any():
-        gap = _nearest_on_edge(scenario, points_m[off]) - points_m[off]
-        distance[off] = np.linalg.norm(gap, axis=-1)
-    return distance
 
 
 def way_back_m(
@@ -52,17 +40,9 @@ def way_back_m(
 def _nearest_on_edge(
     scenario: Scenario, points_m: Float[np.ndarray, "N 2"]
 ) -> Float[np.ndarray, "N 2"]:
-    """Nearest point of the road's edge to each point.
-
-    Under a warp points are mapped back, and the edge's points forth again.
-    """
-    applied = scenario.applied_warp
-    local = points_m if applied is None else applied.warp.undo(points_m)
-    lines = shapely.shortest_line(
-        _edge(scenario.original_road_map), shapely.points(local)
-    )
-    nearest = shapely.get_coordinates(shapely.get_point(lines, 0))
-    return nearest if applied is None else applied.warp.apply(nearest)
+    """Nearest point of the road's edge to each point."""
+    lines = shapely.shortest_line(_edge(scenario.road_map), shapely.points(points_m))
+    return shapely.get_coordinates(shapely.get_point(lines, 0))
 
 
 @lru_cache(maxsize=16)

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from pd_editor.analysis.guidance.road_distance import outside_m
+from pd_editor.analysis.metrics.road.off_road import outside_m
 from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.guidance_terms import (

@@ -53,35 +53,30 @@ def drivable_ground(road_map: RoadMap) -> shapely.Geometry:
 def is_off_road(
     scenario: Scenario, points_m: Float[np.ndarray, "*s 2"]
 ) -> Bool[np.ndarray, "*s"]:
-    """Whether points of the scene are outside the drivable area.
-
-    Under a warp they are mapped back and tested on the original road, so that no
-    geometry has to be built while a warp is being edited.
-    """
-    if scenario.applied_warp is not None:
-        points_m = scenario.applied_warp.warp.undo(points_m)
-    ground = drivable_ground(scenario.original_road_map)
+    """Whether points of the scene are outside the drivable area, as it is drawn."""
+    ground = drivable_ground(scenario.road_map)
     return ~shapely.contains_xy(ground, points_m[..., 0], points_m[..., 1])
+
+
+def outside_m(
+    scenario: Scenario, points_m: Float[np.ndarray, "*s 2"]
+) -> Float[np.ndarray, "*s"]:
+    """Distance of each point to the road; 0 on it, and where there is no road."""
+    ground = drivable_ground(scenario.road_map)
+    return np.nan_to_num(shapely.distance(ground, shapely.points(points_m)))
 
 
 def nearest_on_road(
     scenario: Scenario, point_m: Float[np.ndarray, "2"], inside_m: float
 ) -> Float[np.ndarray, "2"] | None:
-    """Nearest point that is ``inside_m`` within the drivable area; None if none is near.
-
-    Under a warp it is looked for on the original road.
-    """
-    applied, points = scenario.applied_warp, point_m[None]
-    if applied is not None:
-        points = applied.warp.undo(points)
-    point = shapely.Point(points[0])
+    """Nearest point that is ``inside_m`` within the drivable area; None if none is near."""
+    point = shapely.Point(point_m)
     around = point.buffer(MAX_WAY_TO_ROAD_M + 2 * inside_m)
-    near = shapely.intersection(drivable_ground(scenario.original_road_map), around)
+    near = shapely.intersection(drivable_ground(scenario.road_map), around)
     inner = shapely.buffer(near, -inside_m)
     if inner.is_empty or point.distance(inner) > MAX_WAY_TO_ROAD_M:
         return None
-    found = shapely.get_coordinates(shapely.shortest_line(inner, point))[:1]
-    return (found if applied is None else applied.warp.apply(found))[0]
+    return shapely.get_coordinates(shapely.shortest_line(inner, point))[0]
 
 
 def departures(scenario: Scenario, agents: AgentStates) -> Departures:
@@ -92,15 +87,14 @@ def departures(scenario: Scenario, agents: AgentStates) -> Departures:
     """
     outside = agents.is_valid & agents.kind_mask(LANE_FOLLOWER_KINDS)[:, None]
     outside[outside] = is_off_road(scenario, agents.position_m[outside])
-    path, original = agents.position_m, scenario.original_road_map
-    beyond = _through(outside, agents.is_valid, path, scenario, _map_ends(original, 1))
+    path, road_map = agents.position_m, scenario.road_map
+    beyond = _through(outside, agents.is_valid, path, _map_ends(road_map, 1))
     back = slice(None, None, -1)
     beyond |= _through(
         outside[:, back],
         agents.is_valid[:, back],
         path[:, back],
-        scenario,
-        _map_ends(original, -1),
+        _map_ends(road_map, -1),
     )[:, back]
     return Departures(is_off_road=outside & ~beyond, is_beyond_map=beyond)
 
@@ -109,7 +103,6 @@ def _through(
     outside: Bool[np.ndarray, "A T"],
     is_valid: Bool[np.ndarray, "A T"],
     position_m: Float[np.ndarray, "A T 2"],
-    scenario: Scenario,
     ends: tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]],
 ) -> Bool[np.ndarray, "A T"]:
     """Steps outside that follow on a step through one of the map's ends."""
@@ -117,8 +110,6 @@ def _through(
     starts[:, 1:] &= ~outside[:, :-1]
     row, at = np.nonzero(starts[:, 1:] & is_valid[:, :-1])
     path = np.stack([position_m[row, at], position_m[row, at + 1]], axis=1)
-    if scenario.applied_warp is not None:
-        path = scenario.applied_warp.warp.undo(path)
     points, ways = ends
     moved = path[:, 1] - path[:, 0]
     offset = path[:, 1, None] - points

@@ -228,12 +228,8 @@ def _lane_points(
 def _kerb_distance(
     view: TrafficView, points_m: Float[np.ndarray, "V 2"]
 ) -> Float[np.ndarray, "V"]:
-    """Distance to the edge of the drivable area; on the original road under a warp."""
-    applied = view.scenario.applied_warp
-    if applied is not None:
-        points_m = applied.warp.undo(points_m)
-    ground = drivable_ground(view.scenario.original_road_map)
-    edge = shapely.boundary(ground)
+    """Distance to the edge of the drivable area."""
+    edge = shapely.boundary(drivable_ground(view.scenario.road_map))
     return np.asarray(shapely.distance(edge, shapely.points(points_m)), float)
 
 
