@@ -63,7 +63,8 @@ def outside_m(
 ) -> Float[np.ndarray, "*s"]:
     """Distance of each point to the road; 0 on it, and where there is no road."""
     ground = drivable_ground(scenario.road_map)
-    return np.nan_to_num(shapely.distance(ground, shapely.points(points_m)))
+    away = shapely.distance(ground, shapely.points(points_m))
+    return np.nan_to_num(np.asarray(away, float))
 
 
 def nearest_on_road(
