@@ -1,8 +1,9 @@
 """Back-casting: a made-up past for agents whose states were sampled or placed.
 
 Plans run backwards in time along the reversed lanes, with the acceleration of the agent's
-future at the current step. Each agent gets its first plan that stays on the road and
-overlaps no other agent; without one it enters the scene as late as its best one says.
+future at the current step. Each agent gets its first plan that stays on the road, turns no
+harder than vehicles do and overlaps no other agent; without one it enters the scene as
+late as its best one says.
 """
 
 from dataclasses import dataclass, replace
@@ -12,15 +13,31 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.metrics.collisions.box_tests import overlaps_of_pairs
+from pd_editor.analysis.metrics.motion.kinematics import (
+    COMFORT_ACCELERATION_MPS2,
+    COMFORT_LATERAL_MPS2,
+    MAX_CURVATURE_PER_M,
+    TURNING_MPS,
+)
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.angles import (
+    heading_of,
+    left_of,
+    unit_vector,
+    wrap_angle,
+)
 from pd_editor.scene.geometry.oriented_box import BoxStates
 from pd_editor.scene.geometry.path_pieces import bounds_m, rectangles_meet
 from pd_editor.scene.paths.candidate_grid import PlannedPaths, Role, Start, plan_paths
-from pd_editor.scene.paths.driving_paths import SPACING_M, velocity_of
+from pd_editor.scene.paths.driving_paths import (
+    SPACING_M,
+    free_paths,
+    joined_paths,
+    velocity_of,
+)
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.traffic_sample import MadeUpPast
@@ -39,7 +56,6 @@ _JOIN_S: Final = 0.4
 _STOPS_S: Final = 0.3
 _MARGIN_M: Final = 0.1
 _FASTEST_MPS: Final = 17.0
-_HARDEST_MPS2: Final = 2.5
 _OTHERS_MPS2: Final = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4)
 """Changes of the drawn acceleration that are tried on the most natural path."""
 _BRANCHES_MPS2: Final = (0.0, 0.8, -0.8)
@@ -47,6 +63,8 @@ _MOST_BRANCHES: Final = 3
 _ARRIVALS: Final = ((2.5, 1.6), (1.2, 1.2), (0.4, 2.0))
 """Time since its stop (s), and braking before it, of a vehicle that has arrived."""
 _ROAD_STRIDE: Final = 4
+_STRAIGHT_S: Final = 2.0
+"""Longest way of a driver straight back instead of along lanes, which may cross others."""
 
 
 def made_up_past(
@@ -121,11 +139,11 @@ class _SpeedPlans:
         normal = random.standard_normal(len(start.kinds)).clip(-2.5, 2.5)
         arrives = random.random(len(start.kinds)) < ARRIVED_SHARE
         paths: list[list[int]] = [[] for _ in start.kinds]
-        wanted = (Role.MAIN, Role.BRANCH, Role.CHANGE, Role.STRAIGHT, Role.OFF_LANE)
-        for path in np.flatnonzero(np.isin(plans.role, wanted)).tolist():
+        wanted = ~np.isin(plans.role, (Role.SHIFT, Role.ARC))
+        for path in np.flatnonzero(wanted).tolist():
             paths[plans.agent[path]].append(path)
         found: list[tuple[int, float, float, float]] = []
-        for agent, (kind, (main, *branches)) in enumerate(
+        for agent, (kind, (main, *branches, straight)) in enumerate(
             zip(start.kinds, paths, strict=True)
         ):
             drives = kind in LANE_FOLLOWER_KINDS
@@ -146,10 +164,11 @@ class _SpeedPlans:
                     for path in branches[:_MOST_BRANCHES]
                     for one in _BRANCHES_MPS2
                 ]
+                found.append((straight, drawn, np.inf, 1.0))
         table = np.array(found).reshape(-1, 4)
         return cls(
             path=table[:, 0].astype(int),
-            acceleration_mps2=table[:, 1],
+            acceleration_mps2=np.minimum(table[:, 1], COMFORT_ACCELERATION_MPS2),
             stopped_s=table[:, 2],
             braking_mps2=table[:, 3],
         )
@@ -178,7 +197,9 @@ class _SpeedPlans:
             new = np.where(stands, np.maximum(came, stood), drives)
             cell = np.minimum(reached[step - 1] / SPACING_M, last).astype(int)
             most = np.minimum(limits[self.path, cell], _FASTEST_MPS)
-            new = np.minimum(new, np.maximum(most, speed - _HARDEST_MPS2 * step_s))
+            new = np.minimum(
+                new, np.maximum(most, speed - COMFORT_ACCELERATION_MPS2 * step_s)
+            )
             new = np.maximum(new, 0.0)
             reached[step] = reached[step - 1] + (speed + new) / 2 * step_s
             speed = new
@@ -210,7 +231,9 @@ class _Plans:
             heading_rad=wrap_angle(start.heading_rad + np.pi),
             velocity_mps=-start.velocity_mps,
         )
-        paths = plan_paths(scenario.road_map.reversed, back, count * axis.step_s)
+        paths = _with_straight(
+            plan_paths(scenario.road_map.reversed, back, count * axis.step_s), back
+        )
         is_parked = agents.activity[rows] == Activity.PARKED
         plans = _SpeedPlans.of(paths, start, is_parked, random)
         agent = paths.agent[plans.path]
@@ -220,25 +243,31 @@ class _Plans:
         reached = plans.reached_m(
             paths, speed, (joined * ahead).sum(axis=-1), count, axis.step_s
         )
-        position, heading = paths.paths.pose_at(plans.path, reached)
-        position[:, 0] = start.position_m[agent]
+        position, heading = _driven(paths, plans.path, reached, start)
         position += (
             _bump_m(position, velocity, joined, axis.step_s)
             * (speed >= STANDING_MPS)[:, None, None]
         )
         moves = reached[:, -1] > 1.0
+        on_road = _steps_on_road(
+            scenario,
+            position,
+            # Roads go on beyond the end of the map.
+            paths.beyond_lanes_m(plans.path, reached) == 0,
+            moves,
+        )
+        back = velocity_of(position, -velocity, axis.step_s)
+        possible = _possible_steps(back, heading, joined, axis.step_s)
+        straight = plans.path >= len(paths.agent) - len(rows)
+        most = round(_STRAIGHT_S / axis.step_s)
+        possible[straight] = np.minimum(possible[straight], most)
+        drives = agents.kind_mask(LANE_FOLLOWER_KINDS)[rows][agent]
         return cls(
             agent=agent,
             position_m=position,
             heading_rad=wrap_angle(heading + np.pi),
             size_m=agents.size_m[rows][agent] + _MARGIN_M * moves[:, None],
-            num_steps=_steps_on_road(
-                scenario,
-                position,
-                # Roads go on beyond the end of the map.
-                paths.beyond_lanes_m(plans.path, reached) == 0,
-                moves,
-            ),
+            num_steps=np.where(drives, np.minimum(on_road, possible), on_road),
         )
 
     def boxes(self, plan: Int[np.ndarray, "K"]) -> BoxStates:
@@ -250,6 +279,70 @@ class _Plans:
             size_m=self.size_m[plan],
             is_valid=steps <= self.num_steps[plan, None],
         )
+
+
+def _with_straight(plans: PlannedPaths, back: Start) -> PlannedPaths:
+    """Paths, and at the end one of each agent that goes straight back."""
+    count, num_points = len(back.kinds), plans.paths.x_m.shape[1]
+    straight = free_paths(
+        back.position_m, back.heading_rad, back.heading_rad, np.zeros(count), num_points
+    )
+    every = np.arange(count)
+    return replace(
+        plans,
+        paths=joined_paths(plans.paths, straight),
+        agent=np.concatenate([plans.agent, every]),
+        role=np.concatenate([plans.role, np.full(count, Role.STRAIGHT)]),
+        shift_m=np.concatenate([plans.shift_m, np.zeros(count)]),
+        route=np.concatenate([plans.route, np.full(count, -1)]),
+    )
+
+
+def _driven(
+    plans: PlannedPaths,
+    path: Int[np.ndarray, "C"],
+    reached_m: Float[np.ndarray, "C P_plus_1"],
+    start: Start,
+) -> tuple[Float[np.ndarray, "C P_plus_1 2"], Float[np.ndarray, "C P_plus_1"]]:
+    """Positions and headings along paths.
+
+    Positions follow from headings, which bend smoothly, so that velocities do not leap
+    at the points of a path.
+    """
+    paths = plans.paths
+    _, heading = paths.pose_at(path, reached_m)
+    # Without a route an agent may move sideways or backwards.
+    along = np.stack([np.diff(paths.x_m[:, :2]), np.diff(paths.y_m[:, :2])], axis=-1)
+    slip = heading_of(along[:, 0]) - paths.heading_rad[:, 0]
+    slip[plans.route >= 0] = 0.0
+    ahead = unit_vector(heading + slip[path][:, None])
+    position = np.empty_like(ahead)
+    position[:, 0] = start.position_m[plans.agent[path]]
+    position[:, 1:] = (ahead[:, 1:] + ahead[:, :-1]) / 2
+    position[:, 1:] *= np.diff(reached_m)[..., None]
+    return np.cumsum(position, axis=1), heading
+
+
+def _possible_steps(
+    velocity_mps: Float[np.ndarray, "C P_plus_1 2"],
+    heading_rad: Float[np.ndarray, "C P_plus_1"],
+    joined_mps2: Float[np.ndarray, "C 2"],
+    step_s: float,
+) -> Int[np.ndarray, "C"]:
+    """Number of steps back until each plan turns harder than vehicles do.
+
+    An agent that turns harder at the current step may have done so before.
+    """
+    gained = np.diff(velocity_mps, axis=1) / step_s
+    middle = (velocity_mps[:, 1:] + velocity_mps[:, :-1]) / 2
+    speed = np.hypot(middle[..., 0], middle[..., 1])
+    yaw = np.abs(wrap_angle(np.diff(heading_rad, axis=1))) / step_s
+    lateral = np.abs((left_of(middle) * gained).sum(axis=-1))
+    lateral /= np.maximum(speed, STANDING_MPS)
+    most = np.maximum(np.hypot(*joined_mps2.T), COMFORT_LATERAL_MPS2)[:, None]
+    over = np.maximum(lateral, speed * yaw) > most
+    over |= yaw > MAX_CURVATURE_PER_M * np.maximum(speed, TURNING_MPS)
+    return np.where(over.any(axis=1), over.argmax(axis=1), over.shape[1])
 
 
 def _joined_mps2(

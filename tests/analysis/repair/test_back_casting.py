@@ -74,6 +74,35 @@ def test_a_past_ends_in_the_current_state_without_a_jump(speed, offset, seed):
     assert np.abs(turn).max() < 0.1
 
 
+@given(st.floats(2, 20), st.floats(-1.5, 1.5), st.integers(0, 2**31))
+def test_a_past_turns_no_harder_than_vehicles_do(speed, heading, seed):
+    """An agent at an angle to its lane came straight, or comes in later."""
+    agents = back_cast(drivers((0.0, 0.0, heading, speed)), np.array([0]), seed).agents
+    past = np.flatnonzero(agents.is_valid[0, :NOW])
+    path, velocity = agents.position_m[0], agents.velocity_mps[0]
+    turn = np.diff(np.unwrap(agents.heading_rad[0])) / 0.1
+    gained = np.diff(velocity, axis=0) / 0.1
+    middle = (velocity[1:] + velocity[:-1]) / 2
+    fast = np.linalg.norm(middle, axis=-1)
+    cross = middle[:, 0] * gained[:, 1] - middle[:, 1] * gained[:, 0]
+    assert np.abs(cross / np.maximum(fast, 1.0))[past].max(initial=0) < 5.0
+    assert np.abs(turn * fast)[past].max(initial=0) < 5.0
+    assert (
+        np.linalg.norm(np.diff(path, axis=0) / 0.1 - middle, axis=-1)[past].max(
+            initial=0
+        )
+        < 0.3
+    )
+
+
+def test_who_cannot_have_turned_came_straight_for_a_while():
+    # At 14 m/s nobody turns so far within the width of the road.
+    agents = back_cast(drivers((0.0, 6.0, 0.8, 14)), np.array([0])).agents
+    past = np.flatnonzero(agents.is_valid[0, :NOW])
+    assert len(past) == 20
+    assert np.abs(agents.heading_rad[0, past] - 0.8).max() < 0.01
+
+
 @given(
     st.lists(st.tuples(st.floats(-60, 60), st.floats(0, 15)), min_size=2, max_size=6)
 )
