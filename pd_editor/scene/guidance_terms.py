@@ -7,7 +7,7 @@ weights; a term that is off is kept but has no effect.
 
 import itertools
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Literal, TypeVar, get_args
 
@@ -30,6 +30,15 @@ Motion = Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
 """A motion of the plane, such as a warp."""
 Side = Literal["left", "right"]
 Approach = Literal["rear", "cut-in", "side", "head-on", "brakes", "pulls-out"]
+APPROACH_WORDS: Final[Mapping[Approach, str]] = {
+    "rear": "from behind",
+    "cut-in": "cuts in",
+    "side": "crosses",
+    "head-on": "head-on",
+    "brakes": "brakes in front",
+    "pulls-out": "pulls out",
+}
+"""What an agent that threatens does, wherever a person reads it."""
 IN_FRONT: Final[tuple[Approach, ...]] = ("cut-in", "brakes", "pulls-out")
 """Approaches that end in front of the threatened agent, in its path."""
 _Term = TypeVar("_Term", bound="GuidanceBase")
@@ -390,7 +399,8 @@ class Threaten(PairGuidance):
     @property
     def in_words(self) -> str:
         """Name of the term with both agents."""
-        return f"threat of agent {self.agent_id} to {self.other_id} ({self.approach})"
+        how = APPROACH_WORDS[self.approach]
+        return f"threat of agent {self.agent_id} to {self.other_id} ({how})"
 
 
 GuidanceTerm = (

@@ -527,6 +527,7 @@ class BrowserSession:
             self.chip.close_list()
             or self.picture.samples.close()
             or self.panels.agent.locks.withdraw()
+            or self.modes.steering.encounters.close()
         ):
             self._workspace.session.select(())
 

@@ -405,3 +405,43 @@ def test_what_could_happen_is_listed_previewed_and_made_by_a_click(open_editor):
     assert len(session.entries) == 1
     assert "AV" in session.scenario.guidance[0].named_ids
     expect(lines.first).to_have_attribute("aria-pressed", "true")
+
+
+def test_agents_under_arcs_are_selected_and_arcs_leave_with_their_list(open_editor):
+    """A click on an agent at an arc's foot made a threat; arcs stayed in other tabs."""
+    editor = open_editor()
+    editor.pause()
+    editor.go_to_now()
+    editor.open_tab("Guide")
+    page, session = editor.page, editor.session
+    ask = page.get_by_role("button", name="What could happen to")
+    arcs = page.locator(".pd-guide-arc")
+    told = page.locator(".pd-legend-arc").first
+    expect(told).to_be_hidden()
+    ask.click()
+    page.locator(".pd-possible-line").first.wait_for()
+    expect(told).to_be_visible()
+    found = page.locator(".pd-possible-line b").all_inner_texts()
+    agents, now = session.scenario.agents, session.scenario.current_step
+
+    def on_screen(name: str) -> bool:
+        try:
+            x, y = editor.pixel(agents.position_m[agents.row_of[name], now])
+        except AssertionError:
+            return False
+        return page.evaluate(
+            "([x, y]) => Boolean(document.elementFromPoint(x, y)"
+            ".closest('canvas, .pd-guide-arc'))",
+            [x, y],
+        )
+
+    name = next(n for n in (one.split()[-1] for one in found) if on_screen(n))
+    editor.click_at(agents.position_m[agents.row_of[name], now])
+    editor.until(lambda: session.selection == (name,), "the agent")
+    assert session.scenario.guidance == ()
+    expect(ask).to_have_text("What could happen to the ego?")
+    lines = page.locator(".pd-possible-line span")
+    assert lines.evaluate_all("all => all.every(e => e.scrollWidth <= e.clientWidth)")
+    editor.open_tab("Agents")
+    expect(arcs).to_have_count(0)
+    expect(told).to_be_hidden()

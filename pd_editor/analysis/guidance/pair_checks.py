@@ -19,6 +19,7 @@ from pd_editor.analysis.threats.threat_feasibility import (
 from pd_editor.analysis.threats.threat_outcome import OBSTACLES, obstacle_in_words
 from pd_editor.analysis.threats.threat_plans import ThreatAim, ThreatObstacle
 from pd_editor.scene.guidance_terms import (
+    APPROACH_WORDS,
     Approach,
     FollowLane,
     FollowPath,
@@ -55,8 +56,8 @@ def threat_problems(
     if obstacle is None:
         return
     others = [
-        approach
-        for approach in get_args(Approach)
+        f'"{words}" ({approach})'
+        for approach, words in APPROACH_WORDS.items()
         if approach != term.approach
         and _obstacle(scenario, replace(term, approach=approach), ids) is None
     ]
@@ -73,7 +74,7 @@ def threat_problems(
     yield (
         "error",
         f"Agent {term.agent_id} cannot come to {goal} with agent {term.other_id} "
-        f"({term.approach}): {why}; {advice}.",
+        f"({APPROACH_WORDS[term.approach]}): {why}; {advice}.",
     )
 
 

@@ -1,6 +1,6 @@
 """What could happen to an agent: every threat to it, and every yield, that is feasible."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final, get_args
 
@@ -16,7 +16,7 @@ from pd_editor.analysis.threats.threat_feasibility import (
 )
 from pd_editor.analysis.threats.threat_plans import ThreatAim, threat_plans
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.guidance_terms import Approach, Threaten, YieldTo
+from pd_editor.scene.guidance_terms import APPROACH_WORDS, Approach, Threaten, YieldTo
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
@@ -27,14 +27,6 @@ _HARDEST_MPS2: Final = 4.0
 _MEETS_M: Final = 2.0
 _CROSSING_COS: Final = 0.94
 """Ways that differ less in direction lead on together: nobody waits there."""
-_DOES: Final[Mapping[Approach, str]] = {
-    "rear": "from behind",
-    "cut-in": "cuts in",
-    "side": "crosses",
-    "head-on": "head-on",
-    "brakes": "brakes in front",
-    "pulls-out": "pulls out",
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +51,7 @@ class PossibleEncounter:
         # The plan is feasible, but trajectories of the model bend less than it may.
         doubt = " (may miss)" if self.term.approach == "side" else ""
         when = f"at about {self.at_s:.0f} s"
-        return f"{_DOES[self.term.approach]}: {how} {when}{doubt}"
+        return f"{APPROACH_WORDS[self.term.approach]}: {how} {when}{doubt}"
 
 
 def endangered_id(scenario: Scenario, selection: tuple[str, ...] = ()) -> str | None:

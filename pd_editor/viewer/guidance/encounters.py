@@ -62,6 +62,7 @@ class Encounters:
         self._on_change = on_change
         self._search: EncounterSearch | None = None
         self._agent_id: str | None = None
+        self._base = ui.session.base
         self._found: tuple[PossibleEncounter, ...] | None = None
         self._pointed: int | None = None
 
@@ -71,11 +72,17 @@ class Encounters:
         Raises:
             EditError: neither is there.
         """
-        agent_id = self._wanted
-        if agent_id is None:
+        if self._agent_id is None and self._wanted is None:
             raise EditError("Select an agent that is there at t = 0.")
-        self._look(None if agent_id == self._agent_id else agent_id)
+        self._look(self._wanted if self._agent_id is None else None)
         self._on_change()
+
+    def close(self) -> bool:
+        """Close the list; returns whether it was open."""
+        if self._agent_id is None:
+            return False
+        self.toggle()
+        return True
 
     def follow(self) -> bool:
         """After an edit of agents or roads, look again when it is over.
@@ -83,6 +90,7 @@ class Encounters:
         Returns whether what was found holds no longer.
         """
         state = self._ui.session.state
+        is_other, self._base = self._base is not state.base, state.base
         if self._search is None or self._is_of(self._search.scenario):
             return False
         self._search.cancel()
@@ -91,7 +99,7 @@ class Encounters:
             row = state.scenario.agents.row_of.get(self._agent_id or "")
             now = state.scenario.current_step
             is_there = row is not None and state.scenario.agents.is_valid[row, now]
-            self._look(self._agent_id if is_there else None)
+            self._look(self._agent_id if is_there and not is_other else None)
         return True
 
     def point(self, index: Any) -> None:
@@ -145,7 +153,7 @@ class Encounters:
 
     def listed(self) -> dict[str, Any]:
         """The button and the list, for the page."""
-        scenario, agent_id = self._ui.session.scenario, self._wanted
+        scenario, agent_id = self._ui.session.scenario, self._agent_id or self._wanted
         found = self._found or ()
         if self._agent_id is None:
             about = ""
@@ -160,7 +168,7 @@ class Encounters:
         return {
             "label": f"What could happen to {_named(agent_id or EGO_ID)}?",
             "isEnabled": agent_id is not None,
-            "isOpen": self._agent_id is not None and self._agent_id == agent_id,
+            "isOpen": self._agent_id is not None,
             "about": about,
             "items": [
                 {

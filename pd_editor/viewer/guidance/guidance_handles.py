@@ -19,6 +19,7 @@ from pd_editor.viewer.guidance.term_marks import (
     marks_of,
     offer_mark,
     offered_goal,
+    round_bodies,
 )
 from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
@@ -83,10 +84,14 @@ class GuidanceHandles:
         offer = None if playback.is_playing else offered_goal(scenario, selection)
         if offer is not None:
             marks.append(offer_mark(scenario, poses, *offer))
-        marks = [*self._encounters.marks(scenario, poses), *marks]
+        arcs = self._encounters.marks(scenario, poses)
+        marks = [*arcs, *marks]
         grab = self._grab
         refusal = "" if grab is None else grab.refusal
-        self._overlay.show("guidance_marks", {"marks": marks, "refusal": refusal})
+        agents = round_bodies(scenario, poses) if arcs else []
+        self._overlay.show(
+            "guidance_marks", {"marks": marks, "agents": agents, "refusal": refusal}
+        )
 
     def show_again(self) -> None:
         """Show a change that moves no agent."""

@@ -14,7 +14,7 @@ from pd_editor.scene.guidance_outcome import (
     Realism,
     TermOutcome,
 )
-from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
+from pd_editor.scene.guidance_terms import APPROACH_WORDS, GuidanceTerm, Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.ui_context import UiContext
 
@@ -142,7 +142,10 @@ class GuidanceNotes:
     def of_options(self, index: int, name: str) -> dict[str, tuple[str, str]]:
         """Why approaches of a threat are infeasible, in few words and in a sentence."""
         term = self._ui.session.scenario.guidance[index]
-        return self._obstacles.get(term, {}) if name == "approach" else {}
+        known = self._obstacles.get(term, {}) if name == "approach" else {}
+        return {
+            words: known[one] for one, words in APPROACH_WORDS.items() if one in known
+        }
 
     def _outcomes(self) -> tuple[TermOutcome, ...]:
         """Outcomes as the list of findings has them, with what is known of their run."""

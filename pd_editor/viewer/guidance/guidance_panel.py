@@ -216,6 +216,8 @@ class GuidancePanel:
             self._actions.take_unguided()
         elif kind == "look":
             self._report_refused("What could happen", self._encounters.toggle)
+        elif kind == "leave":
+            self._encounters.close()
         elif kind == "point":
             self._encounters.point(event.get("number"))
         elif kind == "make":

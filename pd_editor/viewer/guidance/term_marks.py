@@ -196,5 +196,13 @@ def _places(scenario: Scenario, poses: AgentPoses) -> Callable[[str], Place | No
     return at
 
 
+def round_bodies(scenario: Scenario, poses: AgentPoses) -> list[Place]:
+    """Middle and radius of each agent as drawn, in metres."""
+    agents, at = scenario.agents, _places(scenario, poses)
+    half_m = (np.hypot(*agents.size_m.T) / 2).round(2).tolist()
+    found = zip(map(at, agents.ids), half_m, strict=True)
+    return [[*place, radius] for place, radius in found if place is not None]
+
+
 def _rounded(point_m: Any) -> Place:
     return [round(float(point_m[0]), 2), round(float(point_m[1]), 2)]

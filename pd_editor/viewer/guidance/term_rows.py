@@ -5,7 +5,7 @@ from typing import Any, Final, get_args
 
 from pd_editor.base.errors import EditError
 from pd_editor.scene.guidance_terms import (
-    Approach,
+    APPROACH_WORDS,
     AvoidCollisions,
     ComfortLimits,
     FollowLane,
@@ -109,7 +109,8 @@ def sentence_of(term: GuidanceTerm, scenario: Scenario) -> str:
         case YieldTo():
             asks = f"let {term.other_id} pass first"
         case Threaten():
-            asks = f"threaten {term.other_id} ({term.approach}, {term.severity:.0%})"
+            how = APPROACH_WORDS[term.approach]
+            asks = f"threaten {term.other_id} ({how}, {term.severity:.0%})"
         case TargetSpeed():
             asks = f"drive at {term.speed_mps:g} m/s"
         case SpeedLimit():
@@ -170,7 +171,12 @@ def inputs_of(term: GuidanceTerm) -> tuple[Input, ...]:
             return (side,)
         case Threaten():
             return (
-                Input("approach", "How", term.approach, options=get_args(Approach)),
+                Input(
+                    "approach",
+                    "How",
+                    APPROACH_WORDS[term.approach],
+                    options=tuple(APPROACH_WORDS.values()),
+                ),
                 Input(
                     "severity", "Severity", term.severity, least=0.0, most=1.0, step=0.1
                 ),
@@ -194,7 +200,8 @@ def with_input(term: GuidanceTerm, name: str, value: Any) -> GuidanceTerm:
             raise EditError(
                 f"{shown.label} is one of {', '.join(shown.options)}; {value!r} is not."
             )
-        value = None if value == ANY_SIDE else value
+        named = {words: approach for approach, words in APPROACH_WORDS.items()}
+        value = None if value == ANY_SIDE else named.get(value, value)
     elif value is None:
         if not shown.empty:
             raise EditError(f"{shown.label} needs a number.")

@@ -253,7 +253,7 @@ def test_threats_that_cannot_be_carried_out_are_told_with_the_approaches_that_ca
     assert problems(states, rear) == []
     (message,) = problems(states, replace(rear, approach="head-on"))
     assert "Agent 101 cannot come to contact with agent 100 (head-on)" in message
-    assert message.endswith("choose the approach rear.")
+    assert message.endswith('choose the approach "from behind" (rear).')
     apart = [(0, 0, 0, 10), (-60, 0, np.pi, 10)]
     (message,) = problems(apart, replace(rear, severity=0.5))
     assert "a gap of 1.5 m" in message

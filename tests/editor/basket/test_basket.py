@@ -129,7 +129,7 @@ def test_a_threat_that_was_never_run_is_told_in_the_table():
     session.apply(AddGuidance(term=threat))
     row = index_row(session.scenario, session.base, session.recipe())
     assert row.problems == {"guidance-not-run": 1}
-    assert row.guidance == ("threat of agent 101 to 100 (rear): not run",)
+    assert row.guidance == ("threat of agent 101 to 100 (from behind): not run",)
     (line,) = csv.DictReader(io.StringIO(index_csv([row]).decode()))
     assert line["num_problems"] == "1"
     assert line["guidance"] == row.guidance[0]

@@ -107,6 +107,39 @@ def test_the_menu_of_a_threat_tells_which_approaches_are_infeasible(tab: FakeTab
     (row,) = shown(tab, "guidance_panel")["rows"]
     (approach,) = [one for one in row["inputs"] if one["name"] == "approach"]
     assert approach["value"] not in approach["notes"]
-    few, sentence = approach["notes"]["pulls-out"]
+    few, sentence = approach["notes"]["pulls out"]
     assert few == "no way to that"
     assert sentence.startswith("It would have to stand beside the way")
+
+
+def test_the_list_is_of_the_agent_and_scene_that_it_was_asked_for(tab: FakeTab):
+    """Its title followed the selection; its arcs came along to the next scene."""
+    label = asked(tab)["label"]
+    other = next(
+        n for n in tab.session.scenario.agents.ids if n != tab.session.scenario.focal_id
+    )
+    tab.run(lambda: tab.session.select((other,)))
+    assert (listed(tab)["label"], listed(tab)["isOpen"]) == (label, True)
+    tab.run(lambda: tab.ui.workspace.open_reference("roundabout"))
+    assert not listed(tab)["isOpen"]
+    assert arcs(tab) == []
+
+
+def test_a_threat_has_one_name_in_list_menu_and_history(tab: FakeTab):
+    words = asked(tab)["items"][0]["text"].split(":")[0]
+    send(tab, kind="make", number=0)
+    (row,) = shown(tab, "guidance_panel")["rows"]
+    (how,) = [one for one in row["inputs"] if one["name"] == "approach"]
+    assert how["value"] == words
+    assert f"({words})" in tab.session.scenario.guidance[0].in_words
+    send(
+        tab,
+        kind="input",
+        index=0,
+        name="approach",
+        value="crosses",
+        version=shown(tab, "guidance_panel")["version"],
+    )
+    (term,) = tab.session.scenario.guidance
+    assert isinstance(term, Threaten)
+    assert term.approach == "side"

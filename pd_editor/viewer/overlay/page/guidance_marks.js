@@ -13,7 +13,7 @@ pdOverlay.define("guidance_marks", (api) => {
   const tip = api.make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
   tip.hidden = true;
   api.box.append(layer, tip);
-  let state = { marks: [], refusal: "" };
+  let state = { marks: [], agents: [], refusal: "" };
   let press = null; // the mark that is held
   let settling = null; // a mark that was dropped, until the server has answered
   let sentAt = 0;
@@ -203,6 +203,19 @@ pdOverlay.define("guidance_marks", (api) => {
     if (isRefused) layer.lastElementChild.classList.add("pd-guide-refused");
   }
 
+  // Agents under arcs are pressed as those beside them are.
+  function isOverAgent(at) {
+    return state.agents.some(([x, y, z, radius]) => {
+      const [middle, ...edges] = [[0, 0], [radius, 0], [0, radius]].map(([dx, dy]) =>
+        api.project([x + dx, y + dy, z]));
+      const away = (edge, from) =>
+        edge ? Math.hypot(edge[0] - from[0], edge[1] - from[1]) : 0;
+      return middle &&
+        away(middle, at) <=
+          Math.max(HELD_BACK_PX, ...edges.map((edge) => away(edge, middle)));
+    });
+  }
+
   function markOf(target) {
     const found = target?.closest?.("[data-guide]");
     if (!found || !layer.contains(found)) return null;
@@ -285,7 +298,10 @@ pdOverlay.define("guidance_marks", (api) => {
       tip.hidden = true;
       return;
     }
-    const mark = markOf(event.target);
+    const isOver = isOverAgent(api.local(event));
+    layer.classList.toggle("pd-guide-over-agent", isOver);
+    const found = markOf(event.target);
+    const mark = isOver && found?.shape === "arc" ? null : found;
     tell(mark?.lines, api.local(event));
     const index = mark?.shape === "arc" ? mark.index : null;
     if (index !== pointed) api.send({ kind: "point", index });
@@ -315,6 +331,8 @@ pdOverlay.define("guidance_marks", (api) => {
     const wasRefused = state.refusal;
     state = next;
     if (!press) settling = null;
+    document.body.classList.toggle(
+      "pd-arcs", state.marks.some((mark) => mark.shape === "arc"));
     draw();
     if (press?.pointer && state.refusal !== wasRefused)
       tell(state.refusal ? [state.refusal] : [], press.pointer);

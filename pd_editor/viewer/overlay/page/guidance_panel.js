@@ -56,6 +56,13 @@ pdOverlay.define("guidance_panel", (api) => {
       send({ kind: "point", number });
   }
 
+  // The list and its arcs are of this tab.
+  api.listen(window, "click", ({ target }) => {
+    const tab = target.closest?.("[role=tab]");
+    if (tab && tab.textContent.trim() !== "Guide" && state.encounters.isOpen)
+      send({ kind: "leave" });
+  });
+
   function showPossible() {
     const { label, isEnabled, isOpen, about: told, items } = state.encounters;
     ask.textContent = label;

@@ -1,6 +1,9 @@
 // The legend: a chip that unfolds upwards; the page remembers whether it is folded.
 pdOverlay.define("legend", (api) => {
   const KEPT = "pd-legend-folded";
+  // Drawn, and listed, while it is asked what could happen.
+  const ARCS = [["Could threaten it", "var(--pd-bad)"], ["Could yield", "var(--pd-guide)"]]
+    .map(([text, color]) => ({ text, glyph: "line", color, isArc: true }));
   const box = api.make("div", "pd-solid pd-legend-box");
   const list = api.make("ul", "pd-legend-list", { id: "pd-legend-list" });
   const chip = api.make("button", "pd-legend-chip", {
@@ -23,8 +26,8 @@ pdOverlay.define("legend", (api) => {
   });
 
   return ({ entries }) => {
-    list.replaceChildren(...entries.map(({ text, glyph, color, keeps }) => {
-      const item = api.make("li");
+    list.replaceChildren(...[...entries, ...ARCS].map(({ text, glyph, color, keeps, isArc }) => {
+      const item = api.make("li", isArc ? "pd-legend-arc" : "");
       const mark = api.make("span", `pd-legend-mark pd-legend-${glyph}`);
       mark.style.color = color;
       if (keeps) {
