@@ -87,6 +87,12 @@ def num_settings() -> int:
     return sum(map(len, parts))
 
 
+def documents() -> list[Path]:
+    """All pages that users read."""
+    patterns = ("*.md", "docs/**/*.md", "models/**/*.md", "reproduction/*.md")
+    return sorted(path for pattern in patterns for path in ROOT.glob(pattern))
+
+
 def counted() -> dict[str, int]:
     """What is counted, by name."""
     package = trees("pd_editor")
@@ -104,16 +110,7 @@ def counted() -> dict[str, int]:
         "private_accesses_in_tests": sum(
             map(private_accesses, trees("tests").values())
         ),
-        "document_words": sum(
-            len(path.read_text().split())
-            for pattern in (
-                "*.md",
-                "docs/**/*.md",
-                "models/**/*.md",
-                "reproduction/*.md",
-            )
-            for path in ROOT.glob(pattern)
-        ),
+        "document_words": sum(len(page.read_text().split()) for page in documents()),
     }
 
 

@@ -7,14 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor import generation, prediction
 from pd_editor.experiments.training.config.run_request import (
     RunRequest,
     StageName,
     new_config,
 )
 from pd_editor.experiments.training.config.settings import settings_of
-from pd_editor.scene import agent_tracks, road_map, scenario, time_axis
+from pd_editor.scene import (
+    agent_tracks,
+    generation,
+    prediction,
+    road_map,
+    scenario,
+    time_axis,
+)
 from tests.builders import scenario_with, straight_drivers
 
 TEXT = (Path(__file__).parents[1] / "docs" / "own_generators.md").read_text()

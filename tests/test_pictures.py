@@ -21,7 +21,10 @@ def test_pictures_of_the_editor_are_of_its_version():
 
 
 def test_documents_show_every_picture_and_no_other():
-    documents = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    documents = [
+        *(ROOT / folder / "README.md" for folder in ("", "reproduction")),
+        *(ROOT / "docs").glob("*.md"),
+    ]
     shown = {
         (page.parent / name).resolve()
         for page in documents
