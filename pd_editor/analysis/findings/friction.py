@@ -93,6 +93,8 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
         nodes = lateral.reshape(*is_valid[:, now:].shape, _NODES_PER_STEP).max(axis=-1)
         estimates.append(np.where(known[:, later], nodes, np.inf))
     least = np.minimum(*estimates)
+    # A track whose own speeds are as slow jumps; its path does not tell its speed.
+    least[agents.speed_mps()[rows, now:] <= _SLOWEST_MPS] = 0.0
     return SidewaysMotion(
         rows=rows,
         speed_mps=speed[:, ::_NODES_PER_STEP],

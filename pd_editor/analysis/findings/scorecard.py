@@ -57,7 +57,7 @@ TOTALS: Final[Mapping[str, Total]] = {
     "critical_time_to_collision": Total(
         title=f"TTC under {CRITICAL_S:g} s",
         kinds=frozenset({"short-time"}),
-        meaning="that would hit another agent within this time at constant speed.",
+        meaning="that would hit another agent within this time, and do not collide with it.",
     ),
     "off_drivable": Total(
         title="Off the road",

@@ -19,6 +19,7 @@ from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from tests.analysis.findings.builders import finding
 from tests.builders import (
     scenario_with,
     straight_drivers,
@@ -215,6 +216,42 @@ def test_problems_of_the_recording_are_a_group_of_their_own():
     assert {p.kind for p in problems} == {"later-collision"}
     assert new(later, both, one) == problems
     assert new(later, one, both) == ()
+
+
+def test_a_recorded_finding_that_an_edit_made_clearly_worse_is_new():
+    """41043 brakes with 7.7 m/s2 before a bend, 8.4 after: it was in the recording."""
+    was = finding("harsh-motion", "a", value=7.7)
+    for value, words, is_new in (
+        (8.4, "8.4", True),
+        (7.8, "7.8", False),
+        (6, "6", False),
+    ):
+        one = replace(was, value=value, headline=f"a brakes with {words} m/s2")
+        check = split([one], [was], unmoved=("a",), untouched=("a",))
+        assert bool(check.new) == is_new
+        assert len(check.all) == 1
+    # What reads the same is the same: a distance of 2 cm, told as 0.1 m.
+    near = replace(was, kind="off-road", value=0.02)
+    check = split([replace(near, value=0.03)], [near], unmoved=("a",), untouched=("a",))
+    assert not check.new
+
+
+def test_a_pair_that_collides_has_no_time_to_collision():
+    """It was listed three times: the pair, and 0.0 s for each agent."""
+    found = scene_findings(two_agents_that_collide())
+    assert [one.kind for one in found] == ["later-collision"]
+    # A third agent, which brakes in time, is told still.
+    speeds = [(0, 0, 0, 8.0), (20, 0, 0, 4.0), (0, 3.5, 0, 12.0), (16, 3.5, 0, 0.0)]
+    scenario = scenario_with(straight_drivers(speeds))
+    agents, now = scenario.agents, scenario.current_step
+    path, velocity = agents.position_m.copy(), agents.velocity_mps.copy()
+    path[2, now + 8 :], velocity[2, now + 9 :] = path[2, now + 8], 0.0
+    agents = agents.with_rows(np.arange(4), position_m=path, velocity_mps=velocity)
+    found = scene_findings(scenario.with_agents(agents))
+    told = {(one.kind, one.agent_ids) for one in found}
+    assert ("later-collision", ("100", "101")) in told
+    short = {one.agent_ids[0] for one in found if one.kind == "short-time"}
+    assert short == {"102", "103"}
 
 
 def test_an_agent_that_appears_later_is_said_to():

@@ -99,3 +99,12 @@ def test_real_scenes_bent_and_slowed_keep_to_the_limit(av2_scenario_folders):
                 assert not found & set(fast)
     assert num_fast > 3
     assert num_left == 0
+
+
+def test_a_track_whose_own_speeds_are_slow_is_not_too_fast():
+    """A track that jumps was told with 0.3 m/s where friction holds 0.2."""
+    scenario = bent()
+    agents = scenario.agents
+    slow = agents.with_rows(np.array([0]), velocity_mps=agents.velocity_mps / 50)
+    assert friction_problems(scenario)
+    assert not friction_problems(scenario.with_agents(slow))

@@ -54,11 +54,16 @@ def safety_values(view: TrafficView) -> dict[str, MetricValues]:
 
 
 def least_times_s(
-    view: TrafficView,
+    view: TrafficView, is_left_out: Bool[np.ndarray, "N N"]
 ) -> tuple[Float[np.ndarray, "A"], Int[np.ndarray, "A"]]:
-    """Shortest time to collision of each agent, infinite if not critical, and its step."""
+    """Shortest time to collision of each agent, infinite if not critical, and its step.
+
+    Pairs of the view's N agents may be left out.
+    """
     pairs = _Pairs.of(view, within_s=CRITICAL_S)
     pair, time, at = _times_to_collision_s(pairs)
+    counts = ~is_left_out[pairs.a[pair], pairs.b[pair]]
+    pair, time, at = pair[counts], time[counts], at[counts]
     least, step = np.full(len(pairs.agents), np.inf), np.zeros(len(pairs.agents), int)
     # Of several writes to an agent the last one stays: the shortest time.
     order = np.argsort(-time, kind="stable")
