@@ -295,7 +295,7 @@ class BrowserSession:
             lambda: generation.run_state,
             ChipActions(
                 apply=self._ui.apply,
-                regenerate=generation.regenerate_agents,
+                regenerate=self._regenerate_agents,
                 cancel=generation.cancel,
                 use_result=generation.use_result,
                 run_guidance=lambda: generation.regenerate_agents(
@@ -308,6 +308,7 @@ class BrowserSession:
                 redraw=self._ignored_changed,
             ),
         )
+        self.picture.samples.on_compare = self.chip.close_list
 
     def _ignored_changed(self) -> None:
         self.picture.draw_frame()
@@ -472,7 +473,7 @@ class BrowserSession:
         self._scorecard.set_muted(is_sample)
 
     def _regenerate_agents(self, agent_ids: tuple[str, ...]) -> None:
-        self.panels.generation.regenerate_agents(agent_ids)
+        self.panels.generation.regenerate_agents(agent_ids, is_cure=True)
 
     def _star(self) -> None:
         self.panels.star()

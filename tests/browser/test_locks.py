@@ -116,8 +116,7 @@ def test_state_and_first_seconds_are_locked_by_menu_and_panel(editor):
 
     editor.open_tab("Drive")
     number = len(session.entries)
-    editor.choose("Agents", "The selection")
-    editor.press("Regenerate (1 locked is kept)")
+    editor.press("Regenerate the selection")
     editor.until(lambda: len(session.entries) == number + 1, "a trajectory", 120)
     kept, rest = slice(now, now + 31), slice(now + 31, None)
     after = session.scenario

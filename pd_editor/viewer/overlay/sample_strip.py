@@ -131,6 +131,8 @@ class SampleStrip:
         self._star = star
         self.adopt: Callable[[int], None] = lambda _index: None
         """Applies a sample in the place of the one that is applied."""
+        self.on_compare: Callable[[], object] = lambda: None
+        """Makes room for a comparison."""
         self._samples: SampleSet | None = None
         self._cards: SampleCards | None = None
         self._adopted: int | None = None
@@ -341,6 +343,7 @@ class SampleStrip:
         others = (self._adopted, *ranked(self._cards.numbers, self._ranking))
         other = next(one for one in others if one is not None and one != index)
         self._compared = other, index
+        self.on_compare()
         self._show_pair()
 
     def _choose_compared(self, side: int, index: int) -> None:

@@ -66,7 +66,7 @@ def add_hot_keys(
     key("Place an agent", modes.placing.toggle, "P", arms=True)
     modes.steering.add_hotkeys()
     key("Show possible trajectories", panels.candidates.toggle_candidates, "G")
-    key("Regenerate trajectories", panels.generation.regenerate, "R")
+    key("Regenerate the selection, else all", panels.generation.regenerate, "R")
     key(
         "Live regeneration on or off",
         panels.generation.live_switch.toggle,

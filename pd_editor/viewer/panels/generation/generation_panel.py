@@ -32,6 +32,7 @@ from pd_editor.scene.roles.traffic_choice import (
     replaceable_agent_ids,
     resamplable_agent_ids,
     road_user_ids,
+    trajectory_locked_ids,
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.region_drawing import RegionDrawing
@@ -49,7 +50,7 @@ from pd_editor.viewer.state.run_state import RunState
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 SCOPE_ALL: Final = "All agents"
-SCOPE_SELECTION: Final = "The selection"
+SCOPE_USUAL: Final = "The selection, else all"
 REPLACE_ALL: Final = "All agents"
 REDRAW_SELECTION: Final = "The selection"
 ADD_AGENTS: Final = "None (add)"
@@ -153,7 +154,7 @@ class GenerationPanel:
         with gui.add_folder("Regenerate trajectories"):
             self._scope = gui.add_dropdown(
                 "Agents",
-                (SCOPE_ALL, SCOPE_SELECTION, IN_REGION),
+                (SCOPE_USUAL, SCOPE_ALL, IN_REGION),
                 hint="Locked trajectories are kept",
             )
             self._kinds = gui.add_dropdown(
@@ -272,7 +273,10 @@ class GenerationPanel:
         counts_region = self._where.value == IN_REGION
         if region is not None:
             self._drawing.take(region)
-        for choice, other in ((self._scope, SCOPE_ALL), (self._where, AROUND_TRAFFIC)):
+        for choice, other in (
+            (self._scope, SCOPE_USUAL),
+            (self._where, AROUND_TRAFFIC),
+        ):
             # A region that was being drawn is gone.
             if region is None and choice.value == IN_REGION:
                 set_value(choice, other)
@@ -291,10 +295,17 @@ class GenerationPanel:
         self._result.show()
         if self._which.value == REPLACE_ALL and self._counted is not scenario:
             self._count_present(scenario)
-        kept = len(scenario.locks)
-        for button, name in ((self._run, "Regenerate"), (self._resample, "Resample")):
-            label = f"{name} ({kept} locked {'is' if kept == 1 else 'are'} kept)"
-            set_property(button, "label", label if kept else name)
+        name = "Regenerate the selection" if self._selected() else "Regenerate"
+        for button, label, kept in (
+            (self._run, name, len(trajectory_locked_ids(scenario))),
+            (self._resample, "Resample", len(scenario.locks)),
+        ):
+            held = f" ({kept} locked {'is' if kept == 1 else 'are'} kept)" * bool(kept)
+            set_property(button, "label", label + held)
+
+    def _selected(self) -> tuple[str, ...]:
+        """The selection, where it is what is regenerated."""
+        return self._ui.session.selection if self._scope.value == SCOPE_USUAL else ()
 
     def close(self) -> None:
         """Stop a running generation, and keep the settings for the page that comes."""
@@ -329,19 +340,15 @@ class GenerationPanel:
         self._result.use_result()
 
     def regenerate(self) -> None:
-        """Regenerate the trajectories of the selection or of all agents.
+        """Regenerate the trajectories of the selection; without one, of all agents.
+
+        Unless another choice of agents is made.
 
         Raises:
             GenerationError: there is no agent to generate, or a run is active.
         """
-        wanted = None
-        if self._scope.value == SCOPE_SELECTION:
-            wanted = self._ui.session.selection
-            if not wanted:
-                raise GenerationError(
-                    f"Nothing is selected. Select agents, or choose '{SCOPE_ALL}'."
-                )
-        elif self._scope.value == IN_REGION or self._wanted_kinds():
+        wanted = self._selected() or None
+        if wanted is None and (self._scope.value == IN_REGION or self._wanted_kinds()):
             scenario = self._ui.session.scenario
             wanted = drivable_agent_ids(scenario)
             if self._scope.value == IN_REGION:
@@ -350,8 +357,12 @@ class GenerationPanel:
             wanted = self._of_wanted_kinds(wanted)
         self.regenerate_agents(wanted)
 
-    def regenerate_agents(self, wanted: tuple[str, ...] | None) -> None:
+    def regenerate_agents(
+        self, wanted: tuple[str, ...] | None, *, is_cure: bool = False
+    ) -> None:
         """Regenerate the trajectories of some agents, or of all agents.
+
+        A cure makes one sample, and those that are chosen among stay.
 
         Raises:
             GenerationError: there is no agent to generate, or a run is active.
@@ -362,7 +373,8 @@ class GenerationPanel:
             raise GenerationError(
                 "There are no agents on this road. Add some under 'Resample agents'."
             )
-        self._start(scenario, agent_ids=drivable_agent_ids(scenario, wanted))
+        ids = drivable_agent_ids(scenario, wanted)
+        self._start(scenario, agent_ids=ids, is_cure=is_cure)
 
     def resample(self) -> None:
         """Sample initial states and trajectories of all, some, or additional agents.
@@ -429,6 +441,7 @@ class GenerationPanel:
         if self._scope.value == IN_REGION and is_missing:
             drawing.toggle()
         self._show_region()
+        self.show(self._ui.session.scenario)
 
     def _where_chosen(self) -> None:
         """Show the region where it counts, and let it be drawn where there is none."""
@@ -452,7 +465,7 @@ class GenerationPanel:
             if self._where.value == IN_REGION:
                 set_value(self._where, AROUND_TRAFFIC)
             if self._scope.value == IN_REGION:
-                set_value(self._scope, SCOPE_ALL)
+                set_value(self._scope, SCOPE_USUAL)
         self._show_region()
         self._show_counts()
 
@@ -487,6 +500,7 @@ class GenerationPanel:
         resampled_state_ids: tuple[str, ...] = (),
         num_new_agents: Mapping[AgentKind, int] | None = None,
         samples_num_agents: bool = False,
+        is_cure: bool = False,
     ) -> None:
         offer = self._generators[self._model.value]
         samples_states = bool(
@@ -504,7 +518,7 @@ class GenerationPanel:
             back_casts=bool(self._back_casts.value),
             region=region,
             quality=QUALITIES[self._quality.value] if samples_states else "fast",
-            num_samples=int(self._samples.value),
+            num_samples=1 if is_cure else int(self._samples.value),
             num_denoising_steps=None
             if offer.default_num_steps is None
             else int(self._steps.value),
@@ -512,7 +526,9 @@ class GenerationPanel:
             seed=int(self._seed.value),
         )
         check_room(request, len(removed_ids))
-        task = GenerationInput(base=base, request=request, removed_ids=removed_ids)
+        task = GenerationInput(
+            base=base, request=request, removed_ids=removed_ids, is_cure=is_cure
+        )
         self._check_guidance(request)
         self._result.start(self._model.value, offer.make, task)
         if self._renews.value:

@@ -38,6 +38,8 @@ class GenerationInput:
     """The session's scenario, which still contains the agents to be removed."""
     request: GenerationRequest
     removed_ids: tuple[str, ...] = ()
+    is_cure: bool = False
+    """Whether it mends the sample that is applied: the others can still be chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +93,8 @@ class GenerationRun:
         self._before: Scenario | None = None
         """The scenario to which a sample of the last run was applied."""
         self._applied: Scenario | None = None
+        self._cured: list[Scenario] = []
+        """What cures have made of it."""
         self._index = 0
         self._took_s = 0.0
         gui = ui.client.gui
@@ -144,7 +148,8 @@ class GenerationRun:
         """
         if self._job is not None:
             raise GenerationError("A generation is running already; cancel it first.")
-        self.forget()
+        if not task.is_cure:
+            self.forget()
         self._set_running(True)
         started = time.monotonic()
         post = self._ui.post
@@ -169,9 +174,8 @@ class GenerationRun:
 
     def show(self) -> None:
         """Follow the session: remove texts about another state."""
-        is_shown = (
-            self._applied is not None and self._ui.session.scenario is self._applied
-        )
+        now = self._ui.session.scenario
+        is_shown = self._applied is not None and now is self._applied
         samples = () if self._generated is None else self._generated[1].samples
         count = len(samples) if _differ(samples) else 1
         has_choice = is_shown and count > 1
@@ -179,14 +183,13 @@ class GenerationRun:
         # The number of an earlier run would be taken for that of this scene.
         set_property(self._sample, "max", count if has_choice else 2)
         set_value(self._sample, self._index + 1 if has_choice else 1)
-        is_undone = (
-            self._before is not None and self._ui.session.scenario is self._before
-        )
+        is_cured = any(now is one for one in self._cured)
+        is_offered = is_cured or (self._before is not None and now is self._before)
         self._strip.follow(
             self._index if is_shown else None,
-            is_valid=count > 1 and (is_shown or is_undone),
+            is_valid=count > 1 and (is_shown or is_offered),
         )
-        if self._applied is not None and not is_shown:
+        if (self._applied or self._cured) and not (is_shown or is_cured):
             self._say("")
         use = self._use()
         if self._waits:
@@ -230,7 +233,7 @@ class GenerationRun:
     def forget(self) -> None:
         """Remove the report of the last run and its samples."""
         self._generated, self._applied, self._waits = None, None, False
-        self._before = None
+        self._before, self._cured = None, []
         self._strip.forget()
         self._say("")
         self.show()
@@ -293,8 +296,16 @@ class GenerationRun:
         except GenerationError as error:
             self._failed(error)
             return
-        self._generated = task, traffic
         self._took_s = time.monotonic() - started
+        if task.is_cure and self._ui.session.scenario is task.base:
+            self._put(task, traffic, 0)
+            self._cured.append(self._ui.session.scenario)
+            self.show()
+            self._on_change()
+            return
+        if task.is_cure:
+            self.forget()
+        self._generated = task, traffic
         if self._ui.session.scenario is task.base:
             self._apply(0)
         else:
@@ -308,26 +319,35 @@ class GenerationRun:
         self._applied = None
         self._ui.commit_gesture()
         before, done = self._ui.session.scenario, self._ui.session.commands_in_force
+        self._put(task, traffic, index)
+        self._applied, self._index = self._ui.session.scenario, index
+        self._cured = []
+        if before is not self._before:
+            self._before = before
+            self._offer_samples(before, done)
+        self.show()
+
+    def _put(
+        self, task: GenerationInput, traffic: GeneratedTraffic, index: int
+    ) -> None:
+        """Apply a sample, and report on it."""
+        removed_ids = task.removed_ids
         self._ui.apply(
             traffic_command(
                 task.request,
                 traffic,
                 index,
-                removed_ids=task.removed_ids,
-                edited=before,
+                removed_ids=removed_ids,
+                edited=self._ui.session.scenario,
             )
         )
-        self._applied, self._index = self._ui.session.scenario, index
-        if before is not self._before:
-            self._before = before
-            self._offer_samples(before, done)
         self._ui.workspace.guided_runs.keep(
-            self._applied.agents,
+            self._ui.session.scenario.agents,
             GuidedRun(
                 request=task.request,
                 traffic=traffic,
                 index=index,
-                removed_ids=task.removed_ids,
+                removed_ids=removed_ids,
             ),
         )
         count = len(traffic.samples[index].ids)
@@ -335,7 +355,6 @@ class GenerationRun:
             f"{count} agent{'s' if count != 1 else ''} in {self._took_s:.1f} s, seed"
             f" {task.request.seed}. {' '.join(traffic.notes)}"
         )
-        self.show()
 
     def _offer_samples(self, before: Scenario, done: tuple[Command, ...]) -> None:
         assert self._generated is not None
@@ -368,8 +387,10 @@ class GenerationRun:
         Nothing happens if the scenario was edited since.
         """
         now = self._ui.session.scenario
-        if self._generated is not None and now is self._applied:
-            self._ui.session.undo()
+        mine = (self._applied, *self._cured)
+        if self._generated is not None and any(now is one for one in mine):
+            while self._ui.session.scenario is not self._before:
+                self._ui.session.undo()
             self._apply(index)
         elif self._generated is not None and now is self._before:
             self._apply(index)

@@ -12,7 +12,7 @@ import pytest
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.installed_files import models_folder
-from pd_editor.editor.commands import RemoveAllAgents
+from pd_editor.editor.commands import RemoveAllAgents, SetLocks
 from pd_editor.model import generators
 from pd_editor.model.generators import registry
 from pd_editor.scene.agent_kind import AgentKind
@@ -28,6 +28,7 @@ from pd_editor.scene.generation import (
     GuidanceSetting,
     TrafficSample,
 )
+from pd_editor.scene.locks import Lock
 from pd_editor.viewer import viewer_app
 from pd_editor.viewer.panels.generation.generation_panel import (
     ADD_AGENTS,
@@ -37,13 +38,14 @@ from pd_editor.viewer.panels.generation.generation_panel import (
     REDRAW_SELECTION,
     REGION_HALF_SIDE_M,
     SCOPE_ALL,
+    SCOPE_USUAL,
 )
 from pd_editor.viewer.panels.generation.generation_run import GenerationInput
 from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import PlacingGenerator
-from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 
 @pytest.fixture
@@ -352,7 +354,7 @@ def test_a_region_is_gone_with_its_page(app):
     with connected_tab(app) as tab:
         panel = tab.tab.panels.generation
         assert panel._where.value == AROUND_TRAFFIC
-        assert panel._scope.value == SCOPE_ALL
+        assert panel._scope.value == SCOPE_USUAL
         assert panel._counts[AgentKind.BUS].value == 0
 
 
@@ -427,3 +429,58 @@ def two_samples_without(gone: tuple[str, ...], scenario) -> tuple[TrafficSample,
         velocity_mps=agents.velocity_mps[:, now:] + 0.1,
     )
     return (every.without(gone), every.without(gone))
+
+
+def test_a_selection_is_what_is_regenerated(tab, placing):
+    """R, which the hint on a stale trajectory names, replaced all other agents too."""
+    panel = tab.tab.panels.generation
+    assert panel._run.label == "Regenerate"
+    tab.run(lambda: tab.session.select(("101",)))
+    assert panel._run.label == "Regenerate the selection"
+    run_to_end(tab, panel.regenerate)
+    assert placing.requests[-1].agent_ids == ("101",)
+    tab.enter(panel._scope, SCOPE_ALL)
+    until(lambda: panel._run.label == "Regenerate")
+    run_to_end(tab, panel.regenerate)
+    assert placing.requests[-1].agent_ids == ("100", "101")
+
+
+def test_locks_of_beginnings_and_states_keep_no_trajectory(tab):
+    panel = tab.tab.panels.generation
+    for lock, label in (
+        (Lock(kept_s=2.0), "Regenerate"),
+        (Lock(), "Regenerate (1 locked is kept)"),
+    ):
+        command = SetLocks(agent_ids=("101",), lock=lock)
+        tab.run(lambda command=command: tab.session.apply(command))
+        assert panel._run.label == label
+        assert panel._resample.label == "Resample (1 locked is kept)"
+
+
+def test_a_cure_makes_one_sample_and_the_others_can_still_be_chosen(tab, placing):
+    """It made as many as 'Samples' says, and threw away those that were there."""
+    panel = tab.tab.panels.generation
+    panel._samples.value, panel._keeps_focal.value = 3, False
+    tab.run(panel._show_counts)
+    run_to_end(tab, panel.resample)
+    strip = tab.tab.picture.samples
+    until(lambda: strip.is_open)
+    run_to_end(tab, lambda: tab.tab.chip._actions.regenerate(("new-1",)))
+    assert placing.requests[-1].num_samples == 1
+    assert len(tab.session.entries) == 2
+    assert strip.is_open
+    tab.run(lambda: strip.adopt(2))
+    assert [label.split("(")[0] for label in labels(tab)] == [
+        "Resample 2 agents, sample 3 of 3 "
+    ]
+
+
+def test_a_comparison_of_samples_closes_the_list_of_problems(tab):
+    panel, strip = tab.tab.panels.generation, tab.tab.picture.samples
+    panel._samples.value, panel._keeps_focal.value = 3, False
+    tab.run(panel._show_counts)
+    run_to_end(tab, panel.resample)
+    until(lambda: strip.is_open)
+    tab.run(lambda: tab.tab.chip._heard({"kind": "list", "isOpen": True}))
+    tab.run(strip.compare)
+    assert not tab.run(tab.tab.chip.close_list)
