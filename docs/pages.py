@@ -15,6 +15,7 @@ PAGES = (
     "README.md",
     "GLOSSARY.md",
     "ROADMAP.md",
+    "CHANGELOG.md",
     "docs/*.md",
     "reproduction/*.md",
     "docs/pictures/*",
