@@ -1,5 +1,8 @@
 """Made-up pasts of sampled agents beside recorded ones: seen, smooth, free, on the road.
 
+Lateral acceleration is speed by yaw rate, or that of the velocities, whichever is more;
+recorded tracks are noisy, so theirs is not shown.
+
 Scenes of PD_EDITOR_AV2's ``train`` and ``val``; all road users resampled, and as many as
 fit. ``--out`` keeps the scenes for other programs, such as a classifier of each step.
 """
@@ -27,6 +30,7 @@ COLUMNS = (
     "overlap somebody in the past, %",
     "vehicles that move: past off the road, %",
     "jump of acceleration, p99, m/s2",
+    "drivers above 4; 6; 9 m/s2 sideways in the past, %; most, m/s2",
 )
 
 
@@ -62,12 +66,28 @@ def figures(scenario: Scenario, rows: np.ndarray) -> list[np.ndarray]:
         np.isin(rows, pairs),
         off[agents.is_valid[drives, :now]],
         jump[known] / scenario.time_axis.step_s,
+        sideways_mps2(scenario, rows[agents.kind_mask(LANE_FOLLOWER_KINDS)[rows]]),
     ]
+
+
+def sideways_mps2(scenario: Scenario, rows: np.ndarray) -> np.ndarray:
+    """Largest lateral acceleration of each agent at ``rows`` before t = 0."""
+    agents, now = scenario.agents, scenario.current_step
+    valid = agents.is_valid[rows, : now + 1]
+    velocity = agents.velocity_mps[rows, : now + 1]
+    heading = np.unwrap(agents.heading_rad[rows, : now + 1], axis=1)
+    middle = (velocity[:, 1:] + velocity[:, :-1]) / 2
+    gained = np.diff(velocity, axis=1) / scenario.time_axis.step_s
+    speed = np.hypot(middle[..., 0], middle[..., 1])
+    cross = middle[..., 0] * gained[..., 1] - middle[..., 1] * gained[..., 0]
+    turned = speed * np.diff(heading, axis=1) / scenario.time_axis.step_s
+    most = np.maximum(np.abs(cross) / np.maximum(speed, 0.3), np.abs(turned))
+    return np.max(most * (valid[:, 1:] & valid[:, :-1]), axis=1, initial=0.0)
 
 
 def line(name: str, found: list[list[np.ndarray]]) -> str:
     """One row of the table."""
-    seen, whole, overlap, off, jump = (
+    seen, whole, overlap, off, jump, sideways = (
         np.concatenate(one) for one in zip(*found, strict=True)
     )
     shares = [100 * one.mean() for one in (seen, whole, overlap, off)]
@@ -76,6 +96,11 @@ def line(name: str, found: list[list[np.ndarray]]) -> str:
         *(f"{one:.1f}" for one in shares),
         f"{np.quantile(jump, 0.99):.2f}",
     ]
+    if name != "recorded":
+        above = "; ".join(f"{100 * (sideways > one).mean():.1f}" for one in (4, 6, 9))
+        cells.append(f"{above}; {sideways.max():.1f}")
+    else:
+        cells.append("")
     return f"| {name} | {' | '.join(cells)} |"
 
 

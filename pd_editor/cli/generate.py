@@ -284,6 +284,7 @@ def generate(
             *(guidance.lines() if guidance.reports else ()),
             *kept_remarks(base, wanted, driven),
             *traffic.notes,
+            *(note for index in written for note in commands[index].notes),
         ),
     )
 

@@ -11,6 +11,7 @@ from pd_editor.analysis.findings.finding import Finding
 from pd_editor.analysis.findings.friction import friction_problems
 from pd_editor.analysis.findings.motion import (
     against_traffic,
+    made_up_motion,
     motion_findings,
     without_past,
 )
@@ -53,7 +54,7 @@ def scene_findings(
 ) -> tuple[Finding, ...]:
     """Find all that is noticed from the current step on, in the order of time.
 
-    Without the future only the current step and the road are checked.
+    Before it, made-up motion is. Without the future only the rest is checked.
     """
     now = scenario.current_step
     end = scenario.time_axis.num_steps if with_future else now + 1
@@ -63,6 +64,7 @@ def scene_findings(
         *collisions(scenario, steps),
         *road_departures(scenario, steps),
         *without_past(scenario),
+        *made_up_motion(scenario),
     ]
     if with_future:
         view = recorded_traffic(scenario)

@@ -12,10 +12,12 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
 
+PastKind = Literal["harsh-past", "impossible-past"]
 NowKind = Literal["collision", "off-road", "sharp-road", "folded-road", "no-past"]
-"""Kinds of findings at the current step; the others are at later steps."""
+"""Kinds of findings at the current step; the others, but past ones, are at later steps."""
 FindingKind = (
-    NowKind
+    PastKind
+    | NowKind
     | Literal[
         "later-collision",
         "later-off-road",
@@ -39,12 +41,14 @@ Severity = Literal["problem", "notice", "remark", "property"]
 should know of; and what is only told beside a metric."""
 Source = Literal["recorded", "edited", "model", "guidance"]
 SEVERITIES: Final[Mapping[str, Severity]] = {
-    **dict.fromkeys(("near-pass", "short-time", "harsh-motion"), "notice"),
+    **dict.fromkeys(
+        ("near-pass", "short-time", "harsh-motion", "harsh-past"), "notice"
+    ),
     **dict.fromkeys(("beyond-map", "no-past"), "remark"),
     **dict.fromkeys(("far-from-lane", "standing", "fastest", "longest"), "property"),
 }
 """Severities of kinds; the others are problems."""
-_NOW_KINDS: Final = frozenset(get_args(NowKind))
+_NOW_KINDS: Final = frozenset((*get_args(NowKind), *get_args(PastKind)))
 _LESS_IS_WORSE: Final = frozenset(
     {"sharp-road", "folded-road", "near-pass", "short-time"}
 )
@@ -130,7 +134,7 @@ class Finding:
 
     @property
     def is_now(self) -> bool:
-        """Whether the finding is at the current step."""
+        """Whether the finding is at the current step, or before."""
         return self.kind in _NOW_KINDS
 
     def num_steps(self) -> int:

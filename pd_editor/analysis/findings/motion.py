@@ -1,9 +1,10 @@
 """Findings on how agents move: harsh or impossible motion, against traffic, no past."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, finding_of_agent
 from pd_editor.analysis.metrics.motion.kinematics import (
@@ -19,17 +20,48 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     kinematics,
 )
 from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
-from pd_editor.analysis.metrics.traffic_view import TrafficView
+from pd_editor.analysis.metrics.traffic_view import (
+    TrafficView,
+    traffic_with_made_up_past,
+)
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.scenario import Scenario
 
 LEAST_AGAINST_S: Final = 1.0
 """Shorter times against a lane count as a way across it, or as noise of headings."""
 
+MADE_UP_WINDOW_STEPS: Final = 11
+"""Made-up motion has no noise, and longer fits would hide a sharp turn."""
+
 
 def motion_findings(view: TrafficView) -> list[Finding]:
     """Find agents whose motion is harsh, or no vehicle's; at the worst of their steps."""
-    motion = kinematics(view)
+    now = np.full(len(view), view.scenario.current_step)
+    kinds: tuple[FindingKind, FindingKind] = ("harsh-motion", "impossible-motion")
+    return _too_hard(view, kinematics(view), now, kinds)
+
+
+def made_up_motion(scenario: Scenario) -> list[Finding]:
+    """Find agents whose made-up past is harsh, or no vehicle's."""
+    view, first = traffic_with_made_up_past(scenario)
+    motion = kinematics(view, MADE_UP_WINDOW_STEPS)
+    steps = first[:, None] + np.arange(view.num_steps)
+    motion = replace(
+        motion,
+        is_valid=motion.is_valid & (steps < scenario.current_step),
+        # The limit of jerk is one of longer fits.
+        jerk_mps3=np.zeros_like(motion.jerk_mps3),
+    )
+    return _too_hard(view, motion, first, ("harsh-past", "impossible-past"))
+
+
+def _too_hard(
+    view: TrafficView,
+    motion: Kinematics,
+    first: Int[np.ndarray, "A"],
+    kinds: tuple[FindingKind, FindingKind],
+) -> list[Finding]:
+    """Agents beyond comfort and beyond physics; their rows start at steps ``first``."""
     forward, lateral = motion.longitudinal_mps2, motion.lateral_mps2
     yaw, total = np.abs(motion.yaw_rate_radps), np.hypot(forward, lateral)
     turns = motion.speed_mps > TURNING_MPS
@@ -50,21 +82,22 @@ def motion_findings(view: TrafficView) -> list[Finding]:
         (bend, MAX_CURVATURE_PER_M, "curvature of {:.2f} per metre"),
     )
     return [
-        *_beyond_limits(view, motion, "harsh-motion", comfort),
-        *_beyond_limits(view, motion, "impossible-motion", physics),
+        *_beyond_limits(view, motion, first, kinds[0], comfort),
+        *_beyond_limits(view, motion, first, kinds[1], physics),
     ]
 
 
 def _beyond_limits(
     view: TrafficView,
     motion: Kinematics,
+    first: Int[np.ndarray, "A"],
     kind: FindingKind,
     measures: tuple[tuple[Float[np.ndarray, "A H"], float, str], ...],
 ) -> list[Finding]:
     """Agents that exceed one of several limits, told by the measure that is worst."""
     ratios = np.stack([value / limit for value, limit, _ in measures])
     over = motion.is_valid & (ratios.max(axis=0) > 1.0)
-    now, found = view.scenario.current_step, []
+    found = []
     for row, scene_row in _rows(view, over):
         at = np.flatnonzero(over[row])
         worst = at[ratios[:, row, at].max(axis=0).argmax()]
@@ -75,10 +108,10 @@ def _beyond_limits(
                 view.scenario,
                 kind,
                 scene_row,
-                at + now,
+                at + first[row],
                 value=abs(float(value[row, worst])),
                 limit=abs(limit),
-                worst=int(worst) + now,
+                worst=int(worst + first[row]),
                 words=f" {words}",
                 message=f"moves harder than {_THAN[kind]}: {words}.",
             )
@@ -86,7 +119,12 @@ def _beyond_limits(
     return found
 
 
-_THAN: Final = {"harsh-motion": "is comfortable", "impossible-motion": "a vehicle can"}
+_THAN: Final = {
+    "harsh-motion": "is comfortable",
+    "impossible-motion": "a vehicle can",
+    "harsh-past": "is comfortable, before t = 0",
+    "impossible-past": "a vehicle can, before t = 0",
+}
 
 
 def against_traffic(view: TrafficView) -> list[Finding]:

@@ -107,6 +107,26 @@ def generated_traffic(scenario: Scenario, sample: TrafficSample) -> TrafficView:
     )
 
 
+def traffic_with_made_up_past(
+    scenario: Scenario,
+) -> tuple[TrafficView, Int[np.ndarray, "A"]]:
+    """Road users whose past is made up, each from the step on at which it enters.
+
+    Returns:
+        the view, whose rows start at different steps, and those steps.
+    """
+    rows, count = _road_users(scenario), scenario.time_axis.num_steps
+    rows = rows[scenario.agents.has_made_up_past[rows]]
+    first = scenario.agents.is_valid[rows].argmax(axis=1)
+    # After the end of the track come the steps before the agent entered.
+    at = np.arange(len(rows))[:, None], (first[:, None] + np.arange(count)) % count
+    states = _states(scenario, rows, count, since=0)
+    states = replace(states, **{name: getattr(states, name)[at] for name in _STEPPED})
+    none = _states(scenario, rows[:0], count)
+    view = TrafficView(scenario=scenario, agents=states, context=none, logged=states)
+    return view, first
+
+
 def whole_traffic(scenario: Scenario, sample: TrafficSample) -> AgentStates:
     """All agents at all steps, with a sample in the place of what is recorded of it.
 

@@ -32,12 +32,7 @@ from pd_editor.scene.geometry.angles import (
 from pd_editor.scene.geometry.oriented_box import BoxStates
 from pd_editor.scene.geometry.path_pieces import bounds_m, rectangles_meet
 from pd_editor.scene.paths.candidate_grid import PlannedPaths, Role, Start, plan_paths
-from pd_editor.scene.paths.driving_paths import (
-    SPACING_M,
-    free_paths,
-    joined_paths,
-    velocity_of,
-)
+from pd_editor.scene.paths.driving_paths import SPACING_M, velocity_of
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.traffic_sample import MadeUpPast
@@ -139,11 +134,11 @@ class _SpeedPlans:
         normal = random.standard_normal(len(start.kinds)).clip(-2.5, 2.5)
         arrives = random.random(len(start.kinds)) < ARRIVED_SHARE
         paths: list[list[int]] = [[] for _ in start.kinds]
-        wanted = ~np.isin(plans.role, (Role.SHIFT, Role.ARC))
-        for path in np.flatnonzero(wanted).tolist():
+        wanted = (Role.MAIN, Role.BRANCH, Role.CHANGE, Role.STRAIGHT, Role.OFF_LANE)
+        for path in np.flatnonzero(np.isin(plans.role, wanted)).tolist():
             paths[plans.agent[path]].append(path)
         found: list[tuple[int, float, float, float]] = []
-        for agent, (kind, (main, *branches, straight)) in enumerate(
+        for agent, (kind, (main, *branches)) in enumerate(
             zip(start.kinds, paths, strict=True)
         ):
             drives = kind in LANE_FOLLOWER_KINDS
@@ -161,10 +156,10 @@ class _SpeedPlans:
                 found += [(main, drawn + one, np.inf, 1.0) for one in _OTHERS_MPS2]
                 found += [
                     (path, drawn + one, np.inf, 1.0)
-                    for path in branches[:_MOST_BRANCHES]
+                    # The last one goes straight.
+                    for path in (*branches[:-1][:_MOST_BRANCHES], *branches[-1:])
                     for one in _BRANCHES_MPS2
                 ]
-                found.append((straight, drawn, np.inf, 1.0))
         table = np.array(found).reshape(-1, 4)
         return cls(
             path=table[:, 0].astype(int),
@@ -197,9 +192,8 @@ class _SpeedPlans:
             new = np.where(stands, np.maximum(came, stood), drives)
             cell = np.minimum(reached[step - 1] / SPACING_M, last).astype(int)
             most = np.minimum(limits[self.path, cell], _FASTEST_MPS)
-            new = np.minimum(
-                new, np.maximum(most, speed - COMFORT_ACCELERATION_MPS2 * step_s)
-            )
+            least = speed - COMFORT_ACCELERATION_MPS2 * step_s
+            new = np.minimum(new, np.maximum(most, least))
             new = np.maximum(new, 0.0)
             reached[step] = reached[step - 1] + (speed + new) / 2 * step_s
             speed = new
@@ -231,9 +225,8 @@ class _Plans:
             heading_rad=wrap_angle(start.heading_rad + np.pi),
             velocity_mps=-start.velocity_mps,
         )
-        paths = _with_straight(
-            plan_paths(scenario.road_map.reversed, back, count * axis.step_s), back
-        )
+        duration, road = count * axis.step_s, scenario.road_map.reversed
+        paths = plan_paths(road, back, duration, drivers_go_straight=True)
         is_parked = agents.activity[rows] == Activity.PARKED
         plans = _SpeedPlans.of(paths, start, is_parked, random)
         agent = paths.agent[plans.path]
@@ -258,7 +251,8 @@ class _Plans:
         )
         back = velocity_of(position, -velocity, axis.step_s)
         possible = _possible_steps(back, heading, joined, axis.step_s)
-        straight = plans.path >= len(paths.agent) - len(rows)
+        straight = paths.role[plans.path] == Role.OFF_LANE
+        straight &= np.isin(agent, paths.choice.agent)
         most = round(_STRAIGHT_S / axis.step_s)
         possible[straight] = np.minimum(possible[straight], most)
         drives = agents.kind_mask(LANE_FOLLOWER_KINDS)[rows][agent]
@@ -281,34 +275,13 @@ class _Plans:
         )
 
 
-def _with_straight(plans: PlannedPaths, back: Start) -> PlannedPaths:
-    """Paths, and at the end one of each agent that goes straight back."""
-    count, num_points = len(back.kinds), plans.paths.x_m.shape[1]
-    straight = free_paths(
-        back.position_m, back.heading_rad, back.heading_rad, np.zeros(count), num_points
-    )
-    every = np.arange(count)
-    return replace(
-        plans,
-        paths=joined_paths(plans.paths, straight),
-        agent=np.concatenate([plans.agent, every]),
-        role=np.concatenate([plans.role, np.full(count, Role.STRAIGHT)]),
-        shift_m=np.concatenate([plans.shift_m, np.zeros(count)]),
-        route=np.concatenate([plans.route, np.full(count, -1)]),
-    )
-
-
 def _driven(
     plans: PlannedPaths,
     path: Int[np.ndarray, "C"],
     reached_m: Float[np.ndarray, "C P_plus_1"],
     start: Start,
 ) -> tuple[Float[np.ndarray, "C P_plus_1 2"], Float[np.ndarray, "C P_plus_1"]]:
-    """Positions and headings along paths.
-
-    Positions follow from headings, which bend smoothly, so that velocities do not leap
-    at the points of a path.
-    """
+    """Headings along paths, and positions that follow from them, without leaps of speed."""
     paths = plans.paths
     _, heading = paths.pose_at(path, reached_m)
     # Without a route an agent may move sideways or backwards.

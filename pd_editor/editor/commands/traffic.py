@@ -141,6 +141,17 @@ class ReplaceTraffic(Command):
         how = ", unguided" if asked.is_unguided else ""
         return f"{done}{which} ({self.generator}, seed {self.seed}{how})"
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remark for the user on agents whose past is short."""
+        if self.past is None or self.past.exists.all():
+            return ()
+        late = int((~self.past.exists.all(axis=1)).sum())
+        enter = f"agents enter{'s' if late == 1 else ''}"
+        return (
+            f"{late} of {len(self.past.ids)} {enter} after the recording's first step: no free past.",
+        )
+
     def apply(self, scenario: Scenario) -> Scenario:
         """Scenario with the generated traffic."""
         sample, axis = self.sample, scenario.time_axis

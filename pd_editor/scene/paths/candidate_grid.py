@@ -157,8 +157,14 @@ class PlannedPaths:
         return beyond
 
 
-def plan_paths(road_map: RoadMap, start: Start, duration_s: float) -> PlannedPaths:
-    """Paths along routes; agents without a route get free paths."""
+def plan_paths(
+    road_map: RoadMap,
+    start: Start,
+    duration_s: float,
+    *,
+    drivers_go_straight: bool = False,
+) -> PlannedPaths:
+    """Paths along routes; agents without a route, or all drivers, get free paths."""
     gained = MAX_ACCELERATION_MPS2 * duration_s**2 / 2
     longest = MAX_SPEED_MPS * duration_s
     needed = np.minimum(start.speed_mps * duration_s + gained, longest)
@@ -176,7 +182,7 @@ def plan_paths(road_map: RoadMap, start: Start, duration_s: float) -> PlannedPat
         offset,
         num_points,
     )
-    agent, free_role, curvature = _free_grid(start, choice)
+    agent, free_role, curvature = _free_grid(start, choice, drivers_go_straight)
     moving = start.speed_mps > MOVING_MPS
     direction = np.where(moving, heading_of(start.velocity_mps), start.heading_rad)
     free = free_paths(
@@ -225,7 +231,7 @@ def _lateral_grid(
 
 
 def _free_grid(
-    start: Start, choice: RouteChoice
+    start: Start, choice: RouteChoice, drivers_go_straight: bool
 ) -> tuple[Int[np.ndarray, "P"], Int[np.ndarray, "P"], Float[np.ndarray, "P"]]:
     """Agent, role and curvature of each path without a route.
 
@@ -237,7 +243,7 @@ def _free_grid(
     drives = np.array([kind in LANE_FOLLOWER_KINDS for kind in start.kinds], bool)
     without = ~np.isin(np.arange(count), choice.agent)
     backwards = drives & (forward < -MOVING_MPS)
-    straight = np.flatnonzero(without | backwards)
+    straight = np.flatnonzero(without | backwards | (drives & drivers_go_straight))
     turning = np.flatnonzero(without & drives & ~backwards)
     num_arcs = len(ARC_CURVATURES_1PM)
     role = np.where((drives & ~backwards)[straight], Role.OFF_LANE, Role.STRAIGHT)

@@ -38,6 +38,8 @@ _ICON: Final[dict[FindingKind, str]] = {
     "near-pass": "collision",
     "short-time": "collision",
     "harsh-motion": "speed",
+    "harsh-past": "speed",
+    "impossible-past": "speed",
     "beyond-map": "beyond",
     "no-past": "past",
 }

@@ -305,7 +305,7 @@ def summary(scenario: Scenario, rows: Int[np.ndarray, "G"]) -> tuple[str, ...]:
     is_valid = agents.is_valid[row]
     if not is_valid[step]:
         marks.append("comes later" if is_valid[step:].any() else "has left by t = 0")
-    marks.append(_time_seen(is_valid, scenario.time_axis.step_s))
+    marks.append(_time_there(is_valid, scenario.time_axis.step_s))
     text = ", ".join(marks)
     return f"{agents.kinds[row].in_words} {agents.ids[row]}", (
         text[:1].upper() + text[1:]
@@ -325,11 +325,11 @@ def stale_in_words(
     return (f"{count} {verb}: regenerate (R).",)
 
 
-def _time_seen(is_valid: Bool[np.ndarray, "T"], step_s: float) -> str:
+def _time_there(is_valid: Bool[np.ndarray, "T"], step_s: float) -> str:
     whole = f"{len(is_valid) * step_s:.3g} s"
     if is_valid.all():
-        return f"seen the whole {whole}"
-    return f"seen {is_valid.sum() * step_s:.3g} of {whole}"
+        return f"exists the whole {whole}"
+    return f"exists {is_valid.sum() * step_s:.3g} of {whole}"
 
 
 def counted(kind: AgentKind, count: int) -> str:

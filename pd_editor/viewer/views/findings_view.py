@@ -81,10 +81,11 @@ def finding_primitives(
     mild = np.array([not one.is_problem for one, _, _, _ in spans])
     # A step more at both ends: an instant is a short piece of the trajectory as well.
     first, last = np.array([(first - 1, last + 1) for _, _, first, last in spans]).T
-    steps = np.arange(now, agents.num_steps)
+    begin = min(now, *(one.first_step for one, _ in known))
+    steps = np.arange(begin, agents.num_steps)
     is_in = (steps >= first[:, None]) & (steps <= last[:, None])
-    is_in &= agents.is_valid[rows, now:]
-    points = agents.position_m[rows, now:]
+    is_in &= agents.is_valid[rows, begin:]
+    points = agents.position_m[rows, begin:]
     width = agents.size_m[rows, 1] + MARGIN_M
     striped, is_stripe = dotted(points[mild], is_in[mild])
     color = shown_exactly(palette.warning)

@@ -103,3 +103,40 @@ def test_an_agent_without_a_past_is_told_but_is_no_problem():
     assert found.severity == "remark"
     assert not found.is_fault
     assert scene_problems(scenario) == ()
+
+
+def turning_before_now(first: int, *, is_made_up: bool) -> Scenario:
+    """A driver that turned left by a right angle within 4 m, 0.6 s before t = 0."""
+    agents = straight_drivers([(0.0, 0.0, 0.0, 8.0)])
+    now = agents.num_steps - 61
+    steps = np.arange(agents.num_steps)
+    heading = np.interp(steps, [now - 8, now - 3], [-np.pi / 2, 0.0])
+    velocity = 8.0 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    position = np.cumsum(0.1 * velocity, axis=0)
+    agents = dataclasses.replace(
+        agents,
+        position_m=(position - position[now])[None],
+        heading_rad=heading[None],
+        velocity_mps=velocity[None],
+        is_valid=(steps >= first)[None],
+        has_made_up_past=np.array([is_made_up]),
+    )
+    scenario = scenario_with(agents)
+    assert scenario.current_step == now
+    return scenario
+
+
+@pytest.mark.parametrize("first", [0, 41])
+def test_a_made_up_past_that_turns_as_no_vehicle_can_is_a_problem(first):
+    """Of an agent that enters within the second as well; recorded noise is no finding."""
+    scenario = turning_before_now(first, is_made_up=True)
+    found = {one.kind: one for one in scene_findings(scenario)}
+    worst = found["impossible-past"]
+    assert worst.is_problem
+    assert first <= worst.first_step <= worst.worst_step < scenario.current_step
+    assert 9.81 < worst.value < 40
+    assert "before t = 0" in worst.message
+    assert worst in scene_findings(scenario, with_future=False)
+    assert found["harsh-past"].severity == "notice"
+    recorded = turning_before_now(first, is_made_up=False)
+    assert not any("past" in one.kind for one in scene_findings(recorded))

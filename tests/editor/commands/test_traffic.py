@@ -31,6 +31,7 @@ from pd_editor.scene.generation import (
     run_to_end,
 )
 from pd_editor.scene.roles.traffic_choice import road_user_ids
+from pd_editor.scene.traffic_sample import MadeUpPast
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
 from tests.editor.fake_generators import DriftGenerator, PlacingGenerator
 
@@ -367,3 +368,23 @@ def test_a_sample_with_too_few_activities_is_refused():
             generator="test",
             request=RequestSummary(agent_ids=REQUEST.agent_ids),
         )
+
+
+@pytest.mark.parametrize(
+    ("steps", "told"),
+    [
+        ((2, 2), ()),
+        ((2, 1), ("1 of 2 agents enters after the recording's first step",)),
+        ((0, 1), ("2 of 2 agents enter after the recording's first step",)),
+    ],
+)
+def test_agents_that_enter_late_are_told(steps, told):
+    past = MadeUpPast(
+        ids=("104", "100"),
+        num_steps=steps,
+        position_m=np.zeros((2, 2, 2), np.float32),
+        heading_rad=np.zeros((2, 2), np.float32),
+        velocity_mps=np.zeros((2, 2, 2), np.float32),
+    )
+    command = replace(traffic_command(REQUEST, traffic()), past=past)
+    assert command.notes == tuple(f"{one}: no free past." for one in told)

@@ -126,7 +126,7 @@ def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
     select(tab, scenario.focal_id)
     button = panel._actions["Make focal"]
     assert (button.disabled, button.label) == (True, "Is the focal agent")
-    assert "Focal agent, seen the whole 11 s" in panel._summary.text
+    assert "Focal agent, exists the whole 11 s" in panel._summary.text
     other = next(name for name in scenario.agents.ids if name != scenario.focal_id)
     select(tab, other)
     assert (button.disabled, button.label) == (False, "Make focal")

@@ -42,7 +42,7 @@ TURNING_MPS: Final = 2.0
 class Kinematics:
     """Derivatives of A evaluated agents' paths at H steps, the current one first.
 
-    A step is valid if the agent exists throughout the two seconds of its fit.
+    A step is valid if the agent exists throughout its fit.
     """
 
     is_valid: Bool[np.ndarray, "A H"]
@@ -93,11 +93,11 @@ class Kinematics:
         return result
 
 
-def kinematics(view: TrafficView) -> Kinematics:
-    """Derivatives of the evaluated agents' paths."""
+def kinematics(view: TrafficView, window: int = WINDOW_STEPS) -> Kinematics:
+    """Derivatives of the evaluated agents' paths, from fits over ``window`` steps."""
     agents = view.agents
     num_steps, degree = view.num_steps, DEGREE
-    window = min(WINDOW_STEPS, num_steps)
+    window = min(window, num_steps)
     if window <= degree:
         nothing = np.zeros(agents.is_valid.shape)
         return Kinematics(

@@ -332,15 +332,14 @@ class GenerationRun:
     ) -> None:
         """Apply a sample, and report on it."""
         removed_ids = task.removed_ids
-        self._ui.apply(
-            traffic_command(
-                task.request,
-                traffic,
-                index,
-                removed_ids=removed_ids,
-                edited=self._ui.session.scenario,
-            )
+        command = traffic_command(
+            task.request,
+            traffic,
+            index,
+            removed_ids=removed_ids,
+            edited=self._ui.session.scenario,
         )
+        self._ui.apply(command)
         self._ui.workspace.guided_runs.keep(
             self._ui.session.scenario.agents,
             GuidedRun(
@@ -353,7 +352,7 @@ class GenerationRun:
         count = len(traffic.samples[index].ids)
         self._say(
             f"{count} agent{'s' if count != 1 else ''} in {self._took_s:.1f} s, seed"
-            f" {task.request.seed}. {' '.join(traffic.notes)}"
+            f" {task.request.seed}. {' '.join((*traffic.notes, *command.notes))}"
         )
 
     def _offer_samples(self, before: Scenario, done: tuple[Command, ...]) -> None:
