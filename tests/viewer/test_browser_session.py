@@ -225,7 +225,7 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
     assert len(labels(tab)) == 2
     assert not panel._result._take.disabled
     # (D12) It does not fit the new state, so using it goes back to its own.
-    assert panel.run_state.action == "Go back, use result"
+    assert panel.run_state.action == "Go to its state, use result"
     tab.run(panel.use_result)
     assert [label.split(" (")[0] for label in labels(tab)] == [
         "Regenerate 2 agents",

@@ -20,6 +20,7 @@ HALF_HEIGHT_M: Final = 36.0
 LEAST_SIZE_M: Final = 1.6
 """Least rendered size; smaller agents would be a fraction of a pixel."""
 _SIMPLER_M: Final = 0.3
+_ROADSIDE_M: Final = 10.0
 _HELD_QUANTILES: Final = (0.01, 0.99)
 _MOST_SCALE: Final = 3.0
 _WIDE_LINE_M: Final = 1.5
@@ -49,18 +50,30 @@ class PictureFrame:
     def around_agents(
         cls, shown: Sequence[tuple[Scenario, Sequence[str]]]
     ) -> "PictureFrame":
-        """A frame that holds nearly all of some agents of each scenario, at t = 0."""
+        """A frame of the mapped road with nearly all of some agents on it, at t = 0."""
         scenario, _ = shown[0]
+        ground = drivable_ground(scenario.road_map)
         now, places = scenario.current_step, [_middle(scenario)[None]]
         for one, agent_ids in shown:
             rows = one.agents.rows(agent_ids)
             places.append(
                 one.agents.position_m[rows[one.agents.is_valid[rows, now]], now]
             )
-        low, high = np.quantile(np.concatenate(places), _HELD_QUANTILES, axis=0)
-        wanted = (high - low) / 2 / [HALF_WIDTH_M, HALF_HEIGHT_M]
+        place = np.concatenate(places)
+        on_road = shapely.dwithin(ground, shapely.points(place), _ROADSIDE_M)
+        place = place[on_road] if on_road.any() else place
+        low, high = np.quantile(place, _HELD_QUANTILES, axis=0)
+        half_m = np.array([HALF_WIDTH_M, HALF_HEIGHT_M])
+        wanted = (high - low) / 2 / half_m
         scale = float(np.clip(wanted.max() * 1.1, 1.0, _MOST_SCALE))
-        x, y = ((low + high) / 2).tolist()
+        middle = (low + high) / 2
+        if on_road.any():
+            # Beside the map there is nothing to see.
+            first, last = np.reshape(shapely.bounds(ground), (2, 2))
+            spare = np.maximum((last - first) / 2 + _ROADSIDE_M - scale * half_m, 0.0)
+            centre = (first + last) / 2
+            middle = np.clip(middle, centre - spare, centre + spare)
+        x, y = middle.tolist()
         return cls(middle_m=(x, y), scale=scale)
 
 

@@ -70,13 +70,15 @@ class AgentPanel:
         )
         self._summary = FixedText(gui, 3)
         self._kind = gui.add_dropdown("Kind", KINDS)
-        self._speed = gui.add_number("Speed (m/s)", 0.0, min=0.0, max=60.0, step=0.1)
+        self._speed = gui.add_number("Speed (m/s)", 0.0, step=0.1)
         self._activity = gui.add_dropdown(
             "Activity",
             tuple(ACTIVITIES),
             hint="Read by the model: fewer parked agents start",
         )
-        self._heading = gui.add_number("Heading (deg)", 0.0, step=1.0)
+        self._heading = gui.add_number(
+            "Heading (deg)", 0.0, step=1.0, hint="Shown within half a turn: 400 is 40"
+        )
         self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
         self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
         self._heading.precision = 1
@@ -249,6 +251,8 @@ class AgentPanel:
             )
 
     def _set_speed(self, speed: float) -> None:
+        if speed < 0:
+            raise EditError(f"No agent drives at {speed:g} m/s; expected 0 or more.")
         self._preview(SetAgentSpeed, "speed", speed_mps=float(speed))
 
     def _set_heading(self, degrees: float) -> None:

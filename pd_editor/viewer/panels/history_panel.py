@@ -88,6 +88,8 @@ class HistoryPanel:
         title = f"{_edits(position)} in force" + (
             f", {undone} undone" if undone else ""
         )
+        if count < ROWS:
+            return title, ""
         newest = count - self._page * ROWS
         oldest = max(newest - ROWS + 1, 1)
         if newest == 0:

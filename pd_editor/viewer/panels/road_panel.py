@@ -300,7 +300,7 @@ class RoadPanel:
         speed = summary.speed_limit_mps
         self._readout.show(
             "",
-            f"Smallest radius {summary.min_radius_m:.1f} m"
+            f"Smallest radius of the bend alone {summary.min_radius_m:.1f} m"
             f" (curvature {summary.max_curvature_per_m:.3f} /m)",
             f"Friction-limited speed {speed:.1f} m/s ({speed * 3.6:.0f} km/h)"
             f" at friction {mu:.2f}",
@@ -480,16 +480,20 @@ class RoadPanel:
             first = next(iter(_choices(scenario, ())[0]))
             set_value(self._anchor, first)
             self._anchor_taken = first
-        if applied is None or applied.warp.anchor == self._own_pose:
+        if applied is None:
             return
-        self._own_pose = applied.warp.anchor
+        shown, anchor = self._anchor.value, applied.warp.anchor
         choice: Anchor = POINT
-        named: tuple[tuple[Anchor, str], ...] = ((FOCAL, "focal"), (EGO, "ego"))
-        for title, name in named:
+        named: tuple[tuple[Anchor, str], ...] = ((EGO, "ego"), (FOCAL, "focal"))
+        for title, name in sorted(named, key=lambda one: one[0] == shown):
             with contextlib.suppress(EditError):
-                if pose_of_anchor(scenario, name) == self._own_pose:
+                if pose_of_anchor(scenario, name) == anchor:
                     choice = title
-                    break
+        # An agent that was moved leaves the anchor behind.
+        is_left = shown in (FOCAL, EGO) and choice != shown
+        if anchor == self._own_pose and not is_left:
+            return
+        self._own_pose = anchor
         self._offer((*self._anchor.options, choice))
         set_value(self._anchor, choice)
         self._anchor_taken = choice

@@ -152,6 +152,11 @@ class ScenarioPanel:
         if not path:
             raise InputError("Type the path of a scenario folder first.")
         folder = self._workspace.folders.named(path)
+        if any(folder.glob("*/*.parquet")) or any(folder.glob("*/*/*.parquet")):
+            raise InputError(
+                f"{folder} holds scenario folders: type one of them, or start the editor "
+                "with --data and this folder to get their list."
+            )
         self._ui.commit_gesture()
         self._workspace.open_reference(str(folder))
 

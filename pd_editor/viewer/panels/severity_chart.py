@@ -14,8 +14,19 @@ _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 330, 170, 34, 8, 18
 _TICKS: Final = (-9, -6, -3, 0, 3, 6, 9)
 
 
-def severity_svg(curves: Sequence[SeverityCurve], name: str, title: str) -> str:
-    """Curves of one metric with bands of their 95 % intervals over scenes."""
+def severity_svg(
+    curves: Sequence[SeverityCurve], methods: Sequence[str], name: str, title: str
+) -> str:
+    """Curves of one metric with bands of their 95 % intervals over scenes.
+
+    A method has its colour by its place among ``methods``, whichever curves there are.
+    """
+    colored = [
+        (curve, color)
+        for method, color in zip(methods, _COLORS, strict=False)
+        for curve in curves
+        if curve.method == method
+    ]
     scale = 100.0 if "%" in title else 1.0
     known = [
         scale * float(np.nanmax(values, initial=0.0))
@@ -24,7 +35,7 @@ def severity_svg(curves: Sequence[SeverityCurve], name: str, title: str) -> str:
     ]
     most = _rounded_up(max(known, default=0.0) or 1.0)
     parts = [_axes(most)]
-    for curve, color in zip(curves, _COLORS, strict=False):
+    for curve, color in colored:
         found = curve.estimates[name]
         low, high = (
             np.where(np.isfinite(bound), bound, found.value)
@@ -43,7 +54,7 @@ def severity_svg(curves: Sequence[SeverityCurve], name: str, title: str) -> str:
     legend = "&ensp;".join(
         f'<span style="color:{color};font-weight:700">\u2014</span> '
         f"{html.escape(curve.method)}"
-        for curve, color in zip(curves, _COLORS, strict=False)
+        for curve, color in colored
     )
     return (
         '<div style="margin:0 0.75em 0.6em;font-size:12px">'

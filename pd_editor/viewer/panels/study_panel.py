@@ -159,7 +159,7 @@ class StudyPanel:
             self._kind: viser.GuiDropdownHandle[str] = gui.add_dropdown(
                 "Warp", ROADS, hint="; ".join(map(_title, WARP_KINDS))
             )
-            self._chart = gui.add_html(severity_svg((), *SHOWN[0]))
+            self._chart = gui.add_html(severity_svg((), (), *SHOWN[0]))
         with gui.add_folder("Results"):
             self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
                 "Worst scenes", _NO_SCENE
@@ -333,7 +333,8 @@ class StudyPanel:
         title = str(self._metric.value)
         self._offer_roads()
         curves = [one for one in self._study.curves if one.road == self._kind.value]
-        set_property(self._chart, "content", severity_svg(curves, names[title], title))
+        svg = severity_svg(curves, self._study.methods, names[title], title)
+        set_property(self._chart, "content", svg)
 
     def _offer_roads(self) -> None:
         """Offer the roads that have curves; the chosen one stays if it has one.

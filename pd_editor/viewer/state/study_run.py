@@ -28,6 +28,8 @@ class StudyRun:
         self.settings: dict[str, Any] = {}
         """Values of the page's fields that the user has changed, by name."""
         self.curves: tuple[SeverityCurve, ...] = ()
+        self.methods: tuple[str, ...] = ()
+        """Names of the methods in the order asked for."""
         self.fraction = 0.0
         """Finished share of the work."""
         self.words: tuple[str, ...] = ()
@@ -39,7 +41,7 @@ class StudyRun:
         self._error: PdEditorError | None = None
         self._job: StudyJob | None = None
         self._curves_at = self._began = 0.0
-        self._variants_per_item = 1.0
+        self._variants_per_item = self._grid_share = 1.0
 
     @property
     def is_running(self) -> bool:
@@ -57,6 +59,9 @@ class StudyRun:
         assert self._job is None, "one study at a time"
         self.curves, self.study, self.fraction = (), None, 0.0
         self._began = time.monotonic()
+        self.methods = tuple(method.name for method in plan.methods)
+        num_conditions = len(plan.conditions)
+        self._grid_share = num_conditions / (num_conditions + extras.search.num_trials)
         per_scene = plan.num_variants(1)
         self._variants_per_item = per_scene / len(study_items(plan, found.scenes[:1]))
         count = len(found.scenes)
@@ -89,8 +94,9 @@ class StudyRun:
         job = self._job
         if job is None:
             return
-        self.fraction = progress.fraction
-        is_grid = progress.noun == WORK_ITEMS
+        is_grid, share = progress.noun == WORK_ITEMS, self._grid_share
+        start, end = (0.0, share) if is_grid else (share, 1.0)
+        self.fraction = start + (end - start) * progress.fraction
         text = progress.in_words(self._variants_per_item if is_grid else 0.0)
         self.words = (f"{text}.",)
         now = time.monotonic()

@@ -39,6 +39,16 @@ def test_the_pictures_hold_the_agents_of_all_samples_and_the_focal_agent():
     assert PictureFrame.around_agents([(near, ())]).scale == 1.0
 
 
+def test_one_car_far_from_the_road_does_not_empty_the_picture():
+    """A parked car 140 m beside the mapped road left half of each picture empty."""
+    states = [(0.0, 0.0, 0.0, 0.0), (20.0, 0.0, 0.0, 0.0), (10.0, 140.0, 0.0, 0.0)]
+    usual, far = (
+        PictureFrame.around_agents([(one, one.agents.ids)])
+        for one in (scenario_with(straight_drivers(states[:n])) for n in (2, 3))
+    )
+    assert far == usual
+
+
 class Page(Overlay):
     """Keeps what is shown; there is no page."""
 

@@ -1,6 +1,7 @@
 """The agent panel: what one, several and no selected agents show."""
 
 import math
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -130,3 +131,16 @@ def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
     other = next(name for name in scenario.agents.ids if name != scenario.focal_id)
     select(tab, other)
     assert (button.disabled, button.label) == (False, "Make focal")
+
+
+def test_a_speed_that_no_agent_has_is_refused_not_replaced(tab: FakeTab):
+    """(-4 became 0, and 300 became 60, without a word.)"""
+    select(tab, tab.session.scenario.agents.ids[0])
+    field, before = tab.tab.panels.agent._speed, tab.session.scenario
+    with mock.patch.object(tab.ui, "report", wraps=tab.ui.report) as told:
+        for typed, limit in ((-4.0, "0 or more"), (300.0, "60")):
+            tab.enter(field, typed)
+            until(lambda: told.called)
+            assert limit in str(told.call_args.args[0])
+            told.reset_mock()
+    assert tab.session.scenario is before

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 import viser
@@ -141,6 +142,10 @@ def test_this_machine_may_name_any_folder(tmp_path: Path):
         connected_tab(app) as tab,
     ):
         (field,), (button,) = tab.inputs()["Folder"], tab.inputs()["Open folder"]
+        with mock.patch.object(tab.ui, "notify") as told:
+            tab.enter(field, str(tmp_path))
+            tab.enter(button, True)
+        assert "start the editor with --data" in told.call_args.args[1]
         tab.enter(field, str(folder))
         tab.enter(button, True)
         assert tab.session.base.scenario_id == "roundabout"

@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.analysis.findings.check import scene_problems
 from pd_editor.base.errors import EditError
-from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.editor.commands import SetAgentSpeed, TransformAgents
 from pd_editor.editor.cures import cures
 from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent
 from pd_editor.scene.scenario import EGO_ID
@@ -158,6 +158,15 @@ def test_the_mark_of_the_anchor_goes_with_the_bend(tab: FakeTab, panel):
     assert panel._view._drawn is not None
     tab.run(tab.session.undo)
     assert panel._view._drawn is None
+
+
+def test_an_agent_that_is_moved_leaves_the_anchor_behind(tab: FakeTab, panel):
+    """The label said that the road still bends ahead of the focal agent."""
+    bend(tab, panel)
+    assert panel._anchor.value == FOCAL
+    move = TransformAgents(agent_ids=(tab.session.scenario.focal_id,), dx_m=9.0)
+    tab.run(lambda: tab.ui.apply(move))
+    assert panel._anchor.value == POINT
 
 
 @pytest.mark.parametrize("is_bent", [False, True])

@@ -136,7 +136,9 @@ class GenerationRun:
         use = self._use()
         if use is None:
             return None
-        return RunState(action="Use result" if use == "here" else "Go back, use result")
+        return RunState(
+            action="Use result" if use == "here" else "Go to its state, use result"
+        )
 
     def start(
         self, name: str, make: Callable[[], ScenarioGenerator], task: GenerationInput
@@ -425,8 +427,8 @@ _LOST: Final = "Its page was closed or loaded again while it ran."
 _WORDS_OF_USE: Final[Mapping[str | None, str]] = {
     "here": "The scenario was edited during the run, and the result still fits: "
     '"Use the result" applies it.',
-    "back": 'The scenario was edited during the run. "Use the result" goes back to the '
-    "state that it was made for; the later edits are undone.",
+    "back": 'The scenario was edited during the run. "Use the result" goes to the state '
+    "that it was made for; edits after it are undone.",
     None: "The state that the result was made for is no longer in the history, so it "
     "cannot be used.",
 }
