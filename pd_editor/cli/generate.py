@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.sample_ranking import Ranking
 from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.base.errors import GenerationError
@@ -43,6 +44,7 @@ from pd_editor.editor.commands import (
     traffic_command,
 )
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.scenario_store import check_free, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
@@ -185,7 +187,7 @@ def generate(
         waiting: Ids of standing agents that wait in traffic.
         quality: Quality of sampled states: fast, or high with more denoising steps.
         samples: Number of samples; several are listed in a table with their numbers, which DIR/<name>-samples.csv keeps.
-        rank: Order of the table: realism, collisions (fewest), off-road (least), interaction (closest) or movement (most).
+        rank: Order of the table: realism (fewest problems), collisions (fewest), off-road (least), interaction (closest) or movement (most).
         pick: Write only so many samples, the most diverse ones.
         steps: Denoising steps of trajectories; for states the model has its own number.
         guide: What agents should do, as KIND:FIELD=VALUE,... such as goal-point:agent=12,point=3.5/10 (metres of the scene), target-speed:agents=12+13,speed=8, stop-at-line:agent=12,line=3/1+3/5, or a JSON file with a list of terms. DIR/<name>-guidance.csv tells what was achieved.
@@ -263,7 +265,12 @@ def generate(
     ]
     table, written = None, range(len(names))
     if samples > 1:
-        results = (apply_within_locks(command, base) for command in commands)
+        recorded = scene_findings(opened)
+        results = (
+            (one, edit_findings(one, opened, (*edits, command), recorded))
+            for command in commands
+            for one in (apply_within_locks(command, base),)
+        )
         table = SampleTable.of(results, [one.sample for one in commands], rank, pick)
         written = sorted(table.picked)
     sessions = [EditorSession(opened) for _ in written]

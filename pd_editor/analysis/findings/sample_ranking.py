@@ -1,12 +1,13 @@
 """Compares the samples of one run: numbers of each, rankings, and a diverse choice."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.analysis.findings.check import SceneCheck
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.analysis.metrics.collisions.safety import safety_values
 from pd_editor.analysis.metrics.motion.kinematics import kinematics
@@ -64,6 +65,30 @@ class SampleNumbers:
     """Share of time beyond comfortable acceleration, jerk or yaw rate."""
     fullness: float = 1.0
     """Number of agents over the median of the samples of the run, at most 1."""
+    num_problems: int = 0
+    """Problems that edits and the sample cause; and what of them:"""
+    num_notices: int = 0
+    num_hits: int = 0
+    """Collisions of two agents."""
+    num_off_road: int = 0
+    """Agents that are, or come, off the road."""
+
+    def counted(self, findings: Collection[Finding]) -> "SampleNumbers":
+        """These numbers with the counts of what edits and the sample cause."""
+        kinds = [one.kind for one in findings if one.is_problem]
+        return replace(
+            self,
+            num_problems=len(kinds),
+            num_notices=len(findings) - len(kinds),
+            num_hits=sum(kind in ("collision", "later-collision") for kind in kinds),
+            num_off_road=sum(kind in ("off-road", "later-off-road") for kind in kinds),
+        )
+
+    @property
+    def is_hollow(self) -> bool:
+        """Whether most agents stand or are left out, which therefore have no faults."""
+        stands = self.moving_share < LEAST_MOVING_SHARE / 2
+        return self.fullness < 0.5 or (self.num_agents >= _FEWEST_JUDGED and stands)
 
     @property
     def realism(self) -> float:
@@ -95,11 +120,11 @@ def with_fullness(numbers: Iterable[SampleNumbers]) -> tuple[SampleNumbers, ...]
 
 
 def numbers_of(
-    scenario: Scenario, agent_ids: Iterable[str], findings: Iterable[Finding]
+    scenario: Scenario, agent_ids: Iterable[str], check: SceneCheck
 ) -> SampleNumbers:
     """Numbers of a scenario to which a sample of some agents was applied.
 
-    ``findings`` are those of the scenario.
+    ``check`` has the findings of the scenario.
     """
     there = scenario.agents.row_of
     view = recorded_traffic(scenario, [name for name in agent_ids if name in there])
@@ -111,7 +136,7 @@ def numbers_of(
     off = departures(scenario, tracks).is_off_road[:, now:]
     colliding = {
         name
-        for one in findings
+        for one in check.all
         if one.kind == "later-collision"
         for name in one.agent_ids
     }
@@ -129,28 +154,31 @@ def numbers_of(
         mean_speed_mps=_mean(speed[moves][valid[moves]]),
         time_to_collision_s=float(times.min()) if len(times) else None,
         harsh_share=_mean(harsh),
-    )
+    ).counted(check.new)
 
 
 def ranked(
     numbers: Sequence[SampleNumbers], ranking: Ranking = "realism"
 ) -> tuple[int, ...]:
-    """Indices of the samples, the best one first; equal ones by realism, then by index.
+    """Indices of the samples, the best one first.
 
-    Samples without agents, such as of a region in which none fits, are last.
+    What the ranking names counts first, as cards tell it; then the number of problems,
+    that of notices, and ``realism``. Samples without agents, such as of a region in which
+    none fits, are last; the most realistic ones are not those that stand.
     """
 
-    def key(index: int) -> tuple[bool, float, float, int]:
+    def key(index: int) -> tuple[float, ...]:
         one = numbers[index]
         time = one.time_to_collision_s
-        value = {
-            "realism": -one.realism,
-            "collisions": float(one.num_collisions),
-            "off-road": one.off_road_share,
-            "interaction": np.inf if time is None else time,
-            "movement": -one.moving_share * one.mean_speed_mps,
-        }[ranking]
-        return not one.num_agents, value, -one.realism, index
+        first: dict[Ranking, tuple[float, ...]] = {
+            "realism": (one.is_hollow,),
+            "collisions": (one.num_hits,),
+            "off-road": (one.num_off_road, one.off_road_share),
+            "interaction": (np.inf if time is None else time,),
+            "movement": (-one.moving_share * one.mean_speed_mps,),
+        }
+        problems = one.num_problems, one.num_notices
+        return not one.num_agents, *first[ranking], *problems, -one.realism, index
 
     return tuple(sorted(range(len(numbers)), key=key))
 

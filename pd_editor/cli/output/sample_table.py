@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pd_editor.analysis.findings.check import scene_findings
+from pd_editor.analysis.findings.check import SceneCheck
 from pd_editor.analysis.findings.sample_ranking import (
     Ranking,
     SampleNumbers,
@@ -23,6 +23,8 @@ COLUMNS: Final = (
     "rank",
     "sample",
     "agents",
+    "problems",
+    "notices",
     "realism",
     "collisions",
     "off_road",
@@ -46,15 +48,18 @@ class SampleTable:
     @classmethod
     def of(
         cls,
-        scenarios: Iterable[Scenario],
+        scenarios: Iterable[tuple[Scenario, SceneCheck]],
         samples: Sequence[TrafficSample],
         ranking: Ranking,
         pick: int | None,
     ) -> "SampleTable":
-        """Rank samples, given the scenarios with each of them; None picks all of them."""
+        """Rank samples, given the scenarios with each of them and their findings.
+
+        ``pick`` None picks all of them.
+        """
         numbers = with_fullness(
-            numbers_of(scenario, one.ids, scene_findings(scenario))
-            for scenario, one in zip(scenarios, samples, strict=True)
+            numbers_of(scenario, one.ids, check)
+            for (scenario, check), one in zip(scenarios, samples, strict=True)
         )
         order = ranked(numbers, ranking)
         count = len(samples) if pick is None else pick
@@ -99,8 +104,10 @@ class SampleTable:
                     str(rank),
                     names[index],
                     str(one.num_agents),
+                    str(one.num_problems),
+                    str(one.num_notices),
                     f"{one.realism:.0f}",
-                    str(one.num_collisions),
+                    str(one.num_hits),
                     f"{one.off_road_share:.3f}",
                     f"{one.lateral_deviation_m:.2f}",
                     f"{one.moving_share:.2f}",

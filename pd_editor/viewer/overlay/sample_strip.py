@@ -2,7 +2,8 @@
 
 import base64
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -32,6 +33,20 @@ from pd_editor.viewer.state.ui_context import UiContext
 PICKS: Final = (2, 3, 4, 6)
 """Sizes of a diverse choice that are offered, as far as there are more samples."""
 SECONDS_DIGITS: Final = 1
+_KINDS: Final[Mapping[str, str]] = {
+    "collision": "collision",
+    "later-collision": "collision",
+    "off-road": "off-road",
+    "later-off-road": "off-road",
+    "friction": "too fast",
+    "impossible-motion": "impossible",
+    "against-traffic": "against traffic",
+    "sharp-road": "sharp bend",
+    "folded-road": "sharp bend",
+    "guidance-not-run": "unguided",
+    "guidance-not-met": "unmet guidance",
+}
+"""Kinds of problems, in few words, in the order in which a card tells them."""
 COVERED_PX: Final = 300
 """Height of the picture's lower part that the strip and what is under it cover."""
 
@@ -81,7 +96,7 @@ class SampleCards:
             for one, command in zip(scenarios, samples.commands, strict=True)
         ]
         numbers = with_fullness(
-            numbers_of(scenario, command.sample.ids, check.all)
+            numbers_of(scenario, command.sample.ids, check)
             for scenario, command, check in zip(
                 scenarios, samples.commands, checks, strict=True
             )
@@ -242,9 +257,23 @@ class SampleStrip:
             if self.is_open:
                 self._on_opened()
 
+    def _told(self) -> list[list[Finding]]:
+        """What each card tells: findings that the user does not ignore."""
+        assert self._cards is not None
+        ignored = self._ui.workspace.ignored_findings
+        return [
+            [one for one in found if one.ignored_key not in ignored]
+            for found in self._cards.findings
+        ]
+
+    def _ranked(self) -> tuple[int, ...]:
+        assert self._cards is not None
+        pairs = zip(self._cards.numbers, self._told(), strict=True)
+        return ranked([one.counted(told) for one, told in pairs], self._ranking)
+
     def _order(self) -> list[int]:
         assert self._cards is not None
-        order = ranked(self._cards.numbers, self._ranking)
+        order = self._ranked()
         if self._pick is None:
             return list(order)
         kept = set(self._cards.spread[: self._pick])
@@ -255,16 +284,10 @@ class SampleStrip:
             self._pair.close()
             self._overlay.show("samples", {"isOpen": False, "cards": []})
             return
-        cards, ignored = self._cards, self._ui.workspace.ignored_findings
+        cards, told = self._cards, self._told()
         assert cards is not None
         count = len(cards.numbers)
-        told = [
-            [one for one in found if one.ignored_key not in ignored]
-            for found in cards.findings
-        ]
-        rank = {
-            index: n for n, index in enumerate(ranked(cards.numbers, self._ranking), 1)
-        }
+        rank = {index: number for number, index in enumerate(self._ranked(), 1)}
         self._overlay.show(
             "sample-pictures",
             {"pictures": [_as_address(one) for one in cards.pictures]},
@@ -296,7 +319,7 @@ class SampleStrip:
                         "lines": card_lines(
                             told[index], cards.numbers[index], self._ranking
                         ),
-                        "hint": all_numbers(cards.numbers[index]),
+                        "hint": all_numbers(cards.numbers[index], told[index]),
                     }
                     for index in self._order()
                 ],
@@ -340,7 +363,7 @@ class SampleStrip:
     def _compare(self, index: int) -> None:
         """Show a sample beside the one in use, or that one beside the best other."""
         assert self._cards is not None
-        others = (self._adopted, *ranked(self._cards.numbers, self._ranking))
+        others = (self._adopted, *self._ranked())
         other = next(one for one in others if one is not None and one != index)
         self._compared = other, index
         self.on_compare()
@@ -363,7 +386,7 @@ class SampleStrip:
             [(index, scenarios[index]) for index in self._compared],
             self._cards.frame,
             adopted=self._adopted,
-            offered=ranked(self._cards.numbers, self._ranking),
+            offered=self._ranked(),
         )
 
     def _point_at(self, index: int | None) -> None:
@@ -382,10 +405,7 @@ def card_lines(
     problems = [one for one in findings if one.is_problem]
     count, notices = len(problems), len(findings) - len(problems)
     words = f"{count or 'No new'} problem{'s' if count != 1 else ''}"
-    hits = sum(one.kind in ("collision", "later-collision") for one in problems)
-    off = sum(one.kind in ("off-road", "later-off-road") for one in problems)
-    kinds = [(hits, "collide"), (off, "off-road"), (count - hits - off, "other")]
-    parts = [f"{number} {kind}" for number, kind in kinds if number][:2]
+    parts = _kinds_in_words(problems)[:2]
     if not parts:
         parts = [f"{notices or 'no'} notice{'s' if notices != 1 else ''}"]
     lines = [
@@ -409,11 +429,23 @@ def card_lines(
     return lines
 
 
-def all_numbers(numbers: SampleNumbers) -> str:
-    """All numbers of a sample, one per line."""
+def _kinds_in_words(problems: Iterable[Finding]) -> list[str]:
+    """How many problems there are of each kind, such as "2 collisions"."""
+    counts = Counter(_KINDS.get(one.kind, one.kind) for one in problems)
+    order = dict.fromkeys((*_KINDS.values(), *counts))
+    return [
+        f"{counts[kind]} {kind}{'s' if kind == 'collision' and counts[kind] > 1 else ''}"
+        for kind in order
+        if counts[kind]
+    ]
+
+
+def all_numbers(numbers: SampleNumbers, findings: Iterable[Finding]) -> str:
+    """Problems of all kinds and all numbers of a sample, one per line."""
     time = numbers.time_to_collision_s
     return "\n".join(
         (
+            *_kinds_in_words(one for one in findings if one.is_problem),
             f"Realism {numbers.realism:.0f} of 100; a typical recording has 50",
             f"Agents: {numbers.num_agents}, of which collide: {numbers.num_collisions}",
             f"Time off-road, while moving: {numbers.off_road_share:.0%}",

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.analysis.findings.check import scene_findings
+from pd_editor.analysis.findings.check import SceneCheck, scene_findings
 from pd_editor.analysis.findings.sample_ranking import (
     MOST_APART_M,
     RANKING_WORDS,
@@ -17,6 +17,7 @@ from pd_editor.analysis.findings.sample_ranking import (
 )
 from pd_editor.editor.commands import traffic_command
 from pd_editor.scene.generation import GeneratedTraffic, GenerationRequest
+from tests.analysis.findings.builders import finding
 from tests.analysis.metrics.traffic_builders import sample_of
 from tests.builders import scenario_with, straight_drivers
 
@@ -45,7 +46,7 @@ def numbers(scenario, ids, position_m) -> SampleNumbers:
     request = GenerationRequest(scenario=scenario, agent_ids=ids)
     traffic = GeneratedTraffic(samples=(sample_of(ids, position_m),), generator="fake")
     after = traffic_command(request, traffic).apply(scenario)
-    return numbers_of(after, ids, scene_findings(after))
+    return numbers_of(after, ids, SceneCheck(new=scene_findings(after)))
 
 
 def test_numbers_are_those_of_the_generated_agents():
@@ -83,10 +84,10 @@ def test_leaving_the_map_is_not_off_the_road():
 
 def test_rankings():
     samples = (
-        replace(PLAIN, num_collisions=2, time_to_collision_s=0.1),
+        replace(PLAIN, num_hits=2, num_problems=2, time_to_collision_s=0.1),
         PLAIN,
         replace(PLAIN, off_road_share=0.3, mean_speed_mps=11.0),
-        replace(PLAIN, time_to_collision_s=None, num_collisions=1),
+        replace(PLAIN, time_to_collision_s=None, num_hits=1, num_problems=1),
     )
     assert set(RANKING_WORDS) == set(RANKINGS)
     assert ranked(samples)[0] == 1
@@ -95,7 +96,23 @@ def test_rankings():
     assert ranked(samples, "interaction") == (0, 1, 2, 3)
     assert ranked(samples, "movement")[0] == 2
     assert ranked(()) == ()
+    assert ranked(samples) == (1, 2, 3, 0)
     assert PLAIN.realism > 90 > samples[2].realism > 0
+
+
+def test_the_most_realistic_sample_has_the_fewest_problems_that_its_card_tells():
+    """One with 8 problems was before one with 6, of finer measures not shown."""
+    kinds = ["later-collision"] * 5 + ["off-road", "later-off-road", "friction"]
+    found = [finding(kind, str(number)) for number, kind in enumerate(kinds)]
+    harsh = [finding("harsh-motion", "a")]
+    many = PLAIN.counted([*found, *harsh])
+    assert (many.num_problems, many.num_notices) == (8, 1)
+    assert (many.num_hits, many.num_off_road) == (5, 2)
+    fewer = replace(PLAIN, lateral_deviation_m=4.0, harsh_share=0.3).counted(found[:6])
+    assert fewer.realism < many.realism
+    assert ranked((many, fewer)) == (1, 0)
+    assert ranked((PLAIN.counted(harsh), PLAIN)) == (1, 0)
+    assert ranked((PLAIN.counted(found[5:7]), many), "collisions") == (0, 1)
 
 
 def test_scenes_that_are_empty_or_stand_are_not_the_most_realistic():

@@ -295,8 +295,12 @@ def test_three_lines():
     assert texts([]) == ["No new problems", "no notices", moves]
     assert texts(["harsh-motion"]) == ["No new problems", "1 notice", moves]
     several = ["later-collision", "off-road", "later-off-road", "harsh-motion"]
-    assert texts(several) == ["3 problems", "1 collide, 2 off-road", moves]
-    assert texts(["against-traffic"])[:2] == ["1 problem", "1 other"]
+    assert texts(several) == ["3 problems", "1 collision, 2 off-road", moves]
+    assert texts(["collision"] * 5)[1] == "5 collisions"
+    assert texts(["friction", "friction"])[:2] == ["2 problems", "2 too fast"]
+    kinds = ["sharp-road", "against-traffic", "impossible-motion", "guidance-not-met"]
+    words = ["sharp bend", "against traffic", "impossible", "unmet guidance"]
+    assert [texts([kind])[1] for kind in kinds] == [f"1 {one}" for one in words]
     (line, *_) = card_lines([finding("collision", "a")], PLAIN, "interaction")
     assert line == {"text": "1 problem", "tone": "bad"}
     assert texts([], ranking="interaction")[2] == "2.0 s to collision"
