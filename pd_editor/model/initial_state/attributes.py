@@ -118,7 +118,7 @@ def with_attributes_of(
 def attribute_notes(
     placed: Sequence[tuple[Scenario, tuple[str, ...]]], request: AttributeRequest
 ) -> tuple[str, ...]:
-    """One sentence per requested attribute on the agents placed in some samples.
+    """One sentence per requested attribute on agents placed in some samples, at t = 0.
 
     Empty if no attribute was requested, or no agent placed.
     """
@@ -128,14 +128,14 @@ def attribute_notes(
     if count and request.moving_share is not None:
         moving = sum(_num_moving(*one) for one in placed)
         notes.append(
-            f"{moving} of {count} placed agents{where} move ({moving / count:.0%}; "
-            f"{request.moving_share:.0%} were asked for)."
+            f"{moving} of {count} placed agents{where} move at t = 0 "
+            f"({moving / count:.0%}; {request.moving_share:.0%} were asked for)."
         )
     if count and request.only_on_road:
         off = sum(_num_off_road(*one) for one in placed)
         notes.append(
             f"{off or 'None'} of {count} placed agents{where} "
-            f"{'is' if off < 2 else 'are'} off the road."
+            f"{'is' if off < 2 else 'are'} off the road at t = 0."
         )
     return tuple(notes)
 

@@ -303,12 +303,14 @@ def _id(problem: Finding) -> str:
 
 def _title(group: Group, findings: tuple[Finding, ...]) -> str:
     count = len(findings)
-    problems = sum(one.is_problem for one in findings)
+    others = sum(not one.is_problem for one in findings)
+    notices = f"{others} notice{'s' if others != 1 else ''}"
     if group == "recorded":
-        notices = f", {count - problems} notices" * (count > problems)
-        return f"{problems} in the recording{notices}"
+        if count == others:
+            return f"{notices if count else 'Nothing'} in the recording"
+        return f"{count - others} in the recording{f', {notices}' * (others > 0)}"
     if group == "ignored":
         return f"{count} ignored"
     if group == "notices":
-        return f"{count} notice{'s' if count > 1 else ''}"
+        return notices
     return "No new problems" if not count else f"{count} new"

@@ -221,12 +221,12 @@ def test_wishes_about_those_placed_are_answered(
     count = sum(len(sample.ids) for sample in traffic.samples)
     assert count >= 12
     speeds, places = (one for one in traffic.notes if "placed agents in 2" in one)
-    assert speeds.startswith(f"{moving} of {count} placed agents in 2 samples move")
+    assert speeds.startswith(
+        f"{moving} of {count} placed agents in 2 samples move at t = 0 "
+    )
     assert "75% were asked for" in speeds
     verb = "is" if off < 2 else "are"
-    expected = (
-        f"{off or 'None'} of {count} placed agents in 2 samples {verb} off the road."
-    )
+    expected = f"{off or 'None'} of {count} placed agents in 2 samples {verb} off the road at t = 0."
     assert places.startswith(expected)
     without = generated(diffuser, scenario, (), **asked).notes
     assert not any("placed agents in 2" in one for one in without)

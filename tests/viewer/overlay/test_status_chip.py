@@ -5,6 +5,7 @@ import json
 import pytest
 
 from pd_editor.editor.commands import DuplicateAgents
+from tests.analysis.findings.builders import finding
 from tests.viewer.fake_browser import connected_tab, running_app
 
 
@@ -29,6 +30,23 @@ def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkey
     assert told() == f"{before} \u00b7 study at 42%"
     monkeypatch.setattr(study, "_job", None)
     assert told() == before
+
+
+@pytest.mark.parametrize(
+    ("kinds", "title"),
+    [
+        (["near-pass"], "1 notice in the recording"),
+        (["near-pass", "beyond-map"], "2 notices in the recording"),
+        (["off-road", "near-pass"], "1 in the recording, 1 notice"),
+        (["off-road"], "1 in the recording"),
+    ],
+)
+def test_no_headline_says_nought_over_a_row(tab, monkeypatch, kinds, title):
+    found = [finding(kind, str(number)) for number, kind in enumerate(kinds)]
+    monkeypatch.setattr(type(tab.tab.problems), "recorded", tuple(found))
+    tab.run(tab.tab.chip.show)
+    groups = json.loads(tab.tab.overlay._shown["status"])["groups"]
+    assert [one["title"] for one in groups if one["name"] == "recorded"] == [title]
 
 
 def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
