@@ -16,12 +16,17 @@ def tab(tmp_path_factory):
         yield found
 
 
+def status(tab):
+    """What the chip shows."""
+    tab.run(tab.tab.chip.show)
+    return json.loads(tab.tab.overlay._shown["status"])
+
+
 def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkeypatch):
     """Its progress was in a tab that is not open."""
 
     def told() -> str:
-        tab.run(tab.tab.chip.show)
-        return json.loads(tab.tab.overlay._shown["status"])["text"]
+        return status(tab)["text"]
 
     study = tab.tab._workspace.study
     before = told()
@@ -44,8 +49,7 @@ def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkey
 def test_no_headline_says_nought_over_a_row(tab, monkeypatch, kinds, title):
     found = [finding(kind, str(number)) for number, kind in enumerate(kinds)]
     monkeypatch.setattr(type(tab.tab.problems), "recorded", tuple(found))
-    tab.run(tab.tab.chip.show)
-    groups = json.loads(tab.tab.overlay._shown["status"])["groups"]
+    groups = status(tab)["groups"]
     assert [one["title"] for one in groups if one["name"] == "recorded"] == [title]
 
 
