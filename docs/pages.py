@@ -18,6 +18,7 @@ PAGES = (
     "CHANGELOG.md",
     "docs/*.md",
     "reproduction/*.md",
+    "reproduction/*.csv",
     "docs/pictures/*",
     "models/*/*.md",
     "models/*/*.png",
