@@ -78,26 +78,23 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
         position = warp.undo(position)
     position = fill_gaps(position, is_valid)
     step_s = scenario.time_axis.step_s
-    estimates = []
     # The past improves the estimate at the current step, unless an edit made a jump
     # there; agents without a past are evaluated from the current step on.
-    for start in (0, now):
-        velocity, acceleration, known = _derivatives(
-            position[:, start:], is_valid[:, start:], step_s
-        )
-        later = slice(now - start, None)
-        speed, lateral = _under_warps(
-            position[:, now:], velocity[:, later], acceleration[:, later], warps
-        )
-        # If the road bends between two steps, the sharpest point counts.
-        nodes = lateral.reshape(*is_valid[:, now:].shape, _NODES_PER_STEP).max(axis=-1)
-        estimates.append(np.where(known[:, later], nodes, np.inf))
-    least = np.minimum(*estimates)
+    whole = _derivatives(position, is_valid, step_s)
+    future = _derivatives(position[:, now:], is_valid[:, now:], step_s)
+    velocity, acceleration, known = (
+        np.stack([one[:, now:], other])
+        for one, other in zip(whole, future, strict=True)
+    )
+    speed, lateral = _under_warps(position[:, now:], velocity, acceleration, warps)
+    # If the road bends between two steps, the sharpest point counts.
+    nodes = lateral.reshape(*known.shape, _NODES_PER_STEP).max(axis=-1)
+    least = np.where(known, nodes, np.inf).min(axis=0)
     # A track whose own speeds are as slow jumps; its path does not tell its speed.
     least[agents.speed_mps()[rows, now:] <= _SLOWEST_MPS] = 0.0
     return SidewaysMotion(
         rows=rows,
-        speed_mps=speed[:, ::_NODES_PER_STEP],
+        speed_mps=speed[1, :, ::_NODES_PER_STEP],
         lateral_mps2=np.where(np.isfinite(least), least, 0.0),
     )
 
@@ -224,15 +221,15 @@ def _derivatives(
 
 def _under_warps(
     position_m: Float[np.ndarray, "G S 2"],
-    velocity_mps: Float[np.ndarray, "G S 2"],
-    acceleration_mps2: Float[np.ndarray, "G S 2"],
+    velocity_mps: Float[np.ndarray, "E G S 2"],
+    acceleration_mps2: Float[np.ndarray, "E G S 2"],
     warps: Iterable[RoadWarp],
-) -> tuple[Float[np.ndarray, "G K"], Float[np.ndarray, "G K"]]:
+) -> tuple[Float[np.ndarray, "E G K"], Float[np.ndarray, "E G K"]]:
     """Speed and lateral acceleration after warps, at several times between two steps.
 
     With v the velocity before and J = [[1, 0], [f', 1]] the velocity after is J v and
     the acceleration J a + (0, f'' vx^2); lateral is their cross product over the speed.
-    J preserves areas, and therefore cross products.
+    J preserves areas, and therefore cross products. Each motion has E estimates.
     """
     position, velocity, acceleration = (
         _between(values) for values in (position_m, velocity_mps, acceleration_mps2)
@@ -242,19 +239,20 @@ def _under_warps(
         - velocity[..., 1] * acceleration[..., 0]
     )
     for warp in warps:
-        ahead = velocity @ warp.anchor.turn(np.array([1.0, 0.0]))
-        cross = cross + warp.derivative(warp.distance_ahead(position), 2) * ahead**3
-        velocity = warp.turn(position, velocity)
+        forward, left = warp.anchor.turn(np.eye(2))
+        x, ahead = warp.distance_ahead(position), velocity @ forward
+        cross = cross + warp.derivative(x, 2) * ahead**3
+        velocity = velocity + (warp.derivative(x, 1) * ahead)[..., None] * left
         position = warp.apply(position)
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
-    moving: Bool[np.ndarray, "G K"] = speed > _SLOWEST_MPS
+    moving: Bool[np.ndarray, "E G K"] = speed > _SLOWEST_MPS
     return speed, np.where(moving, np.abs(cross) / np.where(moving, speed, 1.0), 0.0)
 
 
-def _between(values: Float[np.ndarray, "G S D"]) -> Float[np.ndarray, "G K D"]:
+def _between(values: Float[np.ndarray, "*e S D"]) -> Float[np.ndarray, "*e K D"]:
     """Interpolate values at several times after each step; the last step is repeated."""
     share = (np.arange(_NODES_PER_STEP) / _NODES_PER_STEP)[:, None]
-    after = np.concatenate([values[:, 1:], values[:, -1:]], axis=1)
-    nodes = values[:, :, None] + share * (after - values)[:, :, None]
-    num_rows, num_steps, size = values.shape
-    return nodes.reshape(num_rows, num_steps * _NODES_PER_STEP, size)
+    after = np.concatenate([values[..., 1:, :], values[..., -1:, :]], axis=-2)
+    nodes = values[..., None, :] + share * (after - values)[..., None, :]
+    *rows, num_steps, size = values.shape
+    return nodes.reshape(*rows, num_steps * _NODES_PER_STEP, size)
