@@ -75,6 +75,15 @@ def av2_root() -> Path:
 
 
 @pytest.fixture(scope="session")
+def format_files(av2_root: Path) -> Path:
+    """Real files of other formats, beside the Argoverse 2 data."""
+    folder = av2_root.parent / "formats"
+    if not folder.is_dir():
+        pytest.skip(f"there is no {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def av2_scenario_folders(av2_root: Path) -> list[Path]:
     """Every real scenario folder (train, val and test50), sorted."""
     return sorted(

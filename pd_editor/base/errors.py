@@ -4,6 +4,7 @@ PdEditorError
 ├── InputError              a file or folder that the user gave cannot be used
 │   ├── ScenarioFileError   tracks (parquet)
 │   ├── MapFileError        map (JSON)
+│   ├── FormatError         scene of another format than Argoverse 2
 │   └── ArchiveError        zip upload
 ├── EditError               an edit is not valid for its scenario
 │   └── LockedAgentError    it would change what a lock keeps
@@ -39,6 +40,10 @@ class ScenarioFileError(InputError):
 
 class MapFileError(InputError):
     """A map file is missing, damaged, or not an Argoverse 2 map."""
+
+
+class FormatError(InputError):
+    """A scene file of a format other than Argoverse 2 cannot be used."""
 
 
 class ArchiveError(InputError):

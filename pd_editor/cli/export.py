@@ -3,7 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 import numpy as np
 import tyro
@@ -14,6 +14,7 @@ from pd_editor.cli.options.arguments import (
     CurrentOption,
     FocalOption,
     FolderOption,
+    FormatOption,
     NameOption,
     NoteOption,
     Switch,
@@ -35,9 +36,10 @@ from pd_editor.editor.variant import Variant, free_name
 from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.exporters.bundle import zip_folders
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.formats.registry import writer
 
 ZIP_NAME: Final = "scenarios.zip"
-Format = Literal["av2"]
 
 
 def export(
@@ -49,7 +51,7 @@ def export(
     /,
     *,
     out: FolderOption,
-    format: Format = "av2",
+    format: FormatOption = ARGOVERSE2.name,
     current: CurrentOption = None,
     until: UntilOption = None,
     focal: FocalOption = "",
@@ -65,7 +67,7 @@ def export(
     Args:
         scenarios: Demos' names, Argoverse 2 scenario folders, or recipe.json files.
         out: Folder that receives DIR/<name>/, or the zip.
-        format: The form to write: av2 is parquet tracks and a map JSON, all steps.
+        format: Name of the format to write.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
         focal: Id of the agent that becomes the focal one.
@@ -76,7 +78,7 @@ def export(
         verify: Load the result with av2's own loaders and with the editor's reader, too.
         overwrite: Replace what an earlier run wrote.
     """
-    assert format == "av2"
+    writer(format)  # A format that cannot be written is refused before files are read.
     several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
     references = tuple(map(str, several))
     if not references:
@@ -88,6 +90,8 @@ def export(
         )
     if zip and verify:
         raise ExportError("--verify looks at folders; give --zip or --verify.")
+    if verify and format != ARGOVERSE2.name:
+        raise ExportError(f"--verify is for {ARGOVERSE2.name}; leave it out.")
     cut = TimeCut(current_s=current, until_s=until)
     sessions = [_session(one, described(name, tags, note), cut) for one in references]
     for session in sessions if focal else ():
@@ -95,11 +99,11 @@ def export(
     opened = tuple(session.scenario for session in sessions)
     if zip:
         return Outcome(
-            folders=(_zipped(Path(out), sessions, overwrite),), scenarios=opened
+            folders=(_zipped(Path(out), sessions, format, overwrite),), scenarios=opened
         )
     written, remarks = [], []
     for session in sessions:
-        folder = write_session(out, session, overwrite=overwrite)
+        folder = write_session(out, session, overwrite=overwrite, format_name=format)
         if verify:
             remarks.append(_verified(folder))
         written.append(folder)
@@ -153,7 +157,9 @@ def _session(reference: str, variant: Variant, cut: TimeCut) -> EditorSession:
     return session
 
 
-def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
+def _zipped(
+    out: Path, sessions: list[EditorSession], format_name: str, overwrite: bool
+) -> Path:
     """Write one zip; the second of two scenarios of the same name gets -2."""
     target = out / ZIP_NAME
     if os.path.exists(target) and not overwrite:
@@ -166,7 +172,7 @@ def _zipped(out: Path, sessions: list[EditorSession], overwrite: bool) -> Path:
         if name != recipe.result_id:
             session.describe(replace(session.variant, name=name))
             recipe = undated_recipe(session)
-        made[name] = exported_files(session.scenario, recipe, session.base)
+        made[name] = exported_files(session.scenario, recipe, session.base, format_name)
         rows.append(index_row(session.scenario, session.base, recipe))
     content = zip_folders(made, {INDEX_NAME: index_csv(rows)})
     write_whole(target, content)

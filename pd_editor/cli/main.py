@@ -38,6 +38,7 @@ _COMMANDS: Final = (
     "generate",
     "threats",
     "export",
+    "convert",
     "replay",
     "evaluate",
     "study",

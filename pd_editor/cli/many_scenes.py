@@ -19,6 +19,7 @@ from pd_editor.base.installed_files import ALL_DEMOS, demo_names
 from pd_editor.base.regular_file import check_path
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import work_shown
+from pd_editor.editor.scenario_store import foreign_files
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.work_engine import EngineChoice, InThisProcess, run_items
 
@@ -99,7 +100,10 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
         scene
         for match in map(Path, matches)
         for scene in (
-            sorted({file.parent for file in match.glob(f"**/{files}")})
+            [
+                *sorted({file.parent for file in match.glob(f"**/{files}")}),
+                *(foreign_files(match) if files == SCENE_FILES else ()),
+            ]
             if match.is_dir()
             else [match]
         )

@@ -1,9 +1,11 @@
 """Opens scenarios by name or folder, and writes them with their recipes."""
 
+import contextlib
 import dataclasses
 import logging
 import os
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -20,15 +22,19 @@ from pd_editor.scene.av2_io.upload import (
     file_in_upload,
     scenario_from_upload,
 )
-from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.base_reference import BaseReference, TimeCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.formats.registry import format_of, formats, writer
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import cut_scenario
 
+LOSSES_NAME: Final = "losses.txt"
+"""File of an export that tells what its format cannot say."""
 MAX_LABELS: Final = 8
 """Number of edits that a note names; further ones are counted."""
+_HEAD_BYTES: Final = 1 << 16
 SAME_M: Final = 0.02
 """Tolerance of equal positions: map files are rounded to centimetres."""
 _LOG: Final = logging.getLogger(__name__)
@@ -40,7 +46,7 @@ def open_scenario(
     current_s: float | None = None,
     until_s: float | None = None,
 ) -> Scenario:
-    """Open a demo, an Argoverse 2 scenario folder, or a zip of one.
+    """Open a demo, an Argoverse 2 scenario folder, a zip of one, or another format's file.
 
     Args:
         reference: name or path.
@@ -82,11 +88,34 @@ def _opened(reference: str | Path) -> Scenario:
     folder = os.path.expanduser(text)
     if os.path.isfile(folder) and folder.lower().endswith(".zip"):
         return _open_zip(Path(folder))
+    if os.path.isfile(folder) and (kind := format_of(Path(folder))) is not None:
+        assert kind.read is not None, "it can be read"
+        return kind.read(Path(folder))
     if not os.path.isdir(folder):
         raise _no_scenario(text, folder)
+    if (alone := _only_file(Path(folder))) is not None:
+        return _opened(alone)
     scenario = read_scenario(Path(folder))
     recipe = recipe_of_export(Path(folder))
     return scenario if recipe is None else made_by(scenario, recipe)
+
+
+def _only_file(folder: Path) -> Path | None:
+    """The scene in a folder of another format than Argoverse 2, such as an export."""
+    if ARGOVERSE2.recognises(folder):
+        return None
+    found = [one for one in foreign_files(folder) if one.parent == folder]
+    return found[0] if len(found) == 1 else None
+
+
+def foreign_files(folder: Path) -> list[Path]:
+    """Files below a folder that a format other than Argoverse 2 reads, sorted."""
+    endings = {one for kind in formats().values() for one in kind.endings}
+    try:
+        files = [one for one in folder.rglob("*") if one.suffix.lower() in endings]
+    except OSError:
+        return []
+    return sorted(one for one in files if one.is_file() and format_of(one) is not None)
 
 
 def _open_zip(path: Path) -> Scenario:
@@ -122,6 +151,9 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
     Raises:
         InputError: the files cannot be read.
     """
+    foreign = _foreign_upload(files)
+    if foreign is not None:
+        return foreign, None
     scenario = scenario_from_upload(files)
     content = file_in_upload(files, RECIPE_NAME, MAX_RECIPE_BYTES)
     try:
@@ -129,6 +161,41 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
     except RecipeError as error:
         _LOG.info("The recipe is passed over: %s", error)
         return scenario, None
+
+
+def is_foreign(name: str, content: bytes) -> bool:
+    """Whether an uploaded file is a scene of a format other than Argoverse 2."""
+    endings = {one for kind in formats().values() for one in kind.endings}
+    if Path(name).suffix.lower() not in endings:
+        return False
+    with _as_file(name, content[:_HEAD_BYTES]) as path:
+        return format_of(path) is not None
+
+
+def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
+    """Scenario in a single file of another format than Argoverse 2; None of others."""
+    if len(files) != 1 or not is_foreign(*next(iter(files.items()))):
+        return None
+    ((name, content),) = files.items()
+    with _as_file(name, content) as path:
+        kind = format_of(path)
+        assert kind is not None and kind.read is not None, "it is foreign"
+        try:
+            scenario = kind.read(path)
+        except InputError as error:
+            told = str(error).replace(str(path), name)
+            raise type(error)(told) from error
+    provenance = dataclasses.replace(scenario.provenance, source="")
+    return dataclasses.replace(scenario, provenance=provenance)
+
+
+@contextlib.contextmanager
+def _as_file(name: str, content: bytes) -> Iterator[Path]:
+    """A file of an upload, for readers of paths."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / (Path(name).stem[:80] + Path(name).suffix.lower())
+        path.write_bytes(content)
+        yield path
 
 
 def recipe_of_export(folder: Path) -> Recipe | None:
@@ -194,9 +261,12 @@ def has_same_content(one: Scenario, other: Scenario) -> bool:
 
 
 def exported_files(
-    scenario: Scenario, recipe: Recipe, base: Scenario | None = None
+    scenario: Scenario,
+    recipe: Recipe,
+    base: Scenario | None = None,
+    format_name: str = ARGOVERSE2.name,
 ) -> dict[str, bytes]:
-    """Files of an Argoverse 2 folder for a scenario, with its recipe.
+    """Files of a folder for a scenario in some format, with its recipe.
 
     The scenario's id is that of the recipe's variant. With its base, the recipe tells
     which findings edits caused, for who opens the files again.
@@ -218,7 +288,15 @@ def exported_files(
         agents=with_focal_category(agents, focal_id),
         scenario_id=recipe.result_id,
     )
-    return {**scenario_files(scenario), RECIPE_NAME: recipe.to_text().encode()}
+    kind = writer(format_name)
+    assert kind.write is not None, "it can be written"
+    written = kind.write(scenario)
+    files = {**written.files, RECIPE_NAME: recipe.to_text().encode()}
+    if written.losses:
+        head = f"What {kind.title} cannot say of {scenario.scenario_id}:\n"
+        lines = "".join(f"- {one}\n" for one in written.losses)
+        files[LOSSES_NAME] = (head + lines).encode()
+    return files
 
 
 def check_free(
@@ -245,6 +323,7 @@ def export_into(
     *,
     base: Scenario | None = None,
     overwrite: bool = False,
+    format_name: str = ARGOVERSE2.name,
 ) -> Path:
     """Write ``out/<id of the result>``; the input is never overwritten.
 
@@ -253,7 +332,7 @@ def export_into(
     """
     folder = Path(out) / recipe.result_id
     write_files(
-        exported_files(scenario, recipe, base),
+        exported_files(scenario, recipe, base, format_name),
         folder,
         forbidden=_input_folder(scenario),
         overwrite=overwrite,

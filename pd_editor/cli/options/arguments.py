@@ -9,6 +9,9 @@ One = TypeVar("One", str, Path, str | Path)
 ScenarioArgument = Annotated[
     str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")
 ]
+FormatOption = Annotated[
+    str, tyro.conf.arg(metavar="FORMAT", help_behavior_hint="(av2 or commonroad)")
+]
 FolderOption = Annotated[str | Path, tyro.conf.arg(metavar="DIR")]
 OptionalFolder = Annotated[
     Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(optional)")

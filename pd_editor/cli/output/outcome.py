@@ -10,6 +10,7 @@ from pd_editor.editor.scenario_store import export_into
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.experiments.work_engine.work_engine import WorkFailure
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.scenario import Scenario
 
 
@@ -41,8 +42,14 @@ class Outcome:
         return "\n".join([*map(str, self.folders), *self.remarks])
 
 
-def write_session(out: str | Path, session: EditorSession, *, overwrite: bool) -> Path:
-    """Write a session's scenario under its name, and its recipe.
+def write_session(
+    out: str | Path,
+    session: EditorSession,
+    *,
+    overwrite: bool,
+    format_name: str = ARGOVERSE2.name,
+) -> Path:
+    """Write a session's scenario under its name in some format, and its recipe.
 
     The recipe carries no date, so equal work gives equal files.
 
@@ -55,6 +62,7 @@ def write_session(out: str | Path, session: EditorSession, *, overwrite: bool) -
         undated_recipe(session),
         base=session.base,
         overwrite=overwrite,
+        format_name=format_name,
     )
 
 

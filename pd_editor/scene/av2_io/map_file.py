@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.av2_io.json_fields import JsonObject, parse_json_object
-from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.geometry.polyline import midline
 from pd_editor.scene.road_map import (
     Crosswalk,
     DrivableArea,
@@ -24,7 +24,6 @@ from pd_editor.scene.scene_limits import (
     road_excess,
 )
 
-MIN_MIDLINE_POINTS: Final = 10
 WRITTEN_DECIMALS: Final = 4
 """Coordinates are written to 0.1 mm; official files have 1 cm."""
 
@@ -133,23 +132,6 @@ def _drivable_area(entry: JsonObject, origin: Float[np.ndarray, "2"]) -> Drivabl
         boundary=entry.points("area_boundary", 3, origin),
         source_fields=entry.others(_AREA_FIELDS),
     )
-
-
-def midline(
-    left: Float[np.ndarray, "L 3"], right: Float[np.ndarray, "R 3"]
-) -> Float[np.ndarray, "N 3"]:
-    """Line midway between two boundaries, with at least ten points."""
-    num_points = max(MIN_MIDLINE_POINTS, len(left), len(right))
-    fraction = np.linspace(0.0, 1.0, num_points)
-    resampled = []
-    for boundary in (left, right):
-        along = arc_length(boundary[:, :2])
-        columns = [
-            np.interp(fraction * along[-1], along, boundary[:, axis])
-            for axis in range(3)
-        ]
-        resampled.append(np.stack(columns, axis=-1))
-    return (resampled[0] + resampled[1]) / 2
 
 
 def map_bytes(road_map: RoadMap, origin_city_m: Float[np.ndarray, "2"]) -> bytes:

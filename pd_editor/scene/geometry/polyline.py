@@ -1,9 +1,13 @@
 """Polylines as arrays of points, shape [N 2], in metres."""
 
+from typing import Final
+
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.geometry.lines import Lines
+
+MIN_MIDLINE_POINTS: Final = 10
 
 
 def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
@@ -70,3 +74,20 @@ def offset_line(
     The mitre is limited to twice the distance, so that sharp corners have no spikes.
     """
     return Lines.of([points_m]).offset(distance_m).points_m
+
+
+def midline(
+    left: Float[np.ndarray, "L 3"], right: Float[np.ndarray, "R 3"]
+) -> Float[np.ndarray, "N 3"]:
+    """Line midway between two boundaries, with at least ten points."""
+    num_points = max(MIN_MIDLINE_POINTS, len(left), len(right))
+    fraction = np.linspace(0.0, 1.0, num_points)
+    resampled = []
+    for boundary in (left, right):
+        along = arc_length(boundary[:, :2])
+        columns = [
+            np.interp(fraction * along[-1], along, boundary[:, axis])
+            for axis in range(3)
+        ]
+        resampled.append(np.stack(columns, axis=-1))
+    return (resampled[0] + resampled[1]) / 2

@@ -45,7 +45,7 @@ def with_focal_agent(
     """
     if scenario.focal_id in scenario.agents.row_of:
         return scenario
-    row = _next_focal_row(
+    row = next_focal_row(
         scenario.agents,
         scenario.current_step,
         np.zeros(2) if place_m is None else place_m,
@@ -78,7 +78,7 @@ def with_focal_category(agents: AgentTracks, focal_id: str) -> AgentTracks:
     return replace(agents, categories=categories)
 
 
-def _next_focal_row(
+def next_focal_row(
     agents: AgentTracks, step: int, place_m: Float[np.ndarray, "2"]
 ) -> int | None:
     """Row of the most suitable agent, the nearest to a position among equals."""

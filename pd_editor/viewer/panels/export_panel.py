@@ -12,6 +12,7 @@ import viser
 from pd_editor.analysis.findings.finding import Finding, open_in_words
 from pd_editor.base.errors import InputError
 from pd_editor.editor.variant import name_from_text, tags_from_text
+from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.panels.panel_style import FixedText
 from pd_editor.viewer.state.ui_context import UiContext, set_value
@@ -39,7 +40,7 @@ class ExportPanel:
             download = gui.add_button(
                 "Download zip",
                 icon=viser.Icon.DOWNLOAD,
-                hint="Argoverse 2 parquet and map, with recipe.json",
+                hint="Files of the format below, with recipe.json",
             )
             self._star = gui.add_button(
                 "Star: into the basket",
@@ -52,6 +53,11 @@ class ExportPanel:
             )
             self._tags = gui.add_text("Tags", "", hint="Separated by commas")
             self._note = gui.add_text("Note", "")
+            self._format = gui.add_dropdown(
+                "Format",
+                tuple(one.title for one in formats().values() if one.write),
+                hint="What a format cannot say is listed in losses.txt",
+            )
             self._out = gui.add_text(
                 "Into folder", "", hint="A folder on the server's machine."
             )
@@ -104,8 +110,13 @@ class ExportPanel:
         """
         self._refuse_empty_name()
         self._ui.commit_gesture()
-        name, content = self._workspace.exported_zip()
+        name, content = self._workspace.exported_zip(self._format_name())
         self._ui.client.send_file_download(name, content, save_immediately=True)
+
+    def _format_name(self) -> str:
+        return next(
+            one.name for one in formats().values() if one.title == self._format.value
+        )
 
     def _download_edits(self) -> None:
         self._ui.commit_gesture()
@@ -167,7 +178,9 @@ class ExportPanel:
 
     def _write_into(self, out: Path, *, replaces: bool = False) -> None:
         self._close_dialog()
-        written = self._workspace.export_into(out, replaces=replaces)
+        written = self._workspace.export_into(
+            out, replaces=replaces, format_name=self._format_name()
+        )
         title = "Replaced the earlier export" if replaces else "Exported"
         self._ui.notify(title, str(written), "success")
 

@@ -11,12 +11,14 @@ from pd_editor.base.errors import ArchiveError, InputError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import is_recipe
+from pd_editor.editor.scenario_store import is_foreign
 from pd_editor.scene.av2_io.upload import (
     MAX_UPLOAD_BYTES,
     scenario_from_upload,
     scenario_of_upload,
     scenarios_in_upload,
 )
+from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.panels.panel_style import FixedText, PictureRows
@@ -26,7 +28,10 @@ from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 
 CARD_LINES: Final = 4
 NO_DEMO: Final = "Choose a demo"
-UPLOAD_TYPES: Final = ".zip,.parquet,.json,application/zip,application/json"
+UPLOAD_TYPES: Final = (
+    ".zip,.parquet,.json,.xml,.xodr,.pkl,application/zip,application/json"
+)
+"""Endings of what can be uploaded, and types for browsers that go by them."""
 
 
 class ScenarioPanel:
@@ -51,7 +56,7 @@ class ScenarioPanel:
             self._shows = FixedText(gui, 2)
             open_demo = gui.add_button("Open demo", icon=viser.Icon.FOLDER_OPEN)
             self._folder = gui.add_text(
-                "Folder", "", hint="A scenario folder: parquet and map JSON."
+                "Folder", "", hint="A scenario folder, or a file of another format"
             )
             open_folder = gui.add_button("Open folder", color="gray")
             upload = gui.add_upload_button(
@@ -59,7 +64,8 @@ class ScenarioPanel:
                 mime_type=UPLOAD_TYPES,
                 color="gray",
                 icon=viser.Icon.UPLOAD,
-                hint="Also edits that were downloaded alone (.recipe.json)",
+                hint="Also OpenDRIVE, CommonRoad, ScenarioNet and GPUDrive files, and edits "
+                "that were downloaded alone (.recipe.json)",
             )
             self._of_zip = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._of_zip, self._choose_scenario)
@@ -166,13 +172,16 @@ class ScenarioPanel:
             self._ui.commit_gesture()
             self._workspace.open_edits(content)
             return
-        if name.lower().endswith(".zip"):
+        if name.lower().endswith(".zip") or is_foreign(name, content):
             files = {name: content}
         else:
             suffix = Path(name).suffix.lower()
             if suffix not in (".parquet", ".json"):
+                readable = [one.title for one in formats().values() if one.endings]
+                in_words = " or ".join([", ".join(readable[:-1]), readable[-1]])
                 raise InputError(
-                    f"{name}: expected a .zip, or a .parquet and the .json of its map."
+                    f"{name}: expected a .zip, a .parquet and the .json of its map, or a "
+                    f"file of {in_words}."
                 )
             kept = {
                 n: c for n, c in self._uploads.items() if not n.lower().endswith(suffix)

@@ -37,6 +37,7 @@ from pd_editor.editor.variant import (
 from pd_editor.scene.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.exporters.bundle import zip_files
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, cut_scenario, is_long
 from pd_editor.viewer.state.guided_runs import GuidedRuns
@@ -370,13 +371,15 @@ class Workspace:
             raise InputError("There is no further scenario under this filter.")
         self.open_from_dataset(card)
 
-    def exported_zip(self) -> tuple[str, bytes]:
+    def exported_zip(self, format_name: str = ARGOVERSE2.name) -> tuple[str, bytes]:
         """Name and bytes of a zip with the scenario and its recipe.
 
         Its id is unique in this workspace.
         """
         recipe = self._named_recipe(self._is_given)
-        files = exported_files(self.session.scenario, recipe, self.session.base)
+        files = exported_files(
+            self.session.scenario, recipe, self.session.base, format_name
+        )
         self._exported_as(recipe.result_id)
         return f"{recipe.result_id}.zip", zip_files(files, recipe.result_id)
 
@@ -397,7 +400,9 @@ class Workspace:
         """The name that a new export gets in a folder."""
         return self._named_recipe(lambda name: os.path.exists(out / name)).result_id
 
-    def export_into(self, out: Path, *, replaces: bool = False) -> Path:
+    def export_into(
+        self, out: Path, *, replaces: bool = False, format_name: str = ARGOVERSE2.name
+    ) -> Path:
         """Write the scenario and its recipe as a folder in ``out``.
 
         Unless ``replaces``, it is a new one, named ``-2`` where the name is taken.
@@ -410,7 +415,12 @@ class Workspace:
         )
         session = self.session
         folder = export_into(
-            out, session.scenario, recipe, base=session.base, overwrite=replaces
+            out,
+            session.scenario,
+            recipe,
+            base=session.base,
+            overwrite=replaces,
+            format_name=format_name,
         )
         self._exported_as(recipe.result_id)
         return folder

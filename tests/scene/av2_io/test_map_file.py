@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pd_editor.base.errors import MapFileError
-from pd_editor.scene.av2_io.map_file import map_bytes, midline, read_map
+from pd_editor.scene.av2_io.map_file import map_bytes, read_map
+from pd_editor.scene.geometry.polyline import midline
 from pd_editor.scene.road_map import Crosswalk, LaneKind, LaneMark, RoadMap
 from tests.scene.av2_io.small_files import MAP, SCENARIO, changed_map
 

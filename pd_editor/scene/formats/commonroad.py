@@ -1,0 +1,336 @@
+"""CommonRoad scenarios, versions 2018b and 2020a (XML)."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.commonroad_writer import write
+from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.polyline import midline
+from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
+from pd_editor.scene.scenario import Scenario
+
+VERSIONS: Final = ("2018b", "2020a")
+_KINDS: Final = {
+    "car": AgentKind.VEHICLE,
+    "truck": AgentKind.VEHICLE,
+    "taxi": AgentKind.VEHICLE,
+    "priorityVehicle": AgentKind.VEHICLE,
+    "parkedVehicle": AgentKind.VEHICLE,
+    "bus": AgentKind.BUS,
+    "train": AgentKind.BUS,
+    "motorcycle": AgentKind.MOTORCYCLIST,
+    "bicycle": AgentKind.CYCLIST,
+    "pedestrian": AgentKind.PEDESTRIAN,
+    "constructionZone": AgentKind.CONSTRUCTION,
+    "roadBoundary": AgentKind.STATIC,
+    "building": AgentKind.STATIC,
+    "pillar": AgentKind.STATIC,
+    "median_strip": AgentKind.STATIC,
+}
+"""Kinds of obstacles; all others are of unknown kind."""
+_OBSTACLES: Final = frozenset({"obstacle", "staticObstacle", "dynamicObstacle"})
+_LANE_KINDS: Final = {"bicycleLane": LaneKind.BIKE, "busLane": LaneKind.BUS}
+_NO_LANES: Final = frozenset({"crosswalk", "sidewalk"})
+_MARKS: Final = {
+    "solid": LaneMark.SOLID_WHITE,
+    "broad_solid": LaneMark.SOLID_WHITE,
+    "dashed": LaneMark.DASHED_WHITE,
+    "broad_dashed": LaneMark.DASHED_WHITE,
+    "no_marking": LaneMark.NONE,
+}
+
+
+def read(path: Path) -> Scenario:
+    """Read a scenario: lanelets, obstacles, and the planning problem's start as the ego.
+
+    Signs and lights are left out, since scenes have no place for them.
+
+    Raises:
+        FormatError: the file is damaged, or of another version.
+    """
+    element, data = parse_xml(path, "commonRoad")
+    root = Place(path, element)
+    version = root.attribute("commonRoadVersion")
+    if version not in VERSIONS:
+        raise root.error(
+            f"is of version {version[:20]!r}; expected {' or '.join(VERSIONS)}."
+        )
+    step_s = root.number("timeStepSize")
+    if not step_s > 0:
+        raise root.error(f"has steps of {step_s:g} s; expected more than 0.")
+    lanes, crosswalks = _roads(root)
+    tracks, notes = _obstacles(root, step_s)
+    problems = root.children("planningProblem")
+    ego_id, now_s = "", 0.0
+    if problems:
+        ego = _start(problems[0], step_s)
+        ego_id, now_s = ego.track_id, float(ego.time_s[0])
+        if ego_id in {one.track_id for one in tracks}:
+            raise problems[0].error(
+                "has the id of an obstacle; expected one of its own."
+            )
+        tracks.append(ego)
+        notes.append(
+            f"AV is the start of planning problem {ego_id}, which has no trajectory."
+        )
+    signs = len(root.children("trafficSign")) + len(root.children("trafficLight"))
+    if signs:
+        notes.append(f"{signs} traffic signs and lights are left out.")
+    author, source = element.get("author"), element.get("source")
+    if author or source:
+        notes.append(
+            f"By {author or 'unknown authors'}; source: {source or 'unknown'}."
+        )
+    return FileScene(
+        path=path,
+        name=element.get("benchmarkID") or path.stem,
+        lanes=lanes,
+        crosswalks=crosswalks,
+        tracks=tuple(tracks),
+        current_s=now_s,
+        ego_id=ego_id,
+        notes=tuple(notes),
+    ).scenario(data)
+
+
+def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...]]:
+    """Lanelets for vehicles as lanes, crosswalks apart."""
+    in_junction = _junction_ids(root)
+    lanes: list[Lane] = []
+    crosswalks: list[Crosswalk] = []
+    seen: set[int] = set()
+    for place in root.children("lanelet"):
+        number = place.integer("id")
+        if number in seen:
+            raise place.error("comes twice; expected ids that are unique.")
+        seen.add(number)
+        types = {one.element.text or "" for one in place.children("laneletType")}
+        left, right = _bound(place, "leftBound"), _bound(place, "rightBound")
+        if "crosswalk" in types:
+            crosswalks.append(Crosswalk(crosswalk_id=number, edge1=left, edge2=right))
+        if types & _NO_LANES:
+            continue
+        lanes.append(
+            Lane(
+                lane_id=number,
+                kind=next(
+                    (_LANE_KINDS[one] for one in types if one in _LANE_KINDS),
+                    LaneKind.VEHICLE,
+                ),
+                is_intersection="intersection" in types or number in in_junction,
+                centerline=midline(left, right),
+                left=left,
+                right=right,
+                left_mark=_mark(place.child("leftBound")),
+                right_mark=_mark(place.child("rightBound")),
+                successors=_refs(place, "successor"),
+                predecessors=_refs(place, "predecessor"),
+                left_neighbor=_neighbor(place, "adjacentLeft"),
+                right_neighbor=_neighbor(place, "adjacentRight"),
+            )
+        )
+    return tuple(lanes), tuple(crosswalks)
+
+
+def _junction_ids(root: Place) -> set[int]:
+    """Lanelets that lead through intersections."""
+    return {
+        successor
+        for intersection in root.children("intersection")
+        for incoming in intersection.children("incoming")
+        for name in ("successorsRight", "successorsStraight", "successorsLeft")
+        for successor in _refs(incoming, name)
+    }
+
+
+def _bound(place: Place, name: str) -> Float[np.ndarray, "N 3"]:
+    bound = place.child(name)
+    points = np.array([_point(one) for one in bound.children("point")], float)
+    points = points.reshape(-1, 3)
+    keeps = np.append(
+        True, np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 1e-6
+    )
+    points = points[keeps[: len(points)]]
+    if len(points) < 2:
+        raise bound.error("has fewer than two different points.")
+    return points
+
+
+def _point(place: Place) -> tuple[float, float, float]:
+    height = place.element.find("z")
+    z = 0.0 if height is None else Place(place.path, height).number()
+    return place.child("x").number(), place.child("y").number(), z
+
+
+def _mark(bound: Place) -> LaneMark:
+    text = bound.element.findtext("lineMarking") or ""
+    return _MARKS.get(text, LaneMark.UNKNOWN)
+
+
+def _refs(place: Place, name: str) -> tuple[int, ...]:
+    return tuple(one.integer("ref") for one in place.children(name))
+
+
+def _neighbor(place: Place, name: str) -> int | None:
+    """The adjacent lanelet, if it leads the same way."""
+    for one in place.children(name):
+        if one.element.get("drivingDir") == "same":
+            return one.integer("ref")
+    return None
+
+
+def _obstacles(root: Place, step_s: float) -> tuple[list[FileTrack], list[str]]:
+    tracks: list[FileTrack] = []
+    notes: list[str] = []
+    last_s = max(
+        (step_s * _value(one, "time") for one in _states(root)), default=step_s
+    )
+    for element in root.element:
+        if element.tag in _OBSTACLES:
+            place = Place(root.path, element)
+            track = _obstacle(place, step_s, last_s)
+            if track.track_id in {one.track_id for one in tracks}:
+                raise place.error("comes twice; expected ids that are unique.")
+            tracks.append(track)
+    without = [one.track_id for one in tracks if len(one.time_s) == 1]
+    if without:
+        notes.append(
+            f"{len(without)} obstacles have a first state but no trajectory: "
+            f"{', '.join(without[:6])}."
+        )
+    return tracks, notes
+
+
+def _states(root: Place) -> list[Place]:
+    return [
+        Place(root.path, state)
+        for tag in ("obstacle", "dynamicObstacle")
+        for obstacle in root.element.findall(tag)
+        for state in obstacle.findall("trajectory/state")
+    ]
+
+
+def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
+    is_static = (
+        place.element.tag == "staticObstacle"
+        or place.element.findtext("role") == "static"
+    )
+    kind = _KINDS.get(place.element.findtext("type") or "", AgentKind.UNKNOWN)
+    size, turn, offset = _shape(place)
+    first = place.child("initialState")
+    states = [
+        first,
+        *(Place(place.path, s) for s in place.element.findall("trajectory/state")),
+    ]
+    time = np.array([step_s * _value(one, "time") for one in states])
+    position = np.array([_position(one) for one in states])
+    heading = np.array([_value(one, "orientation") for one in states])
+    speed = np.array([_value(one, "velocity", 0.0) for one in states])
+    velocity = unit_vector(heading) * speed[:, None]
+    if is_static:
+        time = np.arange(time[0], last_s + step_s / 2, step_s)
+        position, heading = (
+            position[:1].repeat(len(time), 0),
+            heading[:1].repeat(len(time)),
+        )
+        velocity = np.zeros((len(time), 2))
+    if (np.diff(time) <= 0).any():
+        raise place.error("has states whose times do not increase.")
+    cos, sin = np.cos(heading), np.sin(heading)
+    position = position + np.stack(
+        [cos * offset[0] - sin * offset[1], sin * offset[0] + cos * offset[1]], axis=-1
+    )
+    return FileTrack(
+        track_id=place.attribute("id"),
+        kind=kind,
+        size_m=size,
+        time_s=time,
+        position_m=position,
+        heading_rad=heading + turn,
+        velocity_mps=velocity,
+    )
+
+
+def _start(problem: Place, step_s: float) -> FileTrack:
+    """The ego's first state."""
+    state = problem.child("initialState")
+    heading = np.array([_value(state, "orientation")])
+    return FileTrack(
+        track_id=problem.attribute("id"),
+        kind=AgentKind.VEHICLE,
+        size_m=None,
+        time_s=np.array([step_s * _value(state, "time")]),
+        position_m=np.array([_position(state)]),
+        heading_rad=heading,
+        velocity_mps=unit_vector(heading) * _value(state, "velocity", 0.0),
+    )
+
+
+def _shape(
+    place: Place,
+) -> tuple[tuple[float, float] | None, float, tuple[float, float]]:
+    """Length and width of the box, its turn and its centre in the obstacle's frame."""
+    shape = place.child("shape")
+    for one in shape.children("rectangle"):
+        size = one.child("length").number(), one.child("width").number()
+        turn = one.element.find("orientation")
+        center = one.element.find("center")
+        return (
+            size,
+            0.0 if turn is None else Place(place.path, turn).number(),
+            (0.0, 0.0) if center is None else _point(Place(place.path, center))[:2],
+        )
+    for one in shape.children("circle"):
+        across = 2 * one.child("radius").number()
+        return (across, across), 0.0, (0.0, 0.0)
+    for one in shape.children("polygon"):
+        points = np.array([_point(p)[:2] for p in one.children("point")])
+        if len(points):
+            low, high = points.min(axis=0), points.max(axis=0)
+            length, width = np.maximum(high - low, 0.1).tolist()
+            x, y = ((low + high) / 2).tolist()
+            return (length, width), 0.0, (x, y)
+    return None, 0.0, (0.0, 0.0)
+
+
+def _position(state: Place) -> tuple[float, float]:
+    """A point, or the centre of a shape."""
+    position = state.child("position")
+    for one in position.children("point"):
+        return _point(one)[:2]
+    for tag in ("rectangle", "circle"):
+        for one in position.children(tag):
+            return _point(one.child("center"))[:2]
+    raise position.error("has no point; expected one.")
+
+
+def _value(state: Place, name: str, default: float | None = None) -> float:
+    """A number of a state, exact or the middle of an interval."""
+    if default is not None and state.element.find(name) is None:
+        return default
+    place = state.child(name)
+    for one in place.children("exact"):
+        return one.number()
+    low, high = place.child("intervalStart"), place.child("intervalEnd")
+    return (low.number() + high.number()) / 2
+
+
+def _recognises(path: Path) -> bool:
+    return path.suffix.lower() == ".xml" and b"<commonroad" in head_of(path)
+
+
+COMMONROAD: Final = SceneFormat(
+    name="commonroad",
+    title="CommonRoad",
+    endings=(".xml",),
+    recognises=_recognises,
+    read=read,
+    write=write,
+)

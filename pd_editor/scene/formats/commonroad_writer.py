@@ -1,0 +1,315 @@
+"""Writes scenes as CommonRoad 2020a scenarios."""
+
+import csv
+import io
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
+
+from pd_editor.base.errors import ExportError
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
+from pd_editor.scene.scenario import EGO_ID, Scenario
+
+IDS_NAME: Final = "ids.csv"
+_TYPES: Final = {
+    AgentKind.VEHICLE: "car",
+    AgentKind.BUS: "bus",
+    AgentKind.MOTORCYCLIST: "motorcycle",
+    AgentKind.CYCLIST: "bicycle",
+    AgentKind.PEDESTRIAN: "pedestrian",
+}
+"""Types of obstacles; those of other kinds are unknown."""
+_MARKS: Final = {
+    LaneMark.SOLID_WHITE: "solid",
+    LaneMark.DASHED_WHITE: "dashed",
+    LaneMark.NONE: "no_marking",
+}
+"""Markings; those of other colours, and double ones, are unknown."""
+_LANE_TYPES: Final = {LaneKind.BIKE: "bicycleLane", LaneKind.BUS: "busLane"}
+_DECIMALS: Final = 4
+_ANGLE_DECIMALS: Final = 6
+_GOAL_M: Final = (5.0, 2.0)
+"""Length and width of the goal region around the ego's last place."""
+_GOAL_TURN: Final = 0.2
+_LOSSES: Final[tuple[str, ...]] = (
+    "Centre lines: they are midway between the bounds, a few centimetres from ours.",
+    "Colours of lane markings and double lines: CommonRoad knows solid and dashed ones.",
+    "Drivable areas beside the lanes: CommonRoad has lanelets only.",
+    "The ego's trajectory: the planning problem has its start and its goal.",
+    "Velocities to the side: a state has one speed along its heading.",
+    "Benchmark categories, made-up pasts, and which agent is the focal one.",
+)
+
+
+def write(scenario: Scenario) -> WrittenScene:
+    """Files of a scenario: the XML, and a table of the ids in it.
+
+    Steps are counted from the scenario's first one; the ego, or without one the focal
+    agent, is the planning problem, which begins at the current step. Coordinates are
+    those of the city.
+
+    Raises:
+        ExportError: there is no agent at the current step, whose start could be the
+            planning problem.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    ego = next(
+        (
+            agents.row_of[name]
+            for name in (EGO_ID, scenario.focal_id)
+            if name in agents.row_of and agents.is_valid[agents.row_of[name], now]
+        ),
+        None,
+    )
+    if ego is None:
+        raise ExportError(
+            f"Scenario {scenario.scenario_id} has neither ego nor focal agent at the "
+            "current step; CommonRoad needs one as its planning problem."
+        )
+    root = etree.Element(
+        "commonRoad",
+        timeStepSize=f"{scenario.time_axis.step_s:g}",
+        commonRoadVersion="2020a",
+        author="Path Diffuser Editor",
+        affiliation="",
+        source=scenario.city or "unknown",
+        benchmarkID=scenario.scenario_id,
+        date="1970-01-01",
+    )
+    location = _child(root, "location")
+    for name, value in (
+        ("geoNameId", "-999"),
+        ("gpsLatitude", "999"),
+        ("gpsLongitude", "999"),
+    ):
+        _child(location, name, value)
+    _child(_child(root, "scenarioTags"), "urban")
+    origin = scenario.origin_city_m
+    known = set(scenario.road_map.lane_of)
+    for lane in scenario.road_map.lanes:
+        _lanelet(root, lane, origin, known)
+    next_id = 1 + max((*known, *(c.crosswalk_id for c in scenario.road_map.crosswalks)))
+    for walk in scenario.road_map.crosswalks:
+        next_id = _crosswalk(root, walk, origin, known, next_id)
+    rows: list[tuple[str, int]] = []
+    place = agents.position_m + origin
+    for row, name in enumerate(agents.ids):
+        if row == ego:
+            continue
+        for steps in _parts(agents.is_valid[row]):
+            rows.append((name, next_id))
+            _obstacle(root, scenario, row, place, steps, next_id)
+            next_id += 1
+    rows.append((agents.ids[ego], next_id))
+    _problem(root, scenario, ego, place, next_id)
+    split = len(rows) - len(agents)
+    losses: list[str] = list(_LOSSES)
+    if split:
+        losses.append(f"Gaps in tracks: {split} further obstacles go on after one.")
+    data = etree.tostring(
+        root, encoding="UTF-8", xml_declaration=True, pretty_print=True
+    )
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows([("agent", "obstacle"), *rows])
+    return WrittenScene(
+        files={
+            f"{scenario.scenario_id}.xml": data,
+            IDS_NAME: table.getvalue().encode(),
+        },
+        losses=tuple(losses),
+    )
+
+
+def _lanelet(
+    root: etree._Element, lane: Lane, origin: Float[np.ndarray, "2"], known: set[int]
+) -> None:
+    found = _child(root, "lanelet", id=str(lane.lane_id))
+    left, right = _paired(lane.left_m + origin, lane.right_m + origin)
+    _bound(found, "leftBound", left, _MARKS.get(lane.left_mark, "unknown"))
+    _bound(found, "rightBound", right, _MARKS.get(lane.right_mark, "unknown"))
+    for tag, ids in (
+        ("predecessor", lane.predecessors),
+        ("successor", lane.successors),
+    ):
+        for one in ids:
+            if one in known:
+                _child(found, tag, ref=str(one))
+    for tag, one in (
+        ("adjacentLeft", lane.left_neighbor),
+        ("adjacentRight", lane.right_neighbor),
+    ):
+        if one in known:
+            _child(found, tag, ref=str(one), drivingDir="same")
+    _child(found, "laneletType", _LANE_TYPES.get(lane.kind, "urban"))
+    if lane.is_intersection:
+        _child(found, "laneletType", "intersection")
+
+
+def _crosswalk(
+    root: etree._Element,
+    walk: Crosswalk,
+    origin: Float[np.ndarray, "2"],
+    known: set[int],
+    next_id: int,
+) -> int:
+    """Add a crosswalk, with another id where a lane has its own; the next free id."""
+    own = walk.crosswalk_id
+    if own in known:
+        own, next_id = next_id, next_id + 1
+    found = _child(root, "lanelet", id=str(own))
+    one, two = walk.edge1[:, :2] + origin, walk.edge2[:, :2] + origin
+    if np.hypot(*(one[-1] - two[-1])) > np.hypot(*(one[-1] - two[0])):
+        two = two[::-1]
+    left, right = _paired(one, two)
+    for tag, line in (("leftBound", left), ("rightBound", right)):
+        _bound(found, tag, line, "unknown")
+    _child(found, "laneletType", "crosswalk")
+    return next_id
+
+
+def _paired(
+    one: Float[np.ndarray, "N 2"], two: Float[np.ndarray, "M 2"]
+) -> tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K 2"]]:
+    """Both lines with points at equal shares of their lengths, with all that they had."""
+    ways = [arc_length(line) for line in (one, two)]
+    shares = [way / max(way[-1], 1e-9) for way in ways]
+    every = np.unique(np.round(np.concatenate(shares), 9))
+    return (
+        _at_shares(one, shares[0], every),
+        _at_shares(two, shares[1], every),
+    )
+
+
+def _at_shares(
+    line: Float[np.ndarray, "N 2"],
+    share: Float[np.ndarray, "N"],
+    every: Float[np.ndarray, "K"],
+) -> Float[np.ndarray, "K 2"]:
+    return np.stack([np.interp(every, share, column) for column in line.T], axis=-1)
+
+
+def _bound(
+    lanelet: etree._Element, tag: str, line: Float[np.ndarray, "K 2"], mark: str
+) -> None:
+    bound = _child(lanelet, tag)
+    for x, y in line:
+        _point(bound, x, y)
+    _child(bound, "lineMarking", mark)
+
+
+def _parts(is_valid: np.ndarray) -> Iterable[Int[np.ndarray, "N"]]:
+    """Steps of each unbroken part of a track."""
+    steps = np.flatnonzero(is_valid)
+    return [
+        part
+        for part in np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1)
+        if len(part)
+    ]
+
+
+def _obstacle(
+    root: etree._Element,
+    scenario: Scenario,
+    row: int,
+    place: Float[np.ndarray, "A T 2"],
+    steps: Int[np.ndarray, "N"],
+    number: int,
+) -> None:
+    agents = scenario.agents
+    found = _child(root, "dynamicObstacle", id=str(number))
+    _child(found, "type", _TYPES.get(agents.kinds[row], "unknown"))
+    box = _child(_child(found, "shape"), "rectangle")
+    for tag, value in zip(("length", "width"), agents.size_m[row], strict=True):
+        _child(box, tag, _text(value))
+    first, *others = steps.tolist()
+    _state(_child(found, "initialState"), scenario, row, place, first)
+    if others:
+        trajectory = _child(found, "trajectory")
+        for step in others:
+            _state(_child(trajectory, "state"), scenario, row, place, step)
+
+
+def _problem(
+    root: etree._Element,
+    scenario: Scenario,
+    row: int,
+    place: Float[np.ndarray, "A T 2"],
+    number: int,
+) -> None:
+    """The planning problem: start at the current step, goal at the last known place."""
+    agents, now = scenario.agents, scenario.current_step
+    found = _child(root, "planningProblem", id=str(number))
+    start = _child(found, "initialState")
+    _state(start, scenario, row, place, now)
+    for tag in ("yawRate", "slipAngle"):
+        _child(_child(start, tag), "exact", "0.0")
+    last = int(np.flatnonzero(agents.is_valid[row])[-1])
+    goal = _child(found, "goalState")
+    _interval(_child(goal, "time"), max(last, now + 1), max(last, now + 1))
+    box = _child(_child(goal, "position"), "rectangle")
+    for tag, value in zip(("length", "width"), _GOAL_M, strict=True):
+        _child(box, tag, _text(value))
+    heading = float(agents.heading_rad[row, last])
+    _child(box, "orientation", _angle(heading))
+    center = _child(box, "center")
+    for tag, value in zip("xy", place[row, last], strict=True):
+        _child(center, tag, _text(value))
+    turn = _child(goal, "orientation")
+    low = max(heading - _GOAL_TURN, -np.pi)
+    _child(turn, "intervalStart", _angle(low))
+    _child(turn, "intervalEnd", _angle(min(heading + _GOAL_TURN, np.pi)))
+
+
+def _state(
+    state: etree._Element,
+    scenario: Scenario,
+    row: int,
+    place: Float[np.ndarray, "A T 2"],
+    step: int,
+) -> None:
+    agents = scenario.agents
+    heading = agents.heading_rad[row, step]
+    velocity = agents.velocity_mps[row, step]
+    ahead = float(velocity @ unit_vector(heading))
+    speed = float(np.hypot(*velocity)) * (-1 if ahead < 0 else 1)
+    _point(_child(state, "position"), *place[row, step])
+    for tag, value in (
+        ("orientation", _angle(heading)),
+        ("time", str(step)),
+        ("velocity", _text(speed)),
+    ):
+        _child(_child(state, tag), "exact", value)
+
+
+def _interval(parent: etree._Element, first: int, last: int) -> None:
+    _child(parent, "intervalStart", str(first))
+    _child(parent, "intervalEnd", str(last))
+
+
+def _point(parent: etree._Element, x: float, y: float) -> None:
+    point = _child(parent, "point")
+    _child(point, "x", _text(x))
+    _child(point, "y", _text(y))
+
+
+def _child(
+    parent: etree._Element, tag: str, text: str | None = None, **attributes: str
+) -> etree._Element:
+    found = etree.SubElement(parent, tag, **attributes)
+    found.text = text
+    return found
+
+
+def _text(value: float) -> str:
+    return f"{value + 0.0:.{_DECIMALS}f}"
+
+
+def _angle(value: float) -> str:
+    return f"{value + 0.0:.{_ANGLE_DECIMALS}f}"

@@ -1,0 +1,285 @@
+"""A scene as a foreign file has it, and how it becomes a scenario."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
+
+from pd_editor.base.errors import FormatError
+from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
+from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.road_map import Crosswalk, DrivableArea, Lane, RoadMap
+from pd_editor.scene.roles.focal_agent import next_focal_row, with_focal_category
+from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
+from pd_editor.scene.scene_limits import MAX_STEPS, agents_excess, road_excess
+from pd_editor.scene.time_axis import TimeAxis
+
+_STEP_S: Final = TimeAxis().step_s
+_ON_GRID_S: Final = 1e-3
+"""Times this near to multiples of the step are taken as they are."""
+_LONGEST_GAP_S: Final = 0.35
+"""States further apart in time have nothing between them."""
+_CROSSING_SINE: Final = 0.34
+"""Centre lines that cross at more than 20 degrees meet in a junction."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileTrack:
+    """States of an agent at N increasing times, in the file's frame."""
+
+    track_id: str
+    kind: AgentKind
+    size_m: tuple[float, float] | None
+    """Length and width; None if the file does not tell."""
+    time_s: Float[np.ndarray, "N"]
+    position_m: Float[np.ndarray, "N 2"]
+    """Centres of the box."""
+    heading_rad: Float[np.ndarray, "N"]
+    velocity_mps: Float[np.ndarray, "N 2"] | None = None
+    """None: that of the positions."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileScene:
+    """Map and tracks of a file, in its own frame in metres."""
+
+    path: Path
+    name: str
+    lanes: tuple[Lane, ...]
+    crosswalks: tuple[Crosswalk, ...] = ()
+    more_paved: Sequence[BaseGeometry] = ()
+    """What is drivable beside the lanes, such as shoulders and junctions."""
+    tracks: tuple[FileTrack, ...] = ()
+    current_s: float = 0.0
+    """Time of the current step."""
+    ego_id: str = ""
+    """Track of the recording vehicle, which becomes ``AV``; empty: there is none."""
+    focal_id: str = ""
+    """Track that a benchmark predicts; empty: the file does not tell."""
+    city: str = ""
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+    def scenario(self, data: bytes) -> Scenario:
+        """The scene at 10 Hz around the current step; ``data`` are the file's bytes.
+
+        Raises:
+            FormatError: it has no lane, or is larger than scenes may be.
+        """
+        if not self.lanes:
+            raise FormatError(
+                f"{self.path}: has no lane for vehicles; expected a road."
+            )
+        axis = self._time_axis()
+        agents = self._agents(axis)
+        row = self._focal_row(agents, axis)
+        origin = np.rint(self._middle(agents, axis, row))
+        there = agents.is_valid[..., None]
+        agents = replace(
+            agents, position_m=np.where(there, agents.position_m - origin, 0.0)
+        )
+        road_map = self._road_map().moved(lambda points: points - origin)
+        excess = road_excess(road_map) or (
+            agents_excess(agents, road_map) if len(agents) else None
+        )
+        if excess is not None:
+            raise FormatError(f"{self.path}: {excess[:1].lower()}{excess[1:]}")
+        focal_id = "" if row is None else agents.ids[row]
+        return Scenario(
+            scenario_id=self.name,
+            city=self.city,
+            origin_city_m=origin,
+            road_map=road_map,
+            agents=with_focal_category(agents, focal_id),
+            time_axis=axis,
+            focal_id=focal_id,
+            provenance=Provenance(
+                source=os.path.realpath(self.path),
+                content_sha256=hashlib.sha256(data).hexdigest(),
+                notes=self.notes,
+            ),
+        )
+
+    def _time_axis(self) -> TimeAxis:
+        """Steps of 0.1 s that cover all tracks, and the usual past and future."""
+        if not self.tracks:
+            return TimeAxis()
+        times = [one.time_s[[0, -1]] for one in self.tracks]
+        first, last = np.min(times), np.max(times)
+        # At least as many steps as Argoverse 2 has, so that what is generated and
+        # exported has a past and a future.
+        usual = TimeAxis()
+        before = int((self.current_s - first) / _STEP_S + _ON_GRID_S)
+        before = max(before, usual.current_step)
+        after = int((last - self.current_s) / _STEP_S + _ON_GRID_S)
+        after = max(after, usual.num_future_steps)
+        if before + after + 1 > MAX_STEPS:
+            raise FormatError(
+                f"{self.path}: lasts {last - first:.0f} s; at most "
+                f"{MAX_STEPS * _STEP_S:g} s are opened."
+            )
+        start_s = self.current_s - before * _STEP_S
+        return TimeAxis(
+            num_steps=before + after + 1,
+            current_step=before,
+            start_timestamp_ns=round(1e9 * start_s),
+            end_timestamp_ns=round(1e9 * (start_s + (before + after) * _STEP_S)),
+        )
+
+    def _agents(self, axis: TimeAxis) -> AgentTracks:
+        times = self.current_s + axis.times_s()
+        tables = [_at_times(one, times) for one in self.tracks]
+        shown = [n for n, table in enumerate(tables) if table[3].any()]
+        tracks, tables = [self.tracks[n] for n in shown], [tables[n] for n in shown]
+        kinds = tuple(one.kind for one in tracks)
+        known = np.array([one.size_m is not None for one in tracks], bool)
+        size_m = default_sizes_m(kinds)
+        for row, one in enumerate(tracks):
+            if one.size_m is not None:
+                size_m[row] = one.size_m
+        shape = (len(tracks), axis.num_steps)
+        stacked = [
+            np.stack(column) if tracks else np.zeros((*shape, *more))
+            for column, more in zip(
+                zip(*tables, strict=True) if tracks else ((),) * 4,
+                ((2,), (), (2,), ()),
+                strict=True,
+            )
+        ]
+        position, heading, velocity, is_valid = stacked
+        is_valid = is_valid.astype(bool)
+        ids = tuple(
+            EGO_ID if one.track_id == self.ego_id else one.track_id for one in tracks
+        )
+        return AgentTracks(
+            ids=ids,
+            kinds=kinds,
+            categories=tuple(
+                AgentCategory.SCORED if is_full else AgentCategory.UNSCORED
+                for is_full in np.atleast_1d(is_valid.all(axis=1)).tolist()
+            ),
+            size_m=size_m,
+            has_known_size=known,
+            position_m=position,
+            heading_rad=heading,
+            velocity_mps=velocity,
+            is_valid=is_valid,
+            observed=is_valid & axis.is_past,
+        )
+
+    def _focal_row(self, agents: AgentTracks, axis: TimeAxis) -> int | None:
+        now = axis.current_step
+        for name in (self.focal_id, EGO_ID if self.ego_id else ""):
+            row = agents.row_of.get(EGO_ID if name == self.ego_id else name)
+            if row is not None and agents.is_valid[row, now:].sum() > 1:
+                return row
+        there = agents.is_valid[:, now]
+        if not there.any():
+            return None
+        return next_focal_row(agents, now, agents.position_m[there, now].mean(axis=0))
+
+    def _middle(
+        self, agents: AgentTracks, axis: TimeAxis, row: int | None
+    ) -> Float[np.ndarray, "2"]:
+        if row is not None:
+            return agents.position_m[row, axis.current_step]
+        points = np.concatenate([one.centerline_m for one in self.lanes])
+        return (points.min(axis=0) + points.max(axis=0)) / 2
+
+    def _road_map(self) -> RoadMap:
+        lanes = with_junctions(self.lanes)
+        ground = [valid_area(one.outline_m()) for one in lanes]
+        rings = paved_rings([*ground, *self.more_paved])
+        first = 1 + max(one.lane_id for one in lanes)
+        return RoadMap(
+            lanes=lanes,
+            crosswalks=self.crosswalks,
+            drivable_areas=tuple(
+                DrivableArea(
+                    area_id=first + number,
+                    boundary=np.column_stack([ring, np.zeros(len(ring))]),
+                )
+                for number, ring in enumerate(rings)
+            ),
+        )
+
+
+def _at_times(
+    track: FileTrack, times_s: Float[np.ndarray, "T"]
+) -> tuple[
+    Float[np.ndarray, "T 2"],
+    Float[np.ndarray, "T"],
+    Float[np.ndarray, "T 2"],
+    Bool[np.ndarray, "T"],
+]:
+    """Positions, headings, velocities and presence at some times; 0 where absent."""
+    known = track.time_s
+    after = np.clip(np.searchsorted(known, times_s - _ON_GRID_S), 0, len(known) - 1)
+    before = np.clip(
+        np.searchsorted(known, times_s + _ON_GRID_S) - 1, 0, len(known) - 1
+    )
+    is_there = (known[before] <= times_s + _ON_GRID_S) & (
+        known[after] >= times_s - _ON_GRID_S
+    )
+    is_there &= known[after] - known[before] <= _LONGEST_GAP_S
+    span = np.maximum(known[after] - known[before], 1e-9)
+    share = np.clip((times_s - known[before]) / span, 0.0, 1.0)
+    share = np.where(after == before, 0.0, share)[:, None]
+
+    def between(values: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "T D"]:
+        mixed = values[before] + share * (values[after] - values[before])
+        return np.where(is_there[:, None], mixed, 0.0)
+
+    velocity = track.velocity_mps
+    if velocity is None:
+        velocity = (
+            np.gradient(track.position_m, known, axis=0)
+            if len(known) > 1
+            else np.zeros_like(track.position_m)
+        )
+    heading = between(np.unwrap(track.heading_rad)[:, None])[:, 0]
+    return between(track.position_m), wrap_angle(heading), between(velocity), is_there
+
+
+def with_junctions(lanes: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    """Lanes, of which those that cross others are in a junction, if none is known to be."""
+    if any(one.is_intersection for one in lanes):
+        return lanes
+    lines = [shapely.LineString(one.centerline_m) for one in lanes]
+    tree = shapely.STRtree(lines)
+    first, second = tree.query(lines, predicate="crosses")
+    crossing: set[int] = set()
+    for one, two in zip(first.tolist(), second.tolist(), strict=True):
+        if one < two and _cross_at_an_angle(
+            lanes[one], lanes[two], lines[one], lines[two]
+        ):
+            crossing.update((one, two))
+    return tuple(
+        replace(one, is_intersection=True) if row in crossing else one
+        for row, one in enumerate(lanes)
+    )
+
+
+def _cross_at_an_angle(
+    one: Lane, two: Lane, first: shapely.LineString, second: shapely.LineString
+) -> bool:
+    place = first.intersection(second).centroid
+    directions = []
+    for lane, line in ((one, first), (two, second)):
+        along = arc_length(lane.centerline_m)
+        row = int(
+            np.clip(np.searchsorted(along, line.project(place)), 1, len(along) - 1)
+        )
+        directions.append(lane.centerline_m[row] - lane.centerline_m[row - 1])
+    a, b = directions
+    size = np.hypot(*a) * np.hypot(*b)
+    return bool(size > 0 and abs(a[0] * b[1] - a[1] * b[0]) > _CROSSING_SINE * size)

@@ -1,0 +1,138 @@
+"""GPUDrive (Nocturne) scenes: JSON files of the Waymo Open Motion Dataset."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from pd_editor.base.errors import FormatError
+from pd_editor.base.regular_file import read_regular
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.recorded_map import (
+    CenterLane,
+    crosswalk_of,
+    lanes_of,
+    points_of,
+)
+from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.xml_file import head_of
+from pd_editor.scene.geometry.paved_area import valid_area
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
+
+MAX_GPUDRIVE_BYTES: Final = 256 * 2**20
+_KINDS: Final = {
+    "vehicle": AgentKind.VEHICLE,
+    "pedestrian": AgentKind.PEDESTRIAN,
+    "cyclist": AgentKind.CYCLIST,
+}
+_CURRENT_STEP: Final = 10
+"""Waymo's motion prediction: 1.1 s are observed."""
+
+
+def read(path: Path) -> Scenario:
+    """Read a scene: tracks with sizes, lanes as centre lines, crosswalks.
+
+    Lanes lead on where they end, and their boundaries are 3.5 m apart, since the file
+    tells neither. The current step is the last that Waymo observes.
+
+    Raises:
+        FormatError: the file is damaged, or of something else.
+    """
+    data = read_regular(path, max_bytes=MAX_GPUDRIVE_BYTES, error=FormatError)
+    try:
+        found = msgspec.json.decode(data)
+        about = found.get("metadata") or {}
+        step_s = TimeAxis().step_s
+        tracks = [_track(row, one, step_s) for row, one in enumerate(found["objects"])]
+        roads = [(str(one["type"]), _points(one)) for one in found["roads"]]
+        ego = int(about.get("sdc_track_index", -1))
+        asked = [
+            int(one["track_index"]) for one in about.get("tracks_to_predict") or ()
+        ]
+        number = max((len(one["position"]) for one in found["objects"]), default=0)
+        name = str(found.get("scenario_id") or path.stem)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise FormatError(
+            f"{path}: is no valid GPUDrive scene ({type(error).__name__}: {error})."
+        ) from error
+    lanes = [
+        CenterLane(key=str(row), line=line)
+        for row, (kind, line) in enumerate(roads)
+        if kind == "lane"
+    ]
+    walks = [
+        crosswalk_of(10**6 + row, line)
+        for row, (kind, line) in enumerate(roads)
+        if kind == "crosswalk" and len(line) > 2
+    ]
+    return FileScene(
+        path=path,
+        name=name,
+        lanes=lanes_of(lanes),
+        crosswalks=tuple(one for one in walks if one is not None),
+        more_paved=[
+            valid_area(line)
+            for kind, line in roads
+            if kind == "driveway" and len(line) > 2
+        ],
+        tracks=tuple(one for one in tracks if one is not None),
+        current_s=step_s * min(_CURRENT_STEP, max(number - 2, 0)),
+        ego_id=_id_of(found["objects"], ego),
+        focal_id=_id_of(found["objects"], asked[0] if asked else -1),
+        city="waymo",
+        notes=("Recorded by the Waymo Open Motion Dataset, under its own licence.",),
+    ).scenario(data)
+
+
+def _id_of(objects: list[Mapping[str, Any]], row: int) -> str:
+    return _name(row, objects[row]) if 0 <= row < len(objects) else ""
+
+
+def _name(row: int, one: Mapping[str, Any]) -> str:
+    return str(one.get("id", row))
+
+
+def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
+    """A track where it is valid; None if it never is."""
+    position, velocity = _table(one["position"]), _table(one["velocity"])
+    is_valid = np.array(one["valid"], bool) & np.isfinite(position).all(axis=1)
+    if not is_valid.any():
+        return None
+    size = float(one["length"]), float(one["width"])
+    return FileTrack(
+        track_id=_name(row, one),
+        kind=_KINDS.get(str(one["type"]), AgentKind.UNKNOWN),
+        size_m=size if min(size) > 0 else None,
+        time_s=step_s * np.flatnonzero(is_valid),
+        position_m=position[is_valid],
+        heading_rad=np.array(one["heading"], float)[is_valid],
+        velocity_mps=velocity[is_valid],
+    )
+
+
+def _table(points: list[Mapping[str, float]]) -> np.ndarray:
+    return np.array([(one["x"], one["y"]) for one in points], float).reshape(-1, 2)
+
+
+def _points(road: Mapping[str, Any]) -> np.ndarray:
+    return points_of(_table(road["geometry"]))
+
+
+def _recognises(path: Path) -> bool:
+    if path.suffix.lower() != ".json":
+        return False
+    head = head_of(path)
+    return b'"objects"' in head or b'"roads"' in head
+
+
+GPUDRIVE: Final = SceneFormat(
+    name="gpudrive",
+    title="GPUDrive",
+    endings=(".json",),
+    recognises=_recognises,
+    read=read,
+)

@@ -1,0 +1,448 @@
+"""ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML)."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from pd_editor.scene.formats.file_scene import FileScene
+from pd_editor.scene.formats.recorded_map import crosswalk_of
+from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
+from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
+from pd_editor.scene.geometry.paved_area import valid_area
+from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
+from pd_editor.scene.scenario import Scenario
+
+MOST_MINOR: Final = 8
+"""Newest minor version that is known."""
+SPACING_M: Final = 1.0
+_SAME_LINE_M: Final = 0.01
+_LEAST_WIDTH_M: Final = 0.3
+"""Lanes that are nowhere wider are left out."""
+_LANE_KINDS: Final = {
+    "driving": LaneKind.VEHICLE,
+    "entry": LaneKind.VEHICLE,
+    "exit": LaneKind.VEHICLE,
+    "onRamp": LaneKind.VEHICLE,
+    "offRamp": LaneKind.VEHICLE,
+    "connectingRamp": LaneKind.VEHICLE,
+    "slipLane": LaneKind.VEHICLE,
+    "bidirectional": LaneKind.VEHICLE,
+    "HOV": LaneKind.VEHICLE,
+    "mwyEntry": LaneKind.VEHICLE,
+    "mwyExit": LaneKind.VEHICLE,
+    "bus": LaneKind.BUS,
+    "taxi": LaneKind.BUS,
+    "biking": LaneKind.BIKE,
+}
+"""Types of lanes that are driven on."""
+_PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
+"""Types of lanes that are drivable, but lead nowhere."""
+_MARKS: Final = {
+    ("solid", False): LaneMark.SOLID_WHITE,
+    ("solid", True): LaneMark.SOLID_YELLOW,
+    ("broken", False): LaneMark.DASHED_WHITE,
+    ("broken", True): LaneMark.DASHED_YELLOW,
+    ("solid solid", False): LaneMark.DOUBLE_SOLID_WHITE,
+    ("solid solid", True): LaneMark.DOUBLE_SOLID_YELLOW,
+    ("broken broken", False): LaneMark.DOUBLE_DASH_WHITE,
+    ("broken broken", True): LaneMark.DOUBLE_DASH_YELLOW,
+    ("solid broken", False): LaneMark.SOLID_DASH_WHITE,
+    ("solid broken", True): LaneMark.SOLID_DASH_YELLOW,
+    ("broken solid", False): LaneMark.DASH_SOLID_WHITE,
+    ("broken solid", True): LaneMark.DASH_SOLID_YELLOW,
+    ("none", False): LaneMark.NONE,
+}
+End = Literal["start", "end"]
+Key = tuple[str, int, int]
+"""Road, index of the section, id of the lane."""
+
+
+def read(path: Path) -> Scenario:
+    """Read a road network as a scene without agents.
+
+    Lanes are one for each lane of each section; elevations are kept, cross falls are not.
+    Signals and other objects than crosswalks are left out.
+
+    Raises:
+        FormatError: the file is damaged, of an unknown version, or without lanes.
+    """
+    element, data = parse_xml(path, "OpenDRIVE")
+    root = Place(path, element)
+    header = root.child("header")
+    major, minor = header.integer("revMajor"), header.integer("revMinor")
+    if major != 1 or not 0 <= minor <= MOST_MINOR:
+        raise header.error(
+            f"is of version {major}.{minor}; expected 1.0 to 1.{MOST_MINOR}."
+        )
+    roads: dict[str, _Road] = {}
+    for place in root.children("road"):
+        road = _Road(place)
+        if road.name in roads:
+            raise place.error("comes twice; expected ids that are unique.")
+        roads[road.name] = road
+    network = _Network(root, roads)
+    paved = [area for road in roads.values() for area in road.paved()]
+    walks = [walk for road in roads.values() for walk in road.crosswalks()]
+    author = header.element.get("vendor") or header.element.get("name")
+    return FileScene(
+        path=path,
+        name=path.stem,
+        lanes=network.lanes(),
+        crosswalks=tuple(
+            walk
+            for number, ring in enumerate(walks, start=10**6)
+            if (walk := crosswalk_of(number, ring)) is not None
+        ),
+        more_paved=paved,
+        notes=(f"Made by {author}.",) if author else (),
+    ).scenario(data)
+
+
+@dataclass(frozen=True, eq=False)
+class _Section:
+    """A lane section with the outer border of each lane."""
+
+    place: Place
+    index: int
+    s_m: Float[np.ndarray, "K"]
+    """Places along the road at which borders are known."""
+    line: Float[np.ndarray, "K 4"]
+    """Reference line there: x, y, heading, elevation."""
+    border_m: Mapping[int, Float[np.ndarray, "K"]]
+    """Lateral place of each lane's outer border; 0 is the centre."""
+    lanes: Mapping[int, Place]
+
+    def inner(self, lane: int) -> int:
+        """The next lane towards the centre."""
+        return lane + 1 if lane < 0 else lane - 1
+
+    def points(self, lateral_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 3"]:
+        """Points beside the reference line."""
+        x, y, heading, height = self.line.T
+        return np.stack(
+            [
+                x - lateral_m * np.sin(heading),
+                y + lateral_m * np.cos(heading),
+                height,
+            ],
+            axis=-1,
+        )
+
+    def is_wide(self, lane: int) -> bool:
+        """Whether the lane is as wide as a lane somewhere."""
+        width = np.abs(self.border_m[lane] - self.border_m[self.inner(lane)])
+        return bool(width.max() >= _LEAST_WIDTH_M)
+
+
+class _Road:
+    """A road with its sections."""
+
+    def __init__(self, place: Place) -> None:
+        self.place, self.name = place, place.attribute("id")
+        self.length_m = place.number("length")
+        if not self.length_m > 0:
+            raise place.error(f"is {self.length_m:g} m long; expected more than 0.")
+        self.drives_left = (place.element.get("rule") or "RHT").upper() == "LHT"
+        junction = place.element.get("junction") or "-1"
+        self.junction = "" if junction == "-1" else junction
+
+    @cached_property
+    def line(self) -> ReferenceLine:
+        """The reference line."""
+        plan = self.place.child("planView")
+        return ReferenceLine.of(plan, self.place.element.find("elevationProfile"))
+
+    @cached_property
+    def sections(self) -> list[_Section]:
+        """All sections in the order of the road."""
+        lanes = self.place.child("lanes")
+        places = lanes.children("laneSection")
+        if not places:
+            raise lanes.error("has no laneSection.")
+        starts = [one.number("s") for one in places]
+        if sorted(starts) != starts:
+            raise lanes.error("has sections that are not in the order of s.")
+        offset = Cubics.of(lanes.children("laneOffset"), "s")
+        return [
+            self._section(place, index, start, end, offset)
+            for index, (place, start, end) in enumerate(
+                zip(places, starts, [*starts[1:], self.length_m], strict=True)
+            )
+        ]
+
+    def _section(
+        self, place: Place, index: int, start: float, end: float, offset: Cubics
+    ) -> _Section:
+        end = max(end, start + 1e-3)
+        count = max(int(np.ceil((end - start) / SPACING_M)), 1) + 1
+        s = np.linspace(start, end, count)
+        center = offset.at(s)
+        borders, lanes = {0: center}, {}
+        for side, sign in (("left", 1), ("right", -1)):
+            found = place.element.find(side)
+            own = [] if found is None else Place(place.path, found).children("lane")
+            for one in sorted(own, key=lambda lane: abs(lane.integer("id"))):
+                number = one.integer("id")
+                if number * sign <= 0 or number - sign not in borders:
+                    raise one.error(
+                        f"is no lane of the {side}, or not next to another."
+                    )
+                width = one.children("width")
+                if width or not one.children("border"):
+                    lateral = Cubics.of(width, "sOffset").at(s - start)
+                    outer = borders[number - sign] + sign * np.maximum(lateral, 0.0)
+                else:
+                    border = Cubics.of(one.children("border"), "sOffset").at(s - start)
+                    outer = center + border
+                borders[number], lanes[number] = outer, one
+        return _Section(place, index, s, self.line.at(s), borders, lanes)
+
+    def driven(self) -> Iterator[tuple[_Section, int]]:
+        """Sections and ids of the lanes that are driven on."""
+        for section in self.sections:
+            for number, place in section.lanes.items():
+                kind = place.element.get("type") or "none"
+                if kind in _LANE_KINDS and section.is_wide(number):
+                    yield section, number
+
+    def leads_on(self, lane: int) -> bool:
+        """Whether a lane is driven in the direction of the road."""
+        return (lane < 0) != self.drives_left
+
+    def paved(self) -> Iterator[BaseGeometry]:
+        """Areas of lanes that are drivable, but lead nowhere."""
+        for section in self.sections:
+            for number, place in section.lanes.items():
+                if (place.element.get("type") or "none") in _PAVED:
+                    inner = section.points(section.border_m[section.inner(number)])
+                    outer = section.points(section.border_m[number])
+                    yield valid_area(np.concatenate([inner, outer[::-1]])[:, :2])
+
+    def crosswalks(self) -> Iterator[Float[np.ndarray, "_ 2"]]:
+        """Corners of the objects that are crosswalks."""
+        for one in self.place.element.findall("objects/object"):
+            if (one.get("type") or "").lower() == "crosswalk":
+                yield self._corners(Place(self.place.path, one))
+
+    def _corners(self, place: Place) -> Float[np.ndarray, "N 2"]:
+        s, t = place.number("s"), place.number("t")
+        x, y, heading, _ = self.line.at(np.array([s]))[0]
+        center = np.array([x - t * np.sin(heading), y + t * np.cos(heading)])
+        turn = heading + float(place.element.get("hdg") or 0.0)
+        axis = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        local = place.element.findall(".//cornerLocal")
+        if local:
+            corners = [Place(place.path, one) for one in local]
+            uv = np.array([(one.number("u"), one.number("v")) for one in corners])
+            return center + uv @ axis
+        road = place.element.findall(".//cornerRoad")
+        if road:
+            corners = [Place(place.path, one) for one in road]
+            line = self.line.at(np.array([one.number("s") for one in corners]))
+            beside = np.array([one.number("t") for one in corners])
+            normal = np.stack([-np.sin(line[:, 2]), np.cos(line[:, 2])], axis=-1)
+            return line[:, :2] + beside[:, None] * normal
+        half = np.array([place.number("length"), place.number("width")]) / 2
+        return center + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ axis
+
+    def end_m(self, end: End) -> Float[np.ndarray, "2"]:
+        """Place of an end of the reference line."""
+        s = 0.0 if end == "start" else self.length_m
+        return self.line.at(np.array([s]))[0, :2]
+
+
+class _Network:
+    """All roads with the links of their lanes."""
+
+    def __init__(self, root: Place, roads: Mapping[str, _Road]) -> None:
+        self._root, self._roads = root, roads
+        self._driven = [
+            (road, section, lane)
+            for road in roads.values()
+            for section, lane in road.driven()
+        ]
+        self._number: dict[Key, int] = {
+            (road.name, section.index, lane): row
+            for row, (road, section, lane) in enumerate(self._driven, start=1)
+        }
+        self._direct = {
+            one.attribute("id")
+            for one in root.children("junction")
+            if one.element.get("type") == "direct"
+        }
+
+    def lanes(self) -> tuple[Lane, ...]:
+        """All lanes that are driven on, with their links."""
+        after: defaultdict[int, list[int]] = defaultdict(list)
+        before: defaultdict[int, list[int]] = defaultdict(list)
+        for first, second in sorted(set(self._links())):
+            after[first].append(second)
+            before[second].append(first)
+        return tuple(
+            self._lane(road, section, lane, after, before)
+            for road, section, lane in self._driven
+        )
+
+    def _lane(
+        self,
+        road: _Road,
+        section: _Section,
+        lane: int,
+        after: Mapping[int, list[int]],
+        before: Mapping[int, list[int]],
+    ) -> Lane:
+        number = self._number[road.name, section.index, lane]
+        inner = section.inner(lane)
+        sides = section.border_m[inner], section.border_m[lane]
+        marks = _mark(section, inner), _mark(section, lane)
+        outer = 2 * lane - inner
+        neighbors = tuple(
+            self._number.get((road.name, section.index, one))
+            if one and self._leads_alike(road, one, lane)
+            else None
+            for one in (inner, outer)
+        )
+        middle = (sides[0] + sides[1]) / 2
+        step = 1 if road.leads_on(lane) else -1
+        order = 1 if not road.drives_left else -1
+        left, right = sides[::order]
+        left_mark, right_mark = marks[::order]
+        left_neighbor, right_neighbor = neighbors[::order]
+        kind = section.lanes[lane].element.get("type") or "none"
+        return Lane(
+            lane_id=number,
+            kind=_LANE_KINDS[kind],
+            is_intersection=bool(road.junction) and road.junction not in self._direct,
+            centerline=_simplified(section.points(middle)[::step]),
+            left=_simplified(section.points(left)[::step]),
+            right=_simplified(section.points(right)[::step]),
+            left_mark=left_mark,
+            right_mark=right_mark,
+            successors=tuple(after.get(number, ())),
+            predecessors=tuple(before.get(number, ())),
+            left_neighbor=left_neighbor,
+            right_neighbor=right_neighbor,
+        )
+
+    @staticmethod
+    def _leads_alike(road: _Road, one: int, other: int) -> bool:
+        return road.leads_on(one) == road.leads_on(other)
+
+    def _links(self) -> Iterator[tuple[int, int]]:
+        """Numbers of lanes of which the second one follows the first one."""
+        for road, section, lane in self._driven:
+            for end in ("start", "end"):
+                for other, its_end in self._touching(road, section, lane, end):
+                    yield from self._joined(
+                        (road.name, section.index, lane), end, other, its_end
+                    )
+        yield from self._through_junctions()
+
+    def _touching(
+        self, road: _Road, section: _Section, lane: int, end: End
+    ) -> Iterator[tuple[Key, End]]:
+        """Lanes at an end of a lane, with their end there, by its own links."""
+        tag = "predecessor" if end == "start" else "successor"
+        ids = [
+            Place(road.place.path, one).integer("id")
+            for one in section.lanes[lane].element.findall(f"link/{tag}")
+        ]
+        near = section.index + (1 if end == "end" else -1)
+        if 0 <= near < len(road.sections):
+            for one in ids:
+                yield (road.name, near, one), "start" if end == "end" else "end"
+            return
+        for link in road.place.element.findall(f"link/{tag}"):
+            other = self._roads.get(link.get("elementId") or "")
+            if link.get("elementType") == "road" and other is not None:
+                contact: End = "end" if link.get("contactPoint") == "end" else "start"
+                row = 0 if contact == "start" else len(other.sections) - 1
+                for one in ids:
+                    yield (other.name, row, one), contact
+
+    def _through_junctions(self) -> Iterator[tuple[int, int]]:
+        for junction in self._root.children("junction"):
+            for connection in junction.children("connection"):
+                first = self._roads.get(connection.element.get("incomingRoad") or "")
+                name = connection.element.get("connectingRoad")
+                name = name or connection.element.get("linkedRoad")
+                second = self._roads.get(name or "")
+                if first is None or second is None:
+                    continue
+                contact: End = (
+                    "end"
+                    if connection.element.get("contactPoint") == "end"
+                    else "start"
+                )
+                gaps = {
+                    end: float(np.hypot(*(first.end_m(end) - second.end_m(contact))))
+                    for end in ("start", "end")
+                }
+                own: End = "start" if gaps["start"] < gaps["end"] else "end"
+                rows = (
+                    0 if own == "start" else len(first.sections) - 1,
+                    0 if contact == "start" else len(second.sections) - 1,
+                )
+                for link in connection.children("laneLink"):
+                    yield from self._joined(
+                        (first.name, rows[0], link.integer("from")),
+                        own,
+                        (second.name, rows[1], link.integer("to")),
+                        contact,
+                    )
+
+    def _joined(
+        self, one: Key, end: End, other: Key, its_end: End
+    ) -> Iterator[tuple[int, int]]:
+        """The link of two lanes that touch, in the direction in which they are driven."""
+        if one not in self._number or other not in self._number:
+            return
+        leaves = self._roads[one[0]].leads_on(one[2]) == (end == "end")
+        enters = self._roads[other[0]].leads_on(other[2]) == (its_end == "start")
+        if leaves and enters:
+            yield self._number[one], self._number[other]
+        elif not leaves and not enters:
+            yield self._number[other], self._number[one]
+
+
+def _mark(section: _Section, lane: int) -> LaneMark:
+    """First marking of a lane's outer border, or of the centre."""
+    if lane:
+        found = section.lanes[lane].element.find("roadMark")
+    else:
+        found = section.place.element.find("center/lane/roadMark")
+    if found is None:
+        return LaneMark.UNKNOWN
+    kind, color = found.get("type") or "", (found.get("color") or "").lower()
+    if kind == "none":
+        return LaneMark.NONE
+    return _MARKS.get((kind, color == "yellow"), LaneMark.UNKNOWN)
+
+
+def _simplified(line: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
+    kept = shapely.simplify(shapely.LineString(line), _SAME_LINE_M)
+    return shapely.get_coordinates(kept, include_z=True)
+
+
+def _recognises(path: Path) -> bool:
+    if path.suffix.lower() not in (".xodr", ".xml"):
+        return False
+    return path.suffix.lower() == ".xodr" or b"<opendrive" in head_of(path)
+
+
+OPENDRIVE: Final = SceneFormat(
+    name="opendrive",
+    title="OpenDRIVE",
+    endings=(".xodr",),
+    recognises=_recognises,
+    read=read,
+)

@@ -1,0 +1,144 @@
+"""Lanes of recorded maps that know centre lines only (Waymo, nuScenes, GPUDrive)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from pd_editor.scene.geometry.paved_area import valid_area
+from pd_editor.scene.geometry.polyline import arc_length, offset_line
+from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
+
+USUAL_WIDTH_M: Final = 3.5
+_WIDTHS_M: Final = (2.2, 6.0)
+_SAME_LINE_M: Final = 0.02
+_SAME_PLACE_M: Final = 0.6
+_SAME_WAY: Final = 0.8
+"""Cosine of the largest turn from one lane to the next, where links are not told."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CenterLane:
+    """A lane as such maps have it; keys name lanes of the same map."""
+
+    key: str
+    line: Float[np.ndarray, "N 2"]
+    kind: LaneKind = LaneKind.VEHICLE
+    half_width_m: tuple[float, float] | None = None
+    """To the left and to the right; None: unknown."""
+    polygon: Float[np.ndarray, "M 2"] | None = None
+    successors: Sequence[str] | None = None
+    """None: the map does not tell."""
+    left_neighbor: str | None = None
+    right_neighbor: str | None = None
+
+
+def lanes_of(found: Sequence[CenterLane]) -> tuple[Lane, ...]:
+    """Lanes with boundaries beside their centre lines, numbered from 1.
+
+    Links that the map does not tell lead from the end of a lane to the beginnings there.
+    """
+    kept = [
+        one for one in found if len(one.line) > 1 and np.ptp(one.line, axis=0).any()
+    ]
+    lines = [_simplified(one.line) for one in kept]
+    number = {one.key: row + 1 for row, one in enumerate(kept)}
+    follows = _links(kept, lines, number)
+    before: dict[int, list[int]] = {}
+    for first, others in follows.items():
+        for other in others:
+            before.setdefault(other, []).append(first)
+    lanes: list[Lane] = []
+    for one, line in zip(kept, lines, strict=True):
+        own = number[one.key]
+        left, right = _half_widths(one)
+        lanes.append(
+            Lane(
+                lane_id=own,
+                kind=one.kind,
+                is_intersection=False,
+                centerline=_flat(line),
+                left=_flat(offset_line(line, left)),
+                right=_flat(offset_line(line, -right)),
+                left_mark=LaneMark.UNKNOWN,
+                right_mark=LaneMark.UNKNOWN,
+                successors=tuple(follows.get(own, ())),
+                predecessors=tuple(before.get(own, ())),
+                left_neighbor=number.get(one.left_neighbor or ""),
+                right_neighbor=number.get(one.right_neighbor or ""),
+            )
+        )
+    return tuple(lanes)
+
+
+def crosswalk_of(number: int, ring: Float[np.ndarray, "N 2"]) -> Crosswalk | None:
+    """Crosswalk between the long sides of a polygon's smallest rectangle; None of a line."""
+    around = shapely.minimum_rotated_rectangle(shapely.MultiPoint(ring))
+    if not isinstance(around, shapely.Polygon):
+        return None
+    corners = np.asarray(around.exterior.coords)[:4]
+    sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
+    a, b, c, d = corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)
+    return Crosswalk(
+        crosswalk_id=number,
+        edge1=_flat(np.stack([a, b])),
+        edge2=_flat(np.stack([d, c])),
+    )
+
+
+def points_of(values: Any) -> Float[np.ndarray, "N 2"]:
+    """The first two coordinates of points, without repeated and unknown ones."""
+    table = np.array([tuple(one)[:2] for one in values], float).reshape(-1, 2)
+    table = table[np.isfinite(table).all(axis=1)]
+    moves = np.append(True, np.linalg.norm(np.diff(table, axis=0), axis=1) > 1e-6)
+    return table[moves[: len(table)]]
+
+
+def _links(
+    lanes: Sequence[CenterLane],
+    lines: Sequence[Float[np.ndarray, "_ 2"]],
+    number: Mapping[str, int],
+) -> dict[int, list[int]]:
+    """Numbers of the lanes that follow each."""
+    if any(one.successors is not None for one in lanes):
+        return {
+            number[one.key]: [
+                number[key] for key in one.successors or () if key in number
+            ]
+            for one in lanes
+        }
+    start = np.array([line[0] for line in lines])
+    end = np.array([line[-1] for line in lines])
+    begins = np.array([_unit(line[1] - line[0]) for line in lines])
+    ends = np.array([_unit(line[-1] - line[-2]) for line in lines])
+    near = np.linalg.norm(end[:, None] - start, axis=-1) < _SAME_PLACE_M
+    near &= ends @ begins.T > _SAME_WAY
+    return {
+        row + 1: (np.flatnonzero(near[row]) + 1).tolist() for row in range(len(lines))
+    }
+
+
+def _half_widths(lane: CenterLane) -> tuple[float, float]:
+    if lane.half_width_m is not None:
+        left, right = np.clip(lane.half_width_m, _WIDTHS_M[0] / 2, _WIDTHS_M[1] / 2)
+        return float(left), float(right)
+    width = USUAL_WIDTH_M
+    if lane.polygon is not None and len(lane.polygon) > 2:
+        width = valid_area(lane.polygon).area / max(arc_length(lane.line)[-1], 1.0)
+    half = float(np.clip(width, *_WIDTHS_M)) / 2
+    return half, half
+
+
+def _simplified(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "M 2"]:
+    return np.asarray(shapely.simplify(shapely.LineString(line), _SAME_LINE_M).coords)
+
+
+def _unit(vector: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    return vector / max(float(np.hypot(*vector)), 1e-9)
+
+
+def _flat(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
+    return np.column_stack([line, np.zeros(len(line))])

@@ -1,0 +1,67 @@
+"""All formats of scenes: those here, and those that other packages bring."""
+
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Final
+
+from pd_editor.base.errors import ExportError, InputError
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.formats.commonroad import COMMONROAD
+from pd_editor.scene.formats.gpudrive import GPUDRIVE
+from pd_editor.scene.formats.opendrive import OPENDRIVE
+from pd_editor.scene.formats.scenarionet import SCENARIONET
+from pd_editor.scene.formats.scene_format import SceneFormat
+
+ENTRY_POINTS: Final = "pd_editor.formats"
+OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
+    ARGOVERSE2,
+    COMMONROAD,
+    GPUDRIVE,
+    OPENDRIVE,
+    SCENARIONET,
+)
+
+
+@cache
+def formats() -> dict[str, SceneFormat]:
+    """Formats by name, of which those here come first.
+
+    Raises:
+        InputError: an entry point names no format, or a name that is taken.
+    """
+    found = {one.name: one for one in OWN_FORMATS}
+    for point in entry_points(group=ENTRY_POINTS):
+        try:
+            value = point.load()
+        except Exception as error:
+            raise InputError(
+                f"The format {point.name!r} cannot be loaded ({error})."
+            ) from error
+        if not isinstance(value, SceneFormat) or value.name in found:
+            raise InputError(
+                f"The entry point {point.name!r} must name a SceneFormat of a new name."
+            )
+        found[value.name] = value
+    return found
+
+
+def format_of(path: Path) -> SceneFormat | None:
+    """The format that a path holds and that can be read; None if no one knows it."""
+    for one in formats().values():
+        if one.read is not None and one.recognises(path):
+            return one
+    return None
+
+
+def writer(name: str) -> SceneFormat:
+    """The format of a name, which can be written.
+
+    Raises:
+        ExportError: there is none.
+    """
+    found = formats().get(name)
+    if found is None or found.write is None:
+        known = ", ".join(one.name for one in formats().values() if one.write)
+        raise ExportError(f"No format {name[:40]!r} can be written; there are {known}.")
+    return found

@@ -1,0 +1,174 @@
+"""ScenarioNet (MetaDrive) scenario descriptions: recordings of Waymo, nuPlan, nuScenes."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.base.errors import FormatError
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.plain_pickle import read_plain_pickle
+from pd_editor.scene.formats.recorded_map import (
+    CenterLane,
+    crosswalk_of,
+    lanes_of,
+    points_of,
+)
+from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.geometry.paved_area import valid_area
+from pd_editor.scene.road_map import LaneKind
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
+
+_KINDS: Final = {
+    "VEHICLE": AgentKind.VEHICLE,
+    "PEDESTRIAN": AgentKind.PEDESTRIAN,
+    "CYCLIST": AgentKind.CYCLIST,
+    "TRAFFIC_CONE": AgentKind.CONSTRUCTION,
+    "TRAFFIC_BARRIER": AgentKind.STATIC,
+}
+_FINER_KINDS: Final = {
+    "motorcycle": AgentKind.MOTORCYCLIST,
+    "bus": AgentKind.BUS,
+}
+"""Parts of the names that data sets give to kinds."""
+_LANE_KINDS: Final = {"LANE_BIKE_LANE": LaneKind.BIKE, "LANE_BUS_LANE": LaneKind.BUS}
+_SUMMARIES: Final = frozenset({"dataset_summary.pkl", "dataset_mapping.pkl"})
+
+
+def read(path: Path) -> Scenario:
+    """Read a scenario description: tracks with sizes, lanes, crosswalks.
+
+    Lanes get boundaries at the width that the map tells, else 3.5 m apart.
+
+    Raises:
+        FormatError: the file is damaged, or names something that would be called.
+    """
+    found, data = read_plain_pickle(path)
+    tables = ("metadata", "tracks", "map_features")
+    if not isinstance(found, dict) or not all(
+        isinstance(found.get(name), dict) for name in tables
+    ):
+        raise FormatError(
+            f"{path}: is no scenario description; expected {', '.join(tables)}."
+        )
+    about, features = found["metadata"], found["map_features"]
+    try:
+        time_s = np.array(about["ts"], float).ravel()
+        tracks = [
+            track
+            for name, one in found["tracks"].items()
+            if (track := _track(str(name), one, time_s)) is not None
+        ]
+        lanes = [
+            _lane(str(key), one)
+            for key, one in features.items()
+            if str(one["type"]).startswith("LANE_") and len(one["polyline"]) > 1
+        ]
+        walks = [
+            crosswalk_of(number, points_of(one["polygon"]))
+            for number, one in enumerate(features.values(), start=10**6)
+            if one["type"] == "CROSSWALK"
+        ]
+        drives = [
+            valid_area(points_of(one["polygon"]))
+            for one in features.values()
+            if one["type"] == "DRIVEWAY" and len(one["polygon"]) > 2
+        ]
+        told = int(about.get("current_time_index", 0))
+        # Whole recordings name no current step, or the first one.
+        usual = min(TimeAxis().current_step, (len(time_s) - 1) // 2)
+        current_s = float(time_s[told if 0 < told < len(time_s) else usual])
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise FormatError(
+            f"{path}: is no valid scenario description ({type(error).__name__}: {error})."
+        ) from error
+    source = " ".join(str(about.get(name, "")) for name in ("dataset", "map")).strip()
+    asked = about.get("tracks_to_predict") or {}
+    return FileScene(
+        path=path,
+        name=str(found.get("id") or path.stem),
+        lanes=lanes_of(lanes),
+        crosswalks=tuple(one for one in walks if one is not None),
+        more_paved=drives,
+        tracks=tuple(tracks),
+        current_s=current_s,
+        ego_id=str(about.get("sdc_id", "")),
+        focal_id=str(next(iter(asked), "")),
+        city=str(about.get("map") or about.get("dataset") or ""),
+        notes=(f"Recorded by {source}.",) if source else (),
+    ).scenario(data)
+
+
+def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack | None:
+    """A track where it is valid; None if it never is."""
+    state = found["state"]
+    number = len(time_s)
+    position = np.array(state["position"], float)[:number, :2]
+    is_valid = np.array(state["valid"]).ravel()[:number].astype(bool)
+    is_valid &= np.isfinite(position).all(axis=1)
+    if not is_valid.any():
+        return None
+    sizes = [
+        float(np.median(np.array(state[side], float).ravel()[:number][is_valid]))
+        if side in state
+        else 0.0
+        for side in ("length", "width")
+    ]
+    finer = str((found.get("metadata") or {}).get("type", "")).lower()
+    kind = next(
+        (kind for part, kind in _FINER_KINDS.items() if part in finer),
+        _KINDS.get(str(found["type"]), AgentKind.UNKNOWN),
+    )
+    return FileTrack(
+        track_id=name,
+        kind=kind,
+        size_m=(sizes[0], sizes[1]) if min(sizes) > 0 else None,
+        time_s=time_s[is_valid],
+        position_m=position[is_valid],
+        heading_rad=np.array(state["heading"], float).ravel()[:number][is_valid],
+        velocity_mps=np.array(state["velocity"], float)[:number, :2][is_valid],
+    )
+
+
+def _lane(key: str, found: Mapping[str, Any]) -> CenterLane:
+    line = points_of(found["polyline"])
+    half = None
+    if "width" in found:
+        table = np.array(found["width"], float).reshape(-1, 2)
+        middle = [
+            np.median(side[side > 0]) if (side > 0).any() else 0 for side in table.T
+        ]
+        half = (float(middle[0]), float(middle[1])) if min(middle) > 0 else None
+    exits = found.get("exit_lanes")
+    return CenterLane(
+        key=key,
+        line=line,
+        kind=_LANE_KINDS.get(str(found["type"]), LaneKind.VEHICLE),
+        half_width_m=half,
+        polygon=points_of(found["polygon"]) if "polygon" in found else None,
+        successors=None if exits is None else [str(one) for one in exits],
+        left_neighbor=_neighbor(found.get("left_neighbor")),
+        right_neighbor=_neighbor(found.get("right_neighbor")),
+    )
+
+
+def _neighbor(found: Any) -> str | None:
+    for one in found or ():
+        return str(one["feature_id"] if isinstance(one, dict) else one)
+    return None
+
+
+def _recognises(path: Path) -> bool:
+    return path.suffix.lower() == ".pkl" and path.name not in _SUMMARIES
+
+
+SCENARIONET: Final = SceneFormat(
+    name="scenarionet",
+    title="ScenarioNet",
+    endings=(".pkl",),
+    recognises=_recognises,
+    read=read,
+)

@@ -1,0 +1,39 @@
+"""What a format of scenes is."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WrittenScene:
+    """Files of a scene in some format."""
+
+    files: Mapping[str, bytes]
+    """Contents by path, relative to the folder of the export."""
+    losses: tuple[str, ...] = ()
+    """One sentence for each part of the scene that the format cannot say."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneFormat:
+    """A format of files that hold scenes; it reads them, writes them, or both.
+
+    A format of one's own is a module-level value that the entry point group
+    ``pd_editor.formats`` names.
+    """
+
+    name: str
+    """For the shell, such as ``commonroad``."""
+    title: str
+    """For people, such as "CommonRoad"."""
+    endings: tuple[str, ...]
+    """Endings of its files in lower case; empty for a format of folders."""
+    recognises: Callable[[Path], bool]
+    """Whether a path holds this format, by its name and first bytes; raises nothing."""
+    read: Callable[[Path], Scenario] | None = None
+    """Reads a path; raises an ``InputError`` of one sentence."""
+    write: Callable[[Scenario], WrittenScene] | None = None
+    """Makes the files of a scene; raises an ``ExportError`` of one sentence."""

@@ -1,0 +1,121 @@
+"""XML files of foreign formats: nothing is fetched, expanded or called."""
+
+from pathlib import Path
+from typing import Final
+
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
+
+from pd_editor.base.errors import FormatError
+from pd_editor.base.regular_file import read_regular
+
+MAX_XML_BYTES: Final = 256 * 2**20
+_HEAD_BYTES: Final = 4096
+
+
+def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
+    """First bytes of a file, in lower case; empty if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(most_bytes).lower()
+    except OSError:
+        return b""
+
+
+def parse_xml(path: Path, root: str) -> tuple[etree._Element, bytes]:
+    """Root element of a file, without comments, and the file's bytes.
+
+    Raises:
+        FormatError: the file is no XML, has another root, or declares a document type,
+            which could hold entities.
+    """
+    data = read_regular(path, max_bytes=MAX_XML_BYTES, error=FormatError)
+    parser = etree.XMLParser(
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        remove_comments=True,
+        remove_pis=True,
+        huge_tree=False,
+    )
+    try:
+        found = etree.fromstring(data, parser)
+    except etree.XMLSyntaxError as error:
+        raise FormatError(f"{path}: is no valid XML ({error}).") from error
+    if found.getroottree().docinfo.doctype:
+        raise FormatError(
+            f"{path}: declares a document type (DOCTYPE); expected none, since it could "
+            "hold entities."
+        )
+    if found.tag != root:
+        raise FormatError(f"{path}: its root is <{found.tag}>; expected <{root}>.")
+    return found, data
+
+
+class Place:
+    """An element with its file, for errors that name both and the line."""
+
+    def __init__(self, path: Path, element: etree._Element) -> None:
+        self.path, self.element = path, element
+
+    def error(self, what: str) -> FormatError:
+        """An error about the element."""
+        name = self.element.get("id")
+        about = f"<{self.element.tag}>" + (f" {name}" if name else "")
+        return FormatError(
+            f"{self.path}, line {self.element.sourceline}: {about} {what}"
+        )
+
+    def child(self, tag: str) -> "Place":
+        """The only element of a name below this one.
+
+        Raises:
+            FormatError: there is none.
+        """
+        found = self.element.find(tag)
+        if found is None:
+            raise self.error(f"has no <{tag}>.")
+        return Place(self.path, found)
+
+    def children(self, tag: str) -> list["Place"]:
+        """All elements of a name directly below this one."""
+        return [Place(self.path, one) for one in self.element.findall(tag)]
+
+    def attribute(self, name: str) -> str:
+        """A required attribute.
+
+        Raises:
+            FormatError: it is missing.
+        """
+        text = self.element.get(name)
+        if text is None:
+            raise self.error(f"has no attribute {name!r}.")
+        return text
+
+    def number(self, name: str | None = None) -> float:
+        """A finite number: an attribute's, or the element's text.
+
+        Raises:
+            FormatError: it is missing, or no finite number.
+        """
+        text = (self.element.text or "") if name is None else self.attribute(name)
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not abs(value) < float("inf"):
+            what = "its text" if name is None else name
+            raise self.error(
+                f"needs a finite number for {what}, not {text.strip()[:40]!r}."
+            )
+        return value
+
+    def integer(self, name: str | None = None) -> int:
+        """A whole number of at most 18 digits: an attribute's, or the element's text.
+
+        Raises:
+            FormatError: it is missing, or no whole number.
+        """
+        value = self.number(name)
+        if value != int(value) or abs(value) >= 1e18:
+            raise self.error(f"needs a whole number, not {value:g}.")
+        return int(value)

@@ -1,0 +1,175 @@
+"""CommonRoad scenarios as scenes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.base.errors import FormatError
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.commonroad import COMMONROAD, read
+from pd_editor.scene.formats.registry import format_of
+from pd_editor.scene.road_map import LaneKind, LaneMark
+
+FAR_M = (431_000.0, 5_412_000.0)
+"""Places in projected coordinates."""
+
+
+def point(x: float, y: float) -> str:
+    return f"<point><x>{x + FAR_M[0]}</x><y>{y + FAR_M[1]}</y></point>"
+
+
+def bound(side: str, y: float, mark: str, start: float, end: float) -> str:
+    return (
+        f"<{side}Bound>{point(start, y)}{point(end, y)}"
+        f"<lineMarking>{mark}</lineMarking></{side}Bound>"
+    )
+
+
+def lanelet(number: int, y: float, start: float, end: float, more: str) -> str:
+    return (
+        f'<lanelet id="{number}">{bound("left", y + 1.5, "dashed", start, end)}'
+        f"{bound('right', y - 1.5, 'solid', start, end)}{more}</lanelet>"
+    )
+
+
+def state(tag: str, step: int, x: float, y: float, heading: float, speed: float) -> str:
+    return (
+        f"<{tag}><position>{point(x, y)}</position><orientation><exact>{heading}</exact>"
+        f"</orientation><time><exact>{step}</exact></time><velocity><exact>{speed}"
+        f"</exact></velocity></{tag}>"
+    )
+
+
+CAR = (
+    "<type>car</type><shape><rectangle><length>4.2</length><width>1.8</width>"
+    "</rectangle></shape>"
+)
+
+
+def text(step_s: float = 0.1, version: str = "2020a", more: str = "") -> str:
+    states = "".join(state("state", n, n * 1.0, 0.0, 0.0, 10.0) for n in range(1, 31))
+    return (
+        f'<commonRoad commonRoadVersion="{version}" benchmarkID="ZAM_Road-1_1_T-1" '
+        f'timeStepSize="{step_s}" author="A. Author" source="by hand">'
+        + lanelet(
+            10,
+            0.0,
+            0.0,
+            50.0,
+            '<successor ref="11"/><adjacentLeft ref="12" drivingDir="same"/>'
+            '<adjacentRight ref="13" drivingDir="opposite"/>',
+        )
+        + lanelet(11, 0.0, 50.0, 90.0, '<predecessor ref="10"/>')
+        + lanelet(12, 3.0, 0.0, 50.0, "<laneletType>busLane</laneletType>")
+        + lanelet(14, -9.0, 0.0, 50.0, "<laneletType>sidewalk</laneletType>")
+        + lanelet(15, 20.0, 0.0, 4.0, "<laneletType>crosswalk</laneletType>")
+        + f'<dynamicObstacle id="100">{CAR}'
+        + state("initialState", 0, 0.0, 0.0, 0.0, 10.0)
+        + f"<trajectory>{states}</trajectory></dynamicObstacle>"
+        + f'<staticObstacle id="101">{CAR.replace("car", "parkedVehicle")}'
+        + state("initialState", 0, 20.0, 3.0, 1.0, 0.0)
+        + "</staticObstacle>"
+        + '<planningProblem id="7">'
+        + state("initialState", 0, 5.0, 3.0, 0.5, 6.0)
+        + f"</planningProblem>{more}</commonRoad>"
+    )
+
+
+def write(folder: Path, content: str) -> Path:
+    path = folder / "scene.xml"
+    path.write_text(content)
+    return path
+
+
+def test_lanelets_become_lanes_with_their_links(tmp_path: Path):
+    path = write(tmp_path, text())
+    assert format_of(path) is COMMONROAD
+    scene = open_scenario(path)
+    assert scene.scenario_id == "ZAM_Road-1_1_T-1"
+    assert any("A. Author" in note for note in scene.provenance.notes)
+    lanes = scene.road_map.lane_of
+    assert sorted(lanes) == [10, 11, 12]
+    one = lanes[10]
+    assert (one.successors, lanes[11].predecessors) == ((11,), (10,))
+    assert (one.left_neighbor, one.right_neighbor) == (12, None)
+    assert (one.left_mark, one.right_mark) == (
+        LaneMark.DASHED_WHITE,
+        LaneMark.SOLID_WHITE,
+    )
+    assert lanes[12].kind == LaneKind.BUS
+    line = one.centerline_m + scene.origin_city_m - FAR_M
+    np.testing.assert_allclose(line[[0, -1]], [[0, 0], [50, 0]], atol=1e-6)
+    assert len(scene.road_map.crosswalks) == 1
+    assert scene.road_map.drivable_areas
+
+
+def test_obstacles_keep_their_boxes_and_motion(tmp_path: Path):
+    scene = read(write(tmp_path, text()))
+    agents, now = scene.agents, scene.current_step
+    assert agents.ids == ("100", "101", "AV")
+    car, parked, ego = agents.rows(("100", "101", "AV"))
+    assert agents.size_m[car].tolist() == [4.2, 1.8]
+    assert agents.has_known_size.tolist() == [True, True, False]
+    place = agents.position_m + scene.origin_city_m - FAR_M
+    np.testing.assert_allclose(
+        place[car, now : now + 31], [[n, 0] for n in range(31)], atol=1e-6
+    )
+    assert agents.is_valid[car].sum() == 31
+    np.testing.assert_allclose(agents.velocity_mps[car, now], [10, 0])
+    assert agents.is_valid[parked].sum() == 31
+    assert agents.heading_rad[parked, now] == pytest.approx(1.0)
+    assert agents.is_valid[ego].sum() == 1
+    np.testing.assert_allclose(
+        agents.velocity_mps[ego, now], [6 * np.cos(0.5), 6 * np.sin(0.5)]
+    )
+    assert agents.kinds == (AgentKind.VEHICLE,) * 3
+    assert scene.focal_id == "100"
+    # As long as an Argoverse 2 scenario, so that a past and a future fit in.
+    assert (scene.time_axis.num_steps, now) == (110, 49)
+
+
+def test_other_rates_are_resampled_to_ten_a_second(tmp_path: Path):
+    scene = read(write(tmp_path, text(step_s=0.04)))
+    row, now = scene.agents.row_of["100"], scene.current_step
+    place = scene.agents.position_m[row, now : now + 13] + scene.origin_city_m - FAR_M
+    # 1 m in 0.04 s: 2.5 m in a step.
+    np.testing.assert_allclose(place[:, 0], 2.5 * np.arange(13), atol=1e-6)
+    assert scene.agents.is_valid[row].sum() == 13
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (text(version="2017a"), "is of version '2017a'; expected 2018b or 2020a"),
+        (text(step_s=-1), "has steps of -1 s"),
+        (text(more='<lanelet id="10"/>'), "<lanelet> 10 comes twice"),
+        (text(more='<lanelet id="99"/>'), "<lanelet> 99 has no <leftBound>"),
+        (text().replace('ref="11"', 'ref="x"'), "a finite number for ref, not 'x'"),
+        (text().replace("<exact>1.0</exact>", "<exact>up</exact>"), "not 'up'"),
+        (text().replace("lanelet", "nothing"), "has no lane for vehicles"),
+    ],
+)
+def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, content: str, told: str):
+    path = write(tmp_path, content)
+    with pytest.raises(FormatError) as caught:
+        read(path)
+    assert told in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.real_data
+def test_real_files_open_with_all_their_obstacles(format_files: Path):
+    paths = sorted((format_files / "commonroad").glob("*.xml"))
+    assert paths
+    for path in paths:
+        content = path.read_text()
+        scene = open_scenario(path)
+        count = sum(
+            content.count(f"<{tag} ")
+            for tag in ("obstacle", "dynamicObstacle", "staticObstacle")
+        )
+        assert len(scene.agents) == count + ("<planningProblem " in content), path
+        assert scene.agents.has_known_size.sum() == count
+        assert scene.scenario_id in content

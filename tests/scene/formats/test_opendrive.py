@@ -1,0 +1,302 @@
+"""OpenDRIVE road networks as scenes."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pd_editor.base.errors import FormatError
+from pd_editor.scene.formats.opendrive import OPENDRIVE, read
+from pd_editor.scene.formats.reference_line import ReferenceLine
+from pd_editor.scene.formats.registry import format_of
+from pd_editor.scene.formats.xml_file import Place, parse_xml
+from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
+from pd_editor.scene.scenario import Scenario
+
+LINE = '<geometry s="0" x="0" y="0" hdg="0" length="50"><line/></geometry>'
+WIDTH = '<width sOffset="0" a="3.5" b="0" c="0" d="0"/>'
+
+
+def lane(number: int, kind: str = "driving", more: str = "", width: str = WIDTH) -> str:
+    return f'<lane id="{number}" type="{kind}" level="false">{more}{width}</lane>'
+
+
+def section(*lanes: str, s: float = 0.0) -> str:
+    left = "".join(one for one in lanes if 'id="-' not in one)
+    right = "".join(one for one in lanes if 'id="-' in one)
+    center = '<center><lane id="0" type="none"><roadMark type="solid solid" color="yellow"/></lane></center>'
+    return (
+        f'<laneSection s="{s}"><left>{left}</left>{center}<right>{right}</right>'
+        "</laneSection>"
+    )
+
+
+def road(
+    sections: str,
+    name: str = "1",
+    *,
+    geometry: str = LINE,
+    length: float = 50,
+    link: str = "",
+    more: str = "",
+    offset: str = "",
+    attributes: str = 'junction="-1"',
+) -> str:
+    return (
+        f'<road id="{name}" length="{length}" {attributes}><link>{link}</link>'
+        f"<planView>{geometry}</planView>{more}<lanes>{offset}{sections}</lanes></road>"
+    )
+
+
+def write(
+    folder: Path, *parts: str, version: str = 'revMajor="1" revMinor="6"'
+) -> Path:
+    path = folder / "road.xodr"
+    path.write_text(f"<OpenDRIVE><header {version}/>{''.join(parts)}</OpenDRIVE>")
+    return path
+
+
+def opened(folder: Path, *parts: str) -> Scenario:
+    return read(write(folder, *parts))
+
+
+def at(scene: Scenario, line: np.ndarray) -> np.ndarray:
+    """Points in the frame of the file."""
+    return line[:, :2] + scene.origin_city_m
+
+
+def lane_at(scene: Scenario, x: float, y: float) -> Lane:
+    """The lane whose centre line is nearest to a place."""
+
+    def gap(one: Lane) -> float:
+        line = at(scene, one.centerline)
+        count = 200
+        places = np.linspace(0, 1, count)[:, None]
+        parts = [a + places * (b - a) for a, b in pairwise(line)]
+        return float(np.linalg.norm(np.concatenate(parts) - [x, y], axis=1).min())
+
+    return min(scene.road_map.lanes, key=gap)
+
+
+def test_lanes_lie_beside_the_reference_line_and_lead_the_right_way(tmp_path: Path):
+    scene = opened(tmp_path, road(section(lane(1), lane(-1), lane(-2, "biking"))))
+    assert len(scene.road_map.lanes) == 3
+    assert len(scene.agents) == 0
+    one = lane_at(scene, 25, -1.75)
+    np.testing.assert_allclose(at(scene, one.centerline), [[0, -1.75], [50, -1.75]])
+    np.testing.assert_allclose(at(scene, one.left), [[0, 0], [50, 0]])
+    np.testing.assert_allclose(at(scene, one.right), [[0, -3.5], [50, -3.5]])
+    assert one.left_mark == LaneMark.DOUBLE_SOLID_YELLOW
+    bike = lane_at(scene, 25, -5.25)
+    assert (bike.kind, one.kind) == (LaneKind.BIKE, LaneKind.VEHICLE)
+    assert (one.right_neighbor, bike.left_neighbor) == (bike.lane_id, one.lane_id)
+    back = lane_at(scene, 25, 1.75)
+    np.testing.assert_allclose(at(scene, back.centerline), [[50, 1.75], [0, 1.75]])
+    np.testing.assert_allclose(at(scene, back.left), [[50, 0], [0, 0]])
+    assert back.left_neighbor is None, "it leads the other way"
+
+
+def test_traffic_drives_on_the_left_where_the_file_says_so(tmp_path: Path):
+    scene = opened(
+        tmp_path,
+        road(section(lane(1), lane(-1)), attributes='junction="-1" rule="LHT"'),
+    )
+    one = lane_at(scene, 25, -1.75)
+    np.testing.assert_allclose(at(scene, one.centerline), [[50, -1.75], [0, -1.75]])
+    np.testing.assert_allclose(at(scene, one.left), [[50, -3.5], [0, -3.5]])
+    np.testing.assert_allclose(at(scene, one.right), [[50, 0], [0, 0]])
+
+
+def reference_line(folder: Path, geometry: str, length: float) -> ReferenceLine:
+    path = write(folder, road(section(lane(-1)), geometry=geometry, length=length))
+    element, _ = parse_xml(path, "OpenDRIVE")
+    return ReferenceLine.of(Place(path, element).child("road").child("planView"), None)
+
+
+@given(
+    first=st.floats(-0.1, 0.1),
+    last=st.floats(-0.1, 0.1),
+    length=st.floats(1.0, 200.0),
+    heading=st.floats(-3.0, 3.0),
+)
+def test_spirals_turn_evenly_faster(
+    tmp_path_factory: pytest.TempPathFactory,
+    first: float,
+    last: float,
+    length: float,
+    heading: float,
+):
+    """Against an integral in small steps; arcs and lines are spirals, too."""
+    geometry = (
+        f'<geometry s="0" x="3" y="-7" hdg="{heading}" length="{length}">'
+        f'<spiral curvStart="{first}" curvEnd="{last}"/></geometry>'
+    )
+    line = reference_line(tmp_path_factory.mktemp("road"), geometry, length)
+    s = np.linspace(0, length, 4001)
+    turn = heading + first * s + (last - first) * s**2 / (2 * length)
+    middle = (turn[1:] + turn[:-1]) / 2
+    step = length / 4000
+    x = 3 + np.append(0, np.cumsum(np.cos(middle)) * step)
+    y = -7 + np.append(0, np.cumsum(np.sin(middle)) * step)
+    found = line.at(s[::500])
+    np.testing.assert_allclose(
+        found[:, :3], np.stack([x, y, turn], -1)[::500], atol=1e-3
+    )
+
+
+def test_parametric_cubics_follow_their_polynomials(tmp_path: Path):
+    geometry = (
+        '<geometry s="0" x="1" y="2" hdg="1.5707963267948966" length="10.4">'
+        '<paramPoly3 aU="0" bU="10" cU="0" dU="0" aV="0" bV="0" cV="2" dV="1" '
+        'pRange="normalized"/></geometry>'
+    )
+    found = reference_line(tmp_path, geometry, 10.4).at(np.array([0.0, 5.2, 10.4]))
+    np.testing.assert_allclose(
+        found[:, :2], [[1, 2], [1 - 0.625, 7], [1 - 3, 12]], atol=1e-9
+    )
+    assert found[0, 2] == pytest.approx(np.pi / 2)
+
+
+def test_cubics_of_length_advance_by_their_length(tmp_path: Path):
+    geometry = (
+        '<geometry s="0" x="0" y="0" hdg="0" length="20">'
+        '<poly3 a="0" b="0" c="0.05" d="0"/></geometry>'
+    )
+    found = reference_line(tmp_path, geometry, 20).at(np.linspace(0, 20, 401))
+    steps = np.hypot(*np.diff(found[:, :2], axis=0).T)
+    np.testing.assert_allclose(steps, 0.05, atol=2e-4)
+    np.testing.assert_allclose(found[:, 1], 0.05 * found[:, 0] ** 2, atol=1e-9)
+
+
+def test_offsets_and_changing_widths_move_the_lanes(tmp_path: Path):
+    scene = opened(
+        tmp_path,
+        road(
+            section(lane(-1, width='<width sOffset="0" a="2" b="0.04" c="0" d="0"/>')),
+            offset='<laneOffset s="0" a="1" b="0" c="0" d="0"/>',
+        ),
+    )
+    (one,) = scene.road_map.lanes
+    np.testing.assert_allclose(at(scene, one.left), [[0, 1], [50, 1]], atol=1e-9)
+    np.testing.assert_allclose(at(scene, one.right), [[0, -1], [50, -3]], atol=1e-9)
+
+
+def test_lanes_lead_through_sections_roads_and_junctions(tmp_path: Path):
+    successor = '<link><successor id="-1"/></link>'
+    predecessor = '<link><predecessor id="-1"/></link>'
+    first = road(
+        section(lane(-1, more=successor), lane(1))
+        + section(lane(-1, more=predecessor), s=20),
+        "a",
+        link='<successor elementType="junction" elementId="j"/>',
+    )
+    through = road(
+        section(lane(-1, more=predecessor + successor)),
+        "b",
+        geometry='<geometry s="0" x="50" y="0" hdg="0" length="20"><line/></geometry>',
+        length=20,
+        link='<successor elementType="road" elementId="c" contactPoint="start"/>',
+        attributes='junction="j"',
+    )
+    last = road(
+        section(lane(-1)),
+        "c",
+        geometry='<geometry s="0" x="70" y="0" hdg="0" length="30"><line/></geometry>',
+        length=30,
+    )
+    junction = (
+        '<junction id="j"><connection id="0" incomingRoad="a" connectingRoad="b" '
+        'contactPoint="start"><laneLink from="-1" to="-1"/></connection></junction>'
+    )
+    scene = opened(tmp_path, first, through, last, junction)
+    way = [lane_at(scene, x, -1.75) for x in (10, 35, 60, 85)]
+    for one, other in pairwise(way):
+        assert other.lane_id in one.successors
+        assert one.lane_id in other.predecessors
+        gap = at(scene, one.centerline)[-1] - at(scene, other.centerline)[0]
+        assert np.hypot(*gap) < 1e-6
+    assert [one.is_intersection for one in way] == [False, False, True, False]
+    assert lane_at(scene, 10, 1.75).successors == ()
+
+
+def test_shoulders_are_drivable_and_crosswalks_are_crossings(tmp_path: Path):
+    walk = (
+        '<objects><object id="1" type="crosswalk" s="25" t="0" hdg="0" length="4" '
+        'width="7"/></objects>'
+    )
+    scene = opened(
+        tmp_path,
+        road(section(lane(-1), lane(-2, "shoulder"), lane(-3, "sidewalk")), more=walk),
+    )
+    assert len(scene.road_map.lanes) == 1
+    ring = at(scene, scene.road_map.drivable_areas[0].boundary)
+    assert (ring[:, 1].min(), ring[:, 1].max()) == pytest.approx((-7.0, 0.0), abs=0.01)
+    (crosswalk,) = scene.road_map.crosswalks
+    outline = crosswalk.outline_m() + scene.origin_city_m
+    np.testing.assert_allclose(outline.min(axis=0), [23, -3.5])
+    np.testing.assert_allclose(outline.max(axis=0), [27, 3.5])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("<OpenDRIVE>", "is no valid XML"),
+        ("<roads/>", "its root is <roads>; expected <OpenDRIVE>"),
+        (
+            '<!DOCTYPE x [<!ENTITY a "aaaa">]><OpenDRIVE>&a;</OpenDRIVE>',
+            "declares a document type",
+        ),
+        ('<OpenDRIVE><header revMajor="2" revMinor="0"/></OpenDRIVE>', "version 2.0"),
+        ("<OpenDRIVE/>", "line 1: <OpenDRIVE> has no <header>"),
+        (
+            '<OpenDRIVE><header revMajor="1" revMinor="4"/></OpenDRIVE>',
+            "has no lane for vehicles",
+        ),
+        (
+            '<OpenDRIVE><header revMajor="1" revMinor="4"/>\n'
+            + road(section(lane(-1)), length=-3)
+            + "</OpenDRIVE>",
+            "line 2: <road> 1 is -3 m long",
+        ),
+        (
+            '<OpenDRIVE><header revMajor="1" revMinor="4"/>'
+            + road(section(lane(-1)), geometry=LINE.replace("<line/>", "<circle/>"))
+            + "</OpenDRIVE>",
+            "<geometry> has no known shape",
+        ),
+        (
+            '<OpenDRIVE><header revMajor="1" revMinor="4"/>'
+            + road(section(lane(-1)), geometry=LINE.replace('x="0"', 'x="nan"'))
+            + "</OpenDRIVE>",
+            "needs a finite number for x, not 'nan'",
+        ),
+    ],
+)
+def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, text: str, told: str):
+    path = tmp_path / "bad.xodr"
+    path.write_text(text)
+    with pytest.raises(FormatError) as caught:
+        read(path)
+    assert told in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.real_data
+def test_real_files_open_with_lanes_that_meet_at_their_links(format_files: Path):
+    paths = sorted((format_files / "opendrive").glob("*.xodr"))
+    assert paths
+    for path in paths:
+        assert format_of(path) is OPENDRIVE
+        scene = read(path)
+        lane_of = scene.road_map.lane_of
+        gaps = [
+            float(np.hypot(*(one.centerline_m[-1] - lane_of[name].centerline_m[0])))
+            for one in lane_of.values()
+            for name in one.successors
+        ]
+        # Lanes that begin or end beside another one are linked from side to side.
+        assert np.mean(np.array([0.0, *gaps]) < 0.1) > 0.8, path

@@ -1,0 +1,253 @@
+"""ScenarioNet pickles and GPUDrive JSON as scenes."""
+
+import collections
+import json
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pd_editor.base.errors import FormatError
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats import gpudrive, scenarionet
+from pd_editor.scene.formats.registry import format_of
+from pd_editor.scene.scenario import Scenario
+
+STEPS = 91
+
+
+def driver(y: float, kind: str = "VEHICLE") -> dict[str, Any]:
+    x = 10.0 + np.arange(STEPS)
+    valid = np.ones(STEPS, bool)
+    valid[:5] = False
+    return {
+        "type": kind,
+        "metadata": {"type": "vehicle.bus.rigid" if y > 3 else ""},
+        "state": {
+            "position": np.stack([x, np.full(STEPS, y), np.zeros(STEPS)], axis=-1),
+            "heading": np.zeros(STEPS),
+            "velocity": np.tile([10.0, 0.0], (STEPS, 1)),
+            "valid": valid,
+            "length": np.full((STEPS, 1), 4.8),
+            "width": np.full((STEPS, 1), 2.0),
+        },
+    }
+
+
+def description(**more: Any) -> dict[str, Any]:
+    line = np.stack([np.arange(0.0, 101.0), np.zeros(101), np.zeros(101)], axis=-1)
+    found: dict[str, Any] = {
+        "id": "one",
+        "version": "1",
+        "length": STEPS,
+        "metadata": {
+            "ts": 0.1 * np.arange(STEPS),
+            "sdc_id": "7",
+            "dataset": "waymo",
+            "current_time_index": 10,
+            "tracks_to_predict": {"9": {}},
+        },
+        "tracks": {
+            "7": driver(0.0),
+            "9": driver(4.0),
+            "11": driver(-6.0, "PEDESTRIAN"),
+        },
+        "dynamic_map_states": {},
+        "map_features": {
+            "1": {
+                "type": "LANE_SURFACE_STREET",
+                "polyline": line,
+                "width": np.full((101, 2), 1.8),
+                "exit_lanes": ["2"],
+                "left_neighbor": [{"feature_id": "3"}],
+            },
+            "2": {
+                "type": "LANE_SURFACE_STREET",
+                "polyline": line + np.array([100.0, 0, 0]),
+                "exit_lanes": [],
+            },
+            "3": {
+                "type": "LANE_BIKE_LANE",
+                "polyline": line + np.array([0, 4.0, 0]),
+                "exit_lanes": [],
+            },
+            "4": {
+                "type": "CROSSWALK",
+                "polygon": np.array([[40, -4], [44, -4], [44, 6], [40, 6]], float),
+            },
+        },
+    }
+    return found | more
+
+
+def check(scene: Scenario) -> None:
+    agents, now = scene.agents, scene.current_step
+    assert sorted(agents.ids) == ["11", "9", "AV"]
+    ego, other, walker = agents.rows(("AV", "9", "11"))
+    assert agents.size_m[ego].tolist() == [4.8, 2.0]
+    assert agents.kinds[walker] == AgentKind.PEDESTRIAN
+    assert agents.is_valid[ego].sum() == STEPS - 5
+    place = agents.position_m[ego, now] + scene.origin_city_m
+    np.testing.assert_allclose(place, [20.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(agents.velocity_mps[other, now], [10.0, 0.0])
+    assert scene.focal_id == "9"
+    first, second = scene.road_map.lanes[:2]
+    assert first.successors == (second.lane_id,)
+    assert second.predecessors == (first.lane_id,)
+    assert len(scene.road_map.crosswalks) == 1
+
+
+def test_a_scenario_description_opens_with_sizes_lanes_and_ego(tmp_path: Path):
+    path = tmp_path / "sd_one.pkl"
+    path.write_bytes(pickle.dumps(description()))
+    assert format_of(path) is scenarionet.SCENARIONET
+    scene = open_scenario(path)
+    check(scene)
+    assert scene.agents.kinds[scene.agents.row_of["9"]] == AgentKind.BUS
+    lane, _, bike = scene.road_map.lanes
+    assert lane.left_neighbor == bike.lane_id
+    left = lane.left_m + scene.origin_city_m
+    np.testing.assert_allclose(left[:, 1], 1.8, atol=1e-6)
+
+
+def test_whole_recordings_have_the_current_step_where_argoverse_2_has_it(
+    tmp_path: Path,
+):
+    found = description()
+    found["metadata"]["current_time_index"] = 0
+    path = tmp_path / "sd_one.pkl"
+    path.write_bytes(pickle.dumps(found))
+    scene = open_scenario(path)
+    place = scene.agents.position_m[scene.agents.row_of["AV"], scene.current_step]
+    np.testing.assert_allclose(place + scene.origin_city_m, [10 + 45, 0], atol=1e-6)
+
+
+class Caller:
+    """Would make a folder if its pickle were loaded as usual."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (str(self._folder),)
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_a_pickle_that_wants_to_call_something_is_refused_and_calls_nothing(
+    tmp_path: Path, deep: bool
+):
+    made, path = tmp_path / "made", tmp_path / "sd_bad.pkl"
+    value: Any = Caller(made)
+    path.write_bytes(pickle.dumps(description(more=[value]) if deep else value))
+    with pytest.raises(FormatError, match=r"holds posix\.mkdir; expected arrays"):
+        open_scenario(path)
+    assert not made.exists()
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ([1, 2], "is no scenario description"),
+        ({"metadata": {}, "tracks": {}, "map_features": {}}, "KeyError: 'ts'"),
+        (collections.Counter("aab"), "holds collections.Counter"),
+        (description(map_features={}), "has no lane for vehicles"),
+        (description(tracks={"7": {"type": "VEHICLE", "state": {}}}), "KeyError"),
+    ],
+)
+def test_pickles_of_something_else_are_refused(tmp_path: Path, value: Any, told: str):
+    path = tmp_path / "sd_bad.pkl"
+    path.write_bytes(pickle.dumps(value))
+    with pytest.raises(FormatError) as caught:
+        open_scenario(path)
+    assert told in str(caught.value)
+
+
+def test_a_damaged_pickle_is_refused(tmp_path: Path):
+    path, data = tmp_path / "sd_bad.pkl", pickle.dumps(description())
+    for cut in (0, 1, 100, len(data) // 2, len(data) - 1):
+        path.write_bytes(data[:cut])
+        with pytest.raises(FormatError):
+            open_scenario(path)
+
+
+def as_gpudrive() -> dict[str, Any]:
+    def points(table: np.ndarray) -> list[dict[str, float]]:
+        return [{"x": float(one[0]), "y": float(one[1]), "z": 0.0} for one in table]
+
+    found = description()
+    kinds = {"VEHICLE": "vehicle", "PEDESTRIAN": "pedestrian"}
+    return {
+        "name": "one.json",
+        "scenario_id": "one",
+        "objects": [
+            {
+                "id": int(name),
+                "type": kinds[track["type"]],
+                "length": 4.8,
+                "width": 2.0,
+                "position": points(track["state"]["position"]),
+                "velocity": points(track["state"]["velocity"]),
+                "heading": track["state"]["heading"].tolist(),
+                "valid": track["state"]["valid"].tolist(),
+            }
+            for name, track in found["tracks"].items()
+        ],
+        "roads": [
+            {
+                "type": "crosswalk" if "polygon" in one else "lane",
+                "geometry": points(one.get("polyline", one.get("polygon"))),
+            }
+            for one in found["map_features"].values()
+        ],
+        "tl_states": {},
+        "metadata": {"sdc_track_index": 0, "tracks_to_predict": [{"track_index": 1}]},
+    }
+
+
+def test_a_gpudrive_scene_opens_with_lanes_that_lead_on_where_they_end(tmp_path: Path):
+    path = tmp_path / "one.json"
+    path.write_text(json.dumps(as_gpudrive()))
+    assert format_of(path) is gpudrive.GPUDRIVE
+    check(open_scenario(path))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"objects": 3}, "TypeError"),
+        ({"roads": []}, "has no lane for vehicles"),
+        ({"roads": [{"type": "lane"}]}, "KeyError: 'geometry'"),
+    ],
+)
+def test_bad_gpudrive_scenes_are_refused(tmp_path: Path, change: dict, told: str):
+    path = tmp_path / "one.json"
+    path.write_text(json.dumps(as_gpudrive() | change))
+    with pytest.raises(FormatError) as caught:
+        open_scenario(path)
+    assert told in str(caught.value)
+
+
+@pytest.mark.real_data
+def test_real_recordings_open(format_files: Path):
+    paths = [
+        *(format_files / "scenarionet").glob("*.pkl"),
+        *(format_files / "gpudrive").glob("*.json"),
+    ]
+    known = [path for path in paths if format_of(path) is not None]
+    assert len(known) >= 4
+    for path in known:
+        scene = open_scenario(path)
+        row, now = scene.agents.row_of["AV"], scene.current_step
+        assert scene.agents.is_valid[row, now]
+        # Velocities are those of the positions.
+        agents = scene.agents
+        there = agents.is_valid[:, now] & agents.is_valid[:, now + 5]
+        way = agents.position_m[there, now + 5] - agents.position_m[there, now]
+        mean = agents.velocity_mps[there, now : now + 6].mean(axis=1)
+        gap = np.linalg.norm(way / 0.5 - mean, axis=-1)
+        assert np.median(gap) < 0.3, path
+        assert any(one.successors for one in scene.road_map.lanes)
