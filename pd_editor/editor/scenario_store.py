@@ -179,7 +179,8 @@ def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
     ((name, content),) = files.items()
     with _as_file(name, content) as path:
         kind = format_of(path)
-        assert kind is not None and kind.read is not None, "it is foreign"
+        assert kind is not None, "it is foreign"
+        assert kind.read is not None, "it can be read"
         try:
             scenario = kind.read(path)
         except InputError as error:

@@ -95,7 +95,8 @@ class ScenarioPanel:
             self._offer_cut(self._base)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
-        size = f"{scenario.city} · {len(agents)} agents · {len(road.lanes)} lanes"
+        parts = scenario.city, f"{len(agents)} agents", f"{len(road.lanes)} lanes"
+        size = " · ".join(part for part in parts if part)
         if not has_future:
             size += " · no logged future"
         # The newest first; the tooltip has the rest.

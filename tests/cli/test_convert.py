@@ -1,0 +1,109 @@
+"""``pd-editor convert``, and scenes of other formats in the other commands."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pd_editor.editor.scenario_store import (
+    LOSSES_NAME,
+    is_foreign,
+    open_scenario,
+    scenario_and_recipe,
+)
+from tests.cli.shell import Shell
+from tests.scene.formats.test_commonroad import text as commonroad_text
+from tests.scene.formats.test_opendrive import lane, road, section
+from tests.scene.formats.test_opendrive import write as write_road
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    """A folder with a CommonRoad scene and, below it, an OpenDRIVE road."""
+    folder = tmp_path / "foreign"
+    (folder / "roads").mkdir(parents=True)
+    (folder / "scene.xml").write_text(commonroad_text())
+    write_road(folder / "roads", road(section(lane(-1), lane(1))))
+    (folder / "other.xml").write_text("<html/>")
+    return folder
+
+
+def test_scenes_of_a_folder_are_converted_and_open_again(
+    shell: Shell, foreign: Path, tmp_path: Path
+):
+    out = tmp_path / "out"
+    result = shell.run(
+        "convert", foreign, "roundabout", "--to", "commonroad", "--out", out
+    )
+    # The empty road has no ego.
+    assert result.code == 2
+    assert "neither ego nor focal agent" in result.err
+    assert sorted(one.name for one in out.iterdir()) == [
+        "ZAM_Road-1_1_T-1",
+        "roundabout",
+    ]
+    assert (out / "roundabout" / LOSSES_NAME).exists()
+    again = open_scenario(out / "roundabout")
+    assert len(again.road_map.lanes) == len(open_scenario("roundabout").road_map.lanes)
+    # What is there stays.
+    result = shell.run(
+        "convert", "roundabout", "crosswalk", "--to", "commonroad", "--out", out
+    )
+    assert result.code == 0
+    assert "done before" in result.out
+    back = tmp_path / "back"
+    result = shell.run("convert", out / "roundabout", "--to", "av2", "--out", back)
+    assert (result.code, result.lines) == (0, [str(back / "roundabout")])
+    assert not (back / "roundabout" / LOSSES_NAME).exists()
+
+
+def test_a_bare_road_is_filled_with_traffic(
+    shell: Shell, foreign: Path, tmp_path: Path
+):
+    path = foreign / "roads" / "road.xodr"
+    out = tmp_path / "out"
+    result = shell.run(
+        "generate", path, "--num-agents", "3", "--out", out, "--name", "full"
+    )
+    assert result.code == 0, result.err
+    assert len(open_scenario(out / "full").agents) == 3
+
+
+def test_formats_that_cannot_be_written_are_refused_before_anything_is_read(
+    shell: Shell, tmp_path: Path
+):
+    for command in (("convert", "nothing", "--to"), ("export", "nothing", "--format")):
+        told = shell.refused(*command, "opendrive", "--out", tmp_path / "x")
+        assert told == (
+            "No format 'opendrive' can be written; there are av2, commonroad."
+        )
+    told = shell.refused(
+        "export", "queue", "--format", "commonroad", "--verify", "--out", tmp_path / "x"
+    )
+    assert "--verify is for av2" in told
+    assert not (tmp_path / "x").exists()
+
+
+def test_an_uploaded_file_of_another_format_opens(foreign: Path):
+    content = (foreign / "scene.xml").read_bytes()
+    assert is_foreign("My scene.XML", content)
+    scenario, recipe = scenario_and_recipe({"My scene.XML": content})
+    assert (scenario.scenario_id, recipe) == ("ZAM_Road-1_1_T-1", None)
+    assert scenario.provenance.source == ""
+    assert not is_foreign("other.xml", b"<html/>")
+    assert not is_foreign("map.json", b'{"lane_segments": {}}')
+
+
+def test_errors_of_an_upload_name_the_file_as_it_came(foreign: Path):
+    content = commonroad_text(version="2017a").encode()
+    with pytest.raises(
+        Exception, match=r"^mine\.xml, line 1: <commonRoad> is of version"
+    ):
+        scenario_and_recipe({"mine.xml": content})
+
+
+def test_a_folder_with_one_scene_of_another_format_opens(foreign: Path, tmp_path: Path):
+    one = tmp_path / "one"
+    one.mkdir()
+    shutil.copy(foreign / "scene.xml", one)
+    assert open_scenario(one).scenario_id == "ZAM_Road-1_1_T-1"

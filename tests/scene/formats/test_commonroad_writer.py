@@ -1,0 +1,107 @@
+"""CommonRoad files that the editor writes."""
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from pd_editor.base.errors import ExportError
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.formats.commonroad import read
+from pd_editor.scene.formats.commonroad_writer import IDS_NAME, write
+from pd_editor.scene.scenario import EGO_ID, Scenario
+
+CENTERS_M = 0.4
+"""Centre lines of Argoverse 2 are drawn by hand; those of CommonRoad are midway."""
+
+
+def there_and_back(scenario: Scenario, folder: Path) -> tuple[Scenario, dict[str, str]]:
+    """The scene read from its own CommonRoad file, and its ids there."""
+    written = write(scenario)
+    path = folder / f"{scenario.scenario_id}.xml"
+    path.write_bytes(written.files[path.name])
+    table = io.StringIO(written.files[IDS_NAME].decode())
+    ids = {row["agent"]: row["obstacle"] for row in csv.DictReader(table)}
+    return read(path), ids
+
+
+def check_same(scenario: Scenario, folder: Path) -> None:
+    found, ids = there_and_back(scenario, folder)
+    assert found.scenario_id == scenario.scenario_id
+    agents, others = scenario.agents, found.agents
+    assert set(ids) == set(agents.ids)
+    ego = EGO_ID if EGO_ID in agents.row_of else scenario.focal_id
+    later = found.current_step - scenario.current_step
+    for name, number in ids.items():
+        row = agents.row_of[name]
+        other = others.row_of[EGO_ID if name == ego else number]
+        steps = np.flatnonzero(agents.is_valid[row])
+        steps = steps if name != ego else np.array([scenario.current_step])
+        if name == ego or (np.diff(steps) == 1).all():
+            there = np.flatnonzero(others.is_valid[other]) - later
+            assert np.isin(there, steps).all()
+            assert len(there) == len(steps)
+            steps = there
+        place = agents.position_m[row, steps] + scenario.origin_city_m
+        gap = place - others.position_m[other, steps + later] - found.origin_city_m
+        is_there = others.is_valid[other, steps + later]
+        assert np.abs(gap[is_there]).max() <= 1e-3
+        turn = agents.heading_rad[row, steps] - others.heading_rad[other, steps + later]
+        assert np.abs(np.angle(np.exp(1j * turn[is_there]))).max() < np.radians(0.1)
+        speeds = (
+            agents.speed_mps()[row, steps],
+            others.speed_mps()[other, steps + later],
+        )
+        assert np.abs(speeds[0] - speeds[1])[is_there].max() <= 0.05
+        if name != ego:
+            np.testing.assert_allclose(
+                others.size_m[other], agents.size_m[row], atol=1e-3
+            )
+    mine, theirs = scenario.road_map.lane_of, found.road_map.lane_of
+    assert mine.keys() == theirs.keys()
+    for number, lane in mine.items():
+        known = tuple(one for one in lane.successors if one in mine)
+        assert set(theirs[number].successors) == set(known)
+        assert theirs[number].is_intersection == lane.is_intersection
+        assert theirs[number].kind == lane.kind
+        for side in ("left_m", "right_m", "centerline_m"):
+            lines = [
+                shapely.LineString(getattr(one, side) + origin)
+                for one, origin in (
+                    (lane, scenario.origin_city_m),
+                    (theirs[number], found.origin_city_m),
+                )
+            ]
+            most = CENTERS_M if side == "centerline_m" else 1e-3
+            assert lines[0].hausdorff_distance(lines[1]) <= most
+    assert len(found.road_map.crosswalks) == len(scenario.road_map.crosswalks)
+
+
+@pytest.mark.parametrize("demo", ["roundabout", "crosswalk", "queue"])
+def test_a_demo_comes_back_as_it_was(demo: str, tmp_path: Path):
+    check_same(open_scenario(demo), tmp_path)
+
+
+@pytest.mark.real_data
+def test_real_scenes_come_back_as_they_were(
+    av2_scenario_folders: list[Path], tmp_path: Path
+):
+    for folder in av2_scenario_folders[::13]:
+        check_same(open_scenario(folder), tmp_path)
+
+
+def test_a_scene_without_an_agent_has_no_planning_problem(tmp_path: Path):
+    scenario = open_scenario("roundabout")
+    bare = scenario.without_agents(scenario.agents.ids)
+    with pytest.raises(ExportError, match="neither ego nor focal agent"):
+        write(replace(bare, focal_id=""))
+
+
+def test_equal_scenes_have_equal_files_and_tell_what_is_lost():
+    one, other = (write(open_scenario("roundabout")) for _ in range(2))
+    assert one.files == other.files
+    assert any("lane markings" in loss for loss in one.losses)
