@@ -59,39 +59,8 @@ def write(scenario: Scenario) -> WrittenScene:
         ExportError: there is no agent at the current step, whose start could be the
             planning problem.
     """
-    agents, now = scenario.agents, scenario.current_step
-    ego = next(
-        (
-            agents.row_of[name]
-            for name in (EGO_ID, scenario.focal_id)
-            if name in agents.row_of and agents.is_valid[agents.row_of[name], now]
-        ),
-        None,
-    )
-    if ego is None:
-        raise ExportError(
-            f"Scenario {scenario.scenario_id} has neither ego nor focal agent at the "
-            "current step; CommonRoad needs one as its planning problem."
-        )
-    root = etree.Element(
-        "commonRoad",
-        timeStepSize=f"{scenario.time_axis.step_s:g}",
-        commonRoadVersion="2020a",
-        author="Path Diffuser Editor",
-        affiliation="",
-        source=scenario.city or "unknown",
-        benchmarkID=scenario.scenario_id,
-        date="1970-01-01",
-    )
-    location = _child(root, "location")
-    for name, value in (
-        ("geoNameId", "-999"),
-        ("gpsLatitude", "999"),
-        ("gpsLongitude", "999"),
-    ):
-        _child(location, name, value)
-    _child(_child(root, "scenarioTags"), "urban")
-    origin = scenario.origin_city_m
+    agents, origin = scenario.agents, scenario.origin_city_m
+    ego, root = _ego_row(scenario), _root(scenario)
     known = set(scenario.road_map.lane_of)
     for lane in scenario.road_map.lanes:
         _lanelet(root, lane, origin, known)
@@ -125,6 +94,48 @@ def write(scenario: Scenario) -> WrittenScene:
         },
         losses=tuple(losses),
     )
+
+
+def _ego_row(scenario: Scenario) -> int:
+    """Row of the agent whose start is the planning problem."""
+    agents, now = scenario.agents, scenario.current_step
+    ego = next(
+        (
+            agents.row_of[name]
+            for name in (EGO_ID, scenario.focal_id)
+            if name in agents.row_of and agents.is_valid[agents.row_of[name], now]
+        ),
+        None,
+    )
+    if ego is None:
+        raise ExportError(
+            f"Scenario {scenario.scenario_id} has neither ego nor focal agent at the "
+            "current step; CommonRoad needs one as its planning problem."
+        )
+    return ego
+
+
+def _root(scenario: Scenario) -> etree._Element:
+    """The root with what the format demands of a scenario as a whole."""
+    root = etree.Element(
+        "commonRoad",
+        timeStepSize=f"{scenario.time_axis.step_s:g}",
+        commonRoadVersion="2020a",
+        author="Path Diffuser Editor",
+        affiliation="",
+        source=scenario.city or "unknown",
+        benchmarkID=scenario.scenario_id,
+        date="1970-01-01",
+    )
+    location = _child(root, "location")
+    for name, value in (
+        ("geoNameId", "-999"),
+        ("gpsLatitude", "999"),
+        ("gpsLongitude", "999"),
+    ):
+        _child(location, name, value)
+    _child(_child(root, "scenarioTags"), "urban")
+    return root
 
 
 def _lanelet(
