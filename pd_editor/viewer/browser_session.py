@@ -10,6 +10,7 @@ import viser
 
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.base.errors import LockedAgentError, PdEditorError
+from pd_editor.editor.cures import Cure
 from pd_editor.editor.session import SessionState
 from pd_editor.model.generators import GeneratorCatalogue
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
@@ -203,8 +204,7 @@ class BrowserSession:
             self.problems,
             ScorecardActions(
                 go_to=self._show_finding,
-                apply=ui.apply,
-                regenerate=self._regenerate_agents,
+                cure=self._cure,
                 draw=self.picture.findings.show,
                 redraw=self.picture.draw_frame,
                 opened=self._scorecard_opened,
@@ -294,8 +294,7 @@ class BrowserSession:
             self.problems,
             lambda: generation.run_state,
             ChipActions(
-                apply=self._ui.apply,
-                regenerate=self._regenerate_agents,
+                cure=self._cure,
                 cancel=generation.cancel,
                 use_result=generation.use_result,
                 run_guidance=lambda: generation.regenerate_agents(
@@ -472,8 +471,12 @@ class BrowserSession:
     def _previewed(self, is_sample: bool) -> None:
         self._scorecard.set_muted(is_sample)
 
-    def _regenerate_agents(self, agent_ids: tuple[str, ...]) -> None:
-        self.panels.generation.regenerate_agents(agent_ids, is_cure=True)
+    def _cure(self, cure: Cure) -> None:
+        if cure.command is not None:
+            self._ui.apply(cure.command)
+        else:
+            ids = cure.regenerated_ids
+            self.panels.generation.regenerate_agents(ids, is_cure=True)
 
     def _star(self) -> None:
         self.panels.star()

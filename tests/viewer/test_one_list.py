@@ -199,7 +199,7 @@ def card(tab: FakeTab, num_problems: int) -> list[str]:
         commands=(last,),
     )
     cards = SampleCards.of(samples)
-    ignored = tab.tab._workspace.ignored_findings
+    ignored = tab.session.variant.ignored
     told = [one for one in cards.findings[0] if one.ignored_key not in ignored]
     text = card_lines(told, cards.numbers[0], "realism")[0]["text"]
     found = count_in(text)

@@ -260,7 +260,7 @@ class SampleStrip:
     def _told(self) -> list[list[Finding]]:
         """What each card tells: findings that the user does not ignore."""
         assert self._cards is not None
-        ignored = self._ui.workspace.ignored_findings
+        ignored = self._ui.session.variant.ignored
         return [
             [one for one in found if one.ignored_key not in ignored]
             for found in self._cards.findings

@@ -13,7 +13,6 @@ from pd_editor.analysis.findings.check import SceneCheck
 from pd_editor.analysis.findings.finding import Finding, Severity
 from pd_editor.analysis.findings.scorecard import Level, ScoreRow, scorecard
 from pd_editor.analysis.metrics.agent_profile import agent_profile
-from pd_editor.editor.commands.command import Command
 from pd_editor.editor.cures import Cure, cures
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.overlay import Overlay
@@ -36,8 +35,7 @@ class ScorecardActions:
     go_to: Callable[[Finding, float], None]
     """Selects a finding's agent, and shows it at that time right of so much of the
     picture's width."""
-    apply: Callable[[Command], None]
-    regenerate: Callable[[tuple[str, ...]], None]
+    cure: Callable[[Cure], None]
     draw: Callable[[Scenario, tuple[Finding, ...]], None]
     redraw: Callable[[], None]
     """Draws rings again."""
@@ -271,14 +269,8 @@ class ScorecardDrawer:
         elif kind == "cure":
             for cure in self._cures or ():
                 if cure.label == name:
-                    self._use(cure)
+                    self._actions.cure(cure)
                     return
-
-    def _use(self, cure: Cure) -> None:
-        if cure.command is not None:
-            self._actions.apply(cure.command)
-        else:
-            self._actions.regenerate(cure.regenerated_ids)
 
 
 def _time_of(scenario: Scenario, finding: Finding) -> str:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
-from pd_editor.editor.commands.command import Command
 from pd_editor.editor.cures import Cure, cures
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.timeline import Timeline, marks_of
@@ -49,8 +48,7 @@ _ICON: Final[dict[FindingKind, str]] = {
 class ChipActions:
     """Actions of the chip."""
 
-    apply: Callable[[Command], None]
-    regenerate: Callable[[tuple[str, ...]], None]
+    cure: Callable[[Cure], None]
     cancel: Callable[[], None]
     use_result: Callable[[], None]
     run_guidance: Callable[[], None]
@@ -247,7 +245,7 @@ class StatusChip:
         elif kind == "cure":
             for cure in self._cures or ():
                 if cure.label == value:
-                    self._use(cure)
+                    self._actions.cure(cure)
                     return
         elif kind == "ignore" and self._active is not None:
             group, problem = self._active
@@ -265,12 +263,6 @@ class StatusChip:
                 self._actions.run_guidance()
         elif kind == "download":
             self._actions.download()
-
-    def _use(self, cure: Cure) -> None:
-        if cure.command is not None:
-            self._actions.apply(cure.command)
-        else:
-            self._actions.regenerate(cure.regenerated_ids)
 
 
 def _share(value: object) -> float:

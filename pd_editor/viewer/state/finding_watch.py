@@ -67,7 +67,7 @@ class FindingWatch:
     @property
     def ignored(self) -> tuple[Finding, ...]:
         """Findings that the user ignores."""
-        ignored = self._workspace.ignored_findings
+        ignored = self._workspace.session.variant.ignored
         return tuple(one for one in self._check.new if one.ignored_key in ignored)
 
     @property
@@ -77,7 +77,7 @@ class FindingWatch:
         return tuple(sorted(found, key=lambda one: not one.is_problem))
 
     def _unignored(self) -> tuple[Finding, ...]:
-        ignored = self._workspace.ignored_findings
+        ignored = self._workspace.session.variant.ignored
         return tuple(one for one in self._check.new if one.ignored_key not in ignored)
 
     def ignore(self, finding: Finding, is_ignored: bool) -> None:

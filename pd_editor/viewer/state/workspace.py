@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from pd_editor.analysis.findings.finding import IgnoredKey
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.editor.basket.basket import BasketEntry
@@ -145,11 +144,6 @@ class Workspace:
         self._uploaded: tuple[Scenario, Mapping[str, bytes]] | None = None
         """Base of the scenario that was uploaded last, and its files."""
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
-
-    @property
-    def ignored_findings(self) -> tuple[IgnoredKey, ...]:
-        """Keys of the findings that the user ignores in the open session."""
-        return self.session.variant.ignored
 
     def open_reference(self, reference: str) -> None:
         """Open a demo or a scenario folder.

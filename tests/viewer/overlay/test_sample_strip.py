@@ -9,6 +9,7 @@ import pytest
 
 from pd_editor.editor.basket.thumbnail import PictureFrame
 from pd_editor.editor.commands import traffic_command
+from pd_editor.editor.variant import Variant
 from pd_editor.scene.generation import GeneratedTraffic, GenerationRequest
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.sample_strip import (
@@ -67,7 +68,7 @@ class Tab(UiContext):
 
     def __init__(self):
         self.notices, self.errors = [], []
-        self.workspace = SimpleNamespace(ignored_findings=())
+        self.session = SimpleNamespace(variant=Variant())
 
     def post(self, action, merge_key=None, *, failure=None):
         action()

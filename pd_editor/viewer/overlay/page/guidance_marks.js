@@ -48,19 +48,19 @@ pdOverlay.define("guidance_marks", (api) => {
     return shape("g", classes.join(" "), { "data-guide": mark.index });
   }
 
+  function put(parent, picture, [x, y]) {
+    picture.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
+    parent.append(picture);
+  }
+
   function warn(parent, x, y) {
-    const badge = shape("g", "pd-guide-warning", {
-      transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})`,
-    });
+    const badge = shape("g", "pd-guide-warning");
     const text = shape("text", "", { "text-anchor": "middle", y: 4 });
     text.textContent = "!";
     badge.append(shape("circle", "", { r: 7 }), text);
-    parent.append(badge);
+    put(parent, badge, [x, y]);
   }
 
-  const moved = (pixel) => ({
-    transform: `translate(${pixel[0].toFixed(1)} ${pixel[1].toFixed(1)})`,
-  });
   const ground = (point) => api.project([point[0], point[1], 0]);
 
   function isCovered(x, y) {
@@ -75,9 +75,7 @@ pdOverlay.define("guidance_marks", (api) => {
     if (mark.isOffer && from && isCovered(from[0] - foot[0], from[1] - foot[1])) return;
     if (from && !mark.isFaint && !mark.isOffer)
       parent.append(shape("path", "pd-guide-leader", { d: along([from, foot]) }));
-    const picture = flag(mark.isOffer);
-    for (const [key, value] of Object.entries(moved(foot))) picture.setAttribute(key, value);
-    parent.append(picture);
+    put(parent, flag(mark.isOffer), foot);
     take(foot[0] - 9, foot[1] - 34, foot[0] + 24, foot[1] + 8);
     if (mark.isBad) warn(parent, foot[0] + 20, foot[1] - 31);
   }
@@ -104,10 +102,7 @@ pdOverlay.define("guidance_marks", (api) => {
     parent.append(shape("path", "pd-guide-halo", { d: head(pixels) }),
       shape("path", "pd-guide-line", { d: head(pixels) }));
     const middle = halfWay(pixels.filter((point) => point));
-    const picture = plate(mark.kind);
-    for (const [key, value] of Object.entries(moved(middle)))
-      picture.setAttribute(key, value);
-    parent.append(picture);
+    put(parent, plate(mark.kind), middle);
     if (mark.isBad) warn(parent, middle[0] + 10, middle[1] - 10);
   }
 
@@ -122,9 +117,7 @@ pdOverlay.define("guidance_marks", (api) => {
     const length = Math.hypot(last[0] - first[0], last[1] - first[1]) || 1;
     const end = [0, 1].map((axis) =>
       first[axis] - ((last[axis] - first[axis]) / length) * 15);
-    const picture = plate(mark.kind);
-    for (const [key, value] of Object.entries(moved(end))) picture.setAttribute(key, value);
-    parent.append(picture);
+    put(parent, plate(mark.kind), end);
     if (mark.isBad) warn(parent, end[0] + 10, end[1] - 10);
   }
 
@@ -140,10 +133,7 @@ pdOverlay.define("guidance_marks", (api) => {
         parent.append(shape("path", name, { d: along(shown) }));
       parent.append(shape("path", "pd-guide-line pd-guide-head", { d: head(shown) }));
     }
-    const picture = plate(mark.kind);
-    for (const [key, value] of Object.entries(moved(middle)))
-      picture.setAttribute(key, value);
-    parent.append(picture);
+    put(parent, plate(mark.kind), middle);
     if (mark.isBad) warn(parent, middle[0] + 10, middle[1] - 10);
   }
 
@@ -168,10 +158,7 @@ pdOverlay.define("guidance_marks", (api) => {
     mark.badges.forEach((badge, place) => {
       const parent = group(badge);
       const x = at[0] + (place - (mark.badges.length - 1) / 2) * 23;
-      const picture = plate(badge.kind, 10);
-      for (const [key, value] of Object.entries(moved([x, at[1] + 30])))
-        picture.setAttribute(key, value);
-      parent.append(picture);
+      put(parent, plate(badge.kind, 10), [x, at[1] + 30]);
       if (badge.isBad) warn(parent, x + 9, at[1] + 22);
       layer.append(parent);
     });

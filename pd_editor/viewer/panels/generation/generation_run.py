@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.editor.commands import Command, traffic_command
+from pd_editor.editor.commands import Command, ReplaceTraffic, traffic_command
 from pd_editor.editor.generation_job import GenerationJob
 from pd_editor.scene.generation import (
     GeneratedTraffic,
@@ -40,6 +40,15 @@ class GenerationInput:
     removed_ids: tuple[str, ...] = ()
     is_cure: bool = False
     """Whether it mends the sample that is applied: the others can still be chosen."""
+
+    def command(
+        self, traffic: GeneratedTraffic, index: int, edited: Scenario
+    ) -> ReplaceTraffic:
+        """The edit that applies a sample to a scenario."""
+        removed = self.removed_ids
+        return traffic_command(
+            self.request, traffic, index, removed_ids=removed, edited=edited
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -333,14 +342,7 @@ class GenerationRun:
         self, task: GenerationInput, traffic: GeneratedTraffic, index: int
     ) -> None:
         """Apply a sample, and report on it."""
-        removed_ids = task.removed_ids
-        command = traffic_command(
-            task.request,
-            traffic,
-            index,
-            removed_ids=removed_ids,
-            edited=self._ui.session.scenario,
-        )
+        command = task.command(traffic, index, self._ui.session.scenario)
         self._ui.apply(command)
         self._ui.workspace.guided_runs.keep(
             self._ui.session.scenario.agents,
@@ -348,7 +350,7 @@ class GenerationRun:
                 request=task.request,
                 traffic=traffic,
                 index=index,
-                removed_ids=removed_ids,
+                removed_ids=task.removed_ids,
             ),
         )
         count = len(traffic.samples[index].ids)
@@ -362,16 +364,8 @@ class GenerationRun:
         task, traffic = self._generated
         if not _differ(traffic.samples):
             return
-        commands = tuple(
-            traffic_command(
-                task.request,
-                traffic,
-                index,
-                removed_ids=task.removed_ids,
-                edited=before,
-            )
-            for index in range(len(traffic.samples))
-        )
+        indices = range(len(traffic.samples))
+        commands = tuple(task.command(traffic, index, before) for index in indices)
         self._strip.open(
             SampleSet(
                 before=before,

@@ -13,6 +13,7 @@ import pytest
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.installed_files import models_folder
 from pd_editor.editor.commands import RemoveAllAgents, SetLocks
+from pd_editor.editor.cures import Cure
 from pd_editor.model import generators
 from pd_editor.model.generators import registry
 from pd_editor.scene.agent_kind import AgentKind
@@ -465,7 +466,8 @@ def test_a_cure_makes_one_sample_and_the_others_can_still_be_chosen(tab, placing
     run_to_end(tab, panel.resample)
     strip = tab.tab.picture.samples
     until(lambda: strip.is_open)
-    run_to_end(tab, lambda: tab.tab.chip._actions.regenerate(("new-1",)))
+    cure = Cure(label="Regenerate new-1", regenerated_ids=("new-1",))
+    run_to_end(tab, lambda: tab.tab.chip._actions.cure(cure))
     assert placing.requests[-1].num_samples == 1
     assert len(tab.session.entries) == 2
     assert strip.is_open
