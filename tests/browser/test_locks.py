@@ -63,6 +63,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
 
     # All trajectories are regenerated, those of locked agents are not.
     editor.open_tab("Drive")
+    editor.choose("Agents", "All agents")
     editor.press("Regenerate (1 locked is kept)")
     editor.until(lambda: len(session.entries) == 2, "trajectories", 120)
     after = session.scenario

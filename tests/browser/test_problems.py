@@ -329,9 +329,10 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     tab._ui.post(lambda: session.select(()))
     page.locator(".pd-chip-main").click()
     places = [page.locator(name) for name in (".pd-problems", ".pd-problem-detail")]
-    still = [place.bounding_box() for place in places]
     known = [problem.key for problem in watch.new]
     expect(rows(editor)).to_have_count(len(known))
+    places[1].wait_for()
+    still = [place.bounding_box() for place in places]
 
     def active() -> int | None:
         chosen = tab.chip._active
