@@ -10,7 +10,11 @@ ScenarioArgument = Annotated[
     str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")
 ]
 FormatOption = Annotated[
-    str, tyro.conf.arg(metavar="FORMAT", help_behavior_hint="(av2 or commonroad)")
+    str,
+    tyro.conf.arg(
+        metavar="FORMAT",
+        help_behavior_hint="(av2, commonroad, gpudrive, scenarionet or tables)",
+    ),
 ]
 FolderOption = Annotated[str | Path, tyro.conf.arg(metavar="DIR")]
 OptionalFolder = Annotated[

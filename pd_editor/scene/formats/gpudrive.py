@@ -17,6 +17,10 @@ from pd_editor.scene.formats.recorded_map import (
     lanes_of,
     points_of,
 )
+from pd_editor.scene.formats.recording_writers import (
+    WAYMO_CURRENT_STEP,
+    gpudrive_files,
+)
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.xml_file import head_of
 from pd_editor.scene.geometry.paved_area import valid_area
@@ -29,8 +33,6 @@ _KINDS: Final = {
     "pedestrian": AgentKind.PEDESTRIAN,
     "cyclist": AgentKind.CYCLIST,
 }
-_CURRENT_STEP: Final = 10
-"""Waymo's motion prediction: 1.1 s are observed."""
 
 
 def read(path: Path) -> Scenario:
@@ -80,7 +82,7 @@ def read(path: Path) -> Scenario:
             if kind == "driveway" and len(line) > 2
         ],
         tracks=tuple(one for one in tracks if one is not None),
-        current_s=step_s * min(_CURRENT_STEP, max(number - 2, 0)),
+        current_s=step_s * min(WAYMO_CURRENT_STEP, max(number - 2, 0)),
         ego_id=_id_of(found["objects"], ego),
         focal_id=_id_of(found["objects"], asked[0] if asked else -1),
         city="waymo",
@@ -135,4 +137,5 @@ GPUDRIVE: Final = SceneFormat(
     endings=(".json",),
     recognises=_recognises,
     read=read,
+    write=gpudrive_files,
 )

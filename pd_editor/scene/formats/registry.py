@@ -12,6 +12,7 @@ from pd_editor.scene.formats.gpudrive import GPUDRIVE
 from pd_editor.scene.formats.opendrive import OPENDRIVE
 from pd_editor.scene.formats.scenarionet import SCENARIONET
 from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.tables import TABLES
 
 ENTRY_POINTS: Final = "pd_editor.formats"
 OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
@@ -20,6 +21,7 @@ OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     GPUDRIVE,
     OPENDRIVE,
     SCENARIONET,
+    TABLES,
 )
 
 

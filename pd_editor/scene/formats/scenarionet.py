@@ -16,6 +16,7 @@ from pd_editor.scene.formats.recorded_map import (
     lanes_of,
     points_of,
 )
+from pd_editor.scene.formats.recording_writers import scenarionet_files
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import LaneKind
@@ -171,4 +172,5 @@ SCENARIONET: Final = SceneFormat(
     endings=(".pkl",),
     recognises=_recognises,
     read=read,
+    write=scenarionet_files,
 )

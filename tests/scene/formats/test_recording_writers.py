@@ -1,0 +1,111 @@
+"""ScenarioNet, GPUDrive and tables that the editor writes."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pd_editor.base.errors import ExportError
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.formats.registry import formats, writer
+from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.scenario import EGO_ID, Scenario
+
+
+def written(scenario: Scenario, name: str) -> WrittenScene:
+    write = writer(name).write
+    assert write is not None
+    return write(scenario)
+
+
+def there_and_back(scenario: Scenario, name: str, folder: Path) -> Scenario:
+    for file, data in written(scenario, name).files.items():
+        (folder / file).write_bytes(data)
+    return open_scenario(folder)
+
+
+def check_same(scenario: Scenario, name: str, folder: Path) -> None:
+    found = there_and_back(scenario, name, folder)
+    assert found.scenario_id == scenario.scenario_id
+    agents, others = scenario.agents, found.agents
+    ids = {one: one for one in agents.ids}
+    if name == "gpudrive":
+        rows = csv.DictReader((folder / "ids.csv").read_text().splitlines())
+        ids = {row["agent"]: row["object"] for row in rows}
+    ego = EGO_ID if EGO_ID in ids else scenario.focal_id
+    later = found.current_step - scenario.current_step
+    for one, other in ids.items():
+        mine, theirs = (
+            agents.row_of[one],
+            others.row_of[EGO_ID if one == ego else other],
+        )
+        np.testing.assert_allclose(others.size_m[theirs], agents.size_m[mine])
+        there = np.flatnonzero(others.is_valid[theirs])
+        assert len(there)
+        steps = there - later
+        assert agents.is_valid[mine, steps].all()
+        if name == "scenarionet":
+            assert len(there) == agents.is_valid[mine].sum()
+        place = agents.position_m[mine, steps] + scenario.origin_city_m
+        gap = place - others.position_m[theirs, there] - found.origin_city_m
+        assert np.abs(gap).max() < 1e-6
+        turn = agents.heading_rad[mine, steps] - others.heading_rad[theirs, there]
+        assert np.abs(np.angle(np.exp(1j * turn))).max() < 1e-6
+        speed = agents.velocity_mps[mine, steps] - others.velocity_mps[theirs, there]
+        assert np.abs(speed).max() < 1e-6
+    assert len(found.road_map.lanes) == len(scenario.road_map.lanes)
+    if name == "scenarionet":
+        number = {lane.lane_id: n for n, lane in enumerate(scenario.road_map.lanes, 1)}
+        for lane, other in zip(
+            scenario.road_map.lanes, found.road_map.lanes, strict=True
+        ):
+            expected = {number[one] for one in lane.successors if one in number}
+            assert set(other.successors) == expected
+
+
+@pytest.mark.parametrize("name", ["scenarionet", "gpudrive"])
+@pytest.mark.parametrize("demo", ["roundabout", "crosswalk"])
+def test_a_demo_comes_back_as_it_was(demo: str, name: str, tmp_path: Path):
+    check_same(open_scenario(demo), name, tmp_path)
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("name", ["scenarionet", "gpudrive"])
+def test_real_scenes_come_back_as_they_were(
+    name: str, av2_scenario_folders: list[Path], tmp_path: Path
+):
+    for number, folder in enumerate(av2_scenario_folders[::26]):
+        own = tmp_path / str(number)
+        own.mkdir()
+        check_same(open_scenario(folder), name, own)
+
+
+@pytest.mark.parametrize("name", ["scenarionet", "gpudrive"])
+def test_a_scene_without_an_agent_is_refused(name: str):
+    scenario = open_scenario("roundabout")
+    with pytest.raises(ExportError, match="neither ego nor focal agent"):
+        written(scenario.without_agents(scenario.agents.ids), name)
+
+
+def test_tables_hold_every_state_once():
+    scenario = open_scenario("roundabout")
+    files = written(scenario, "tables").files
+    table = pq.read_table(io.BytesIO(files["tracks.parquet"])).to_pydict()
+    assert len(table["agent"]) == scenario.agents.is_valid.sum()
+    row = scenario.agents.row_of[table["agent"][7]]
+    place = scenario.agents.position_m[row, table["step"][7]] + scenario.origin_city_m
+    assert (table["x_m"][7], table["y_m"][7]) == tuple(place.tolist())
+    rows = list(csv.DictReader(io.StringIO(files["tracks.csv"].decode())))
+    assert [one["agent"] for one in rows] == table["agent"]
+    lanes = list(csv.DictReader(io.StringIO(files["lanes.csv"].decode())))
+    assert {int(one["lane"]) for one in lanes} == set(scenario.road_map.lane_of)
+
+
+def test_equal_scenes_have_equal_files():
+    for kind in formats().values():
+        if kind.write is not None:
+            one, other = (kind.write(open_scenario("queue")) for _ in range(2))
+            assert one.files == other.files, kind.name
