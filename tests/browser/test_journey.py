@@ -88,6 +88,7 @@ def test_from_demo_to_export(editor):
     editor.until(lambda: editor._tab().picture.candidates.shown is not None, "the fan")
     editor.screenshot("03_candidates")
     editor.press("Hide possible trajectories")
+    editor.choose("Agents", "All agents")
     editor.press("Regenerate")
     editor.until(lambda: len(labels(editor)) == 3, "new futures")
     editor.screenshot("04_regenerated")

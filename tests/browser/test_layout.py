@@ -52,6 +52,7 @@ def strip_beside_a_problem(editor, count: int):
     editor.open_tab("Drive")
     editor.choose("Model", "lane-follower")
     editor.fill("Samples", count)
+    editor.choose("Agents", "All agents")
     editor.press("Regenerate")
     strip = editor.page.locator(".pd-samples.pd-solid")
     expect(strip).to_be_visible()
