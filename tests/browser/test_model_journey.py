@@ -71,7 +71,7 @@ def test_as_many_as_suit_the_road_on_the_road_only(editor):
     editor.press("Resample")
     editor.until(lambda: len(session.entries) == 1, "agents", 120)
     editor.page.get_by_text("50% were asked for").wait_for()
-    editor.page.get_by_text("off the road.").wait_for()
+    editor.page.get_by_text("off the road at t = 0.").wait_for()
     editor.screenshot("31_on_the_road")
     request = session.entries[0].command.request
     assert (request.moving_share, request.only_on_road) == (0.5, True)
