@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.figures import load_in_words
 from benchmarks.interleaved import crowd
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 
 NUM_SAMPLES = 8

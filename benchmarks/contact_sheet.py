@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from benchmarks.whole_scenes import generate
 from pd_editor.base.installed_files import demo_folder, demo_names
-from pd_editor.model.features.scene_features import scene_center
+from pd_editor.generation.features.scene_features import scene_center
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.oriented_box import box_corners

@@ -14,16 +14,16 @@ import torch
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.model.features.encoded_scene import packed
-from pd_editor.model.features.scene_features import scene_features
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.model.inputs.scene_batch import batch_of
-from pd_editor.model.trajectory.loss import trajectory_loss
-from pd_editor.model.trajectory.network.denoiser import (
+from pd_editor.generation.features.encoded_scene import packed
+from pd_editor.generation.features.scene_features import scene_features
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.inputs.scene_batch import batch_of
+from pd_editor.generation.trajectory.loss import trajectory_loss
+from pd_editor.generation.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )
-from pd_editor.model.trajectory.task import TrajectoryTask
+from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.generation import (
     AVOIDANCE,
     GenerationRequest,
@@ -32,7 +32,7 @@ from pd_editor.scene.generation import (
 )
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from tests.model.trajectory.scenes import arc_basis
+from tests.generation.trajectory.scenes import arc_basis
 
 NUM_AGENTS = 32
 REPEATS = 40

@@ -23,7 +23,7 @@ from pd_editor.experiments.training.data.augmentation import (
     crawling_share,
 )
 from pd_editor.experiments.training.data.scenario_source import ShardRoot
-from pd_editor.model.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.tiled import tiled
 from pd_editor.analysis.findings.scorecard import scorecard
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest, run_to_end

@@ -23,7 +23,7 @@ from benchmarks.figures import load_in_words
 from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.outcomes import SLOWED
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.generation import (
     GeneratedTraffic,

@@ -36,29 +36,29 @@ from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.base.installed_files import models_folder
 from pd_editor.experiments.evaluation.report.distances import STATE_METRICS
-from pd_editor.model.checkpoints.model_folder import load_model
-from pd_editor.model.core.devices import keep_freed_memory, lay_out_weights
-from pd_editor.model.features.encoded_scene import LATENT_SIZE, packed
-from pd_editor.model.features.scene_features import scene_center, scene_features
-from pd_editor.model.generators import SHIPPED_MODEL
-from pd_editor.model.initial_state.attributes import (
+from pd_editor.generation.checkpoints.model_folder import load_model
+from pd_editor.generation.core.devices import keep_freed_memory, lay_out_weights
+from pd_editor.generation.features.encoded_scene import LATENT_SIZE, packed
+from pd_editor.generation.features.scene_features import scene_center, scene_features
+from pd_editor.generation.generators import SHIPPED_MODEL
+from pd_editor.generation.initial_state.attributes import (
     AttributeRequest,
     with_attributes,
 )
-from pd_editor.model.initial_state.guidance import InitialStateGuidance
-from pd_editor.model.initial_state.network.conditioning import (
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
+from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
     sampling_conditioning,
 )
-from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.model.initial_state.network.state_encoding import POSITION_UNIT_M
-from pd_editor.model.initial_state.sampler import (
+from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.generation.initial_state.sampler import (
     InitialStateSamplerConfig,
     finished_states,
     sample_initial_states,
 )
-from pd_editor.model.inputs.scene_batch import SceneTensors, batch_of
-from pd_editor.model.stages import INITIAL_STATES, STAGE_KINDS
+from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.generation.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import TrafficSample, scene_seed
 from pd_editor.scene.scenario import Scenario

@@ -23,7 +23,7 @@ from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.analysis.threats.threat_outcome import meets
 from pd_editor.analysis.threats.threat_plans import ThreatAim
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import (

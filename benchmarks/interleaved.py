@@ -69,7 +69,7 @@ def workloads() -> dict[str, Callable[[], object]]:
 
 def _port_works(scenario: Scenario) -> dict[str, Callable[[], object]]:
     """Through the port of generators."""
-    from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+    from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
     from pd_editor.scene import generation
 
     diffuser, ids = make_generator(DEFAULT_GENERATOR), scenario.agents.ids
@@ -103,7 +103,7 @@ def _large_works() -> dict[str, Callable[[], object]]:
     """On a map of ten real ones with 500 agents."""
     from benchmarks.tiled import tiled
     from pd_editor.editor.commands import TransformAgents, traffic_command
-    from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+    from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
     from pd_editor.scene import generation
     from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 
@@ -150,18 +150,18 @@ def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
     import torch
 
     from pd_editor.base.installed_files import models_folder
-    from pd_editor.model.features.encoded_scene import packed
-    from pd_editor.model.features.scene_features import scene_features
-    from pd_editor.model.generators import SHIPPED_MODEL
-    from pd_editor.model.initial_state.network.denoiser import (
+    from pd_editor.generation.features.encoded_scene import packed
+    from pd_editor.generation.features.scene_features import scene_features
+    from pd_editor.generation.generators import SHIPPED_MODEL
+    from pd_editor.generation.initial_state.network.denoiser import (
         InitialStateDenoiser,
     )
-    from pd_editor.model.initial_state.sampler import sample_initial_states
-    from pd_editor.model.inputs.scene_batch import batch_of
-    from pd_editor.model.path_diffuser import PathDiffuser
-    from pd_editor.model.stages import INITIAL_STATES, TRAJECTORIES
-    from pd_editor.model.trajectory.network.denoiser import TrajectoryDenoiser
-    from pd_editor.model.trajectory.task import TrajectoryTask
+    from pd_editor.generation.initial_state.sampler import sample_initial_states
+    from pd_editor.generation.inputs.scene_batch import batch_of
+    from pd_editor.generation.path_diffuser import PathDiffuser
+    from pd_editor.generation.stages import INITIAL_STATES, TRAJECTORIES
+    from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+    from pd_editor.generation.trajectory.task import TrajectoryTask
 
     stages = PathDiffuser(models_folder() / SHIPPED_MODEL).model()
     states = stages.stage(INITIAL_STATES.name).model

@@ -21,7 +21,7 @@ from pd_editor.analysis.findings.scorecard import scorecard
 from pd_editor.editor.commands import SetRoadWarp
 from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.session import EditorSession
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files

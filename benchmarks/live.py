@@ -26,7 +26,7 @@ from pd_editor.editor.commands import (
     TransformAgents,
     traffic_command,
 )
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import (
     GenerationRequest,

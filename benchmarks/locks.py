@@ -24,7 +24,7 @@ from pd_editor.experiments.evaluation.scene_bootstrap import (
     mean_over_scenes,
     scene_weights,
 )
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.generation import (
     GenerationRequest,
     ScenarioGenerator,

@@ -18,7 +18,7 @@ from pd_editor.analysis.guidance.possible_encounters import (
     endangered_id,
     possible_encounters,
 )
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.guidance_outcome import TermOutcome

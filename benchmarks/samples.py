@@ -15,8 +15,8 @@ import torch
 from benchmarks.candidates import full_scenarios
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.model import path_diffuser
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation import path_diffuser
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.generation import GeneratedTraffic, GenerationRequest, run_to_end
 from pd_editor.scene.roles.traffic_choice import replaceable_agent_ids
 from pd_editor.viewer.overlay.sample_strip import SampleCards, SampleSet

@@ -21,7 +21,7 @@ from pd_editor.experiments.training.data.feature_preparation import (
     fit_basis,
     prepare_features,
 )
-from pd_editor.model.features.scene_features import scene_features
+from pd_editor.generation.features.scene_features import scene_features
 from pd_editor.scene.scenario import Scenario
 
 REPEATS = 60

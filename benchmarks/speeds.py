@@ -20,11 +20,11 @@ from pd_editor.experiments.training.data.augmentation import (
 )
 from pd_editor.experiments.training.data.training_data import prepared_data
 from pd_editor.experiments.training.warm_start import basis_of, starting_model
-from pd_editor.model.features.scene_features import AGENT_KINDS
-from pd_editor.model.generators import SHIPPED_MODEL
-from pd_editor.model.initial_state.attributes import AttributeRequest
-from pd_editor.model.initial_state.network.state_encoding import POSITION_UNIT_M
-from pd_editor.model.initial_state.sampler import InitialStateSamplerConfig
+from pd_editor.generation.features.scene_features import AGENT_KINDS
+from pd_editor.generation.generators import SHIPPED_MODEL
+from pd_editor.generation.initial_state.attributes import AttributeRequest
+from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.generation.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -39,7 +39,7 @@ from pd_editor.experiments.work_engine import (
     run_items,
 )
 from pd_editor.experiments.work_engine.ray_cluster import RayCluster
-from pd_editor.model.generators import make_generator
+from pd_editor.generation.generators import make_generator
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")

@@ -20,8 +20,8 @@ from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.metrics.road.surroundings import askew
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
-from pd_editor.model.features.scene_features import scene_center
-from pd_editor.model.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.features.scene_features import scene_center
+from pd_editor.generation.initial_state.conflicts import ConflictResampling
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario

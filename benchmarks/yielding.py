@@ -18,8 +18,8 @@ from pd_editor.analysis.metrics.collisions.box_tests import (
 )
 from pd_editor.analysis.repair.box_overlaps import counted
 from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.model.trajectory.sample_yielding import with_yielding
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.trajectory.sample_yielding import with_yielding
 from pd_editor.scene.generation import (
     GenerationRequest,
     TrafficSample,

@@ -12,19 +12,21 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pd_editor.model.core.attention import (
+from pd_editor.generation.core.attention import (
     DifferentialAttention,
     EdgeAttention,
     Mask,
 )
-from pd_editor.model.core.noise_schedule import noised
-from pd_editor.model.core.sampler import sampling_mode
-from pd_editor.model.initial_state.network.conditioning import sampling_conditioning
-from pd_editor.model.initial_state.network.denoiser import (
+from pd_editor.generation.core.noise_schedule import noised
+from pd_editor.generation.core.sampler import sampling_mode
+from pd_editor.generation.initial_state.network.conditioning import (
+    sampling_conditioning,
+)
+from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateDenoiser,
     InitialStateLayer,
 )
-from pd_editor.model.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs.scene_batch import SceneTensors
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,10 +27,10 @@ def attention_scores(
     ``folders`` are of models by their names as methods; of ``scenes`` the first few are
     used.
     """
-    from pd_editor.model.checkpoints.model_folder import load_model
-    from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
-    from pd_editor.model.initial_state.pipeline import recorded_states
-    from pd_editor.model.stages import STAGE_KINDS
+    from pd_editor.generation.checkpoints.model_folder import load_model
+    from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+    from pd_editor.generation.initial_state.pipeline import recorded_states
+    from pd_editor.generation.stages import STAGE_KINDS
     from reproduction.attention_probe import (
         attention_variance,
     )

@@ -21,7 +21,7 @@ from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
 from pd_editor.experiments.work_engine import EngineChoice, WorkEngine
 from pd_editor.experiments.work_engine.work_folder import WorkFolder
-from pd_editor.model.generators import shipped_models
+from pd_editor.generation.generators import shipped_models
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import ScenarioGenerator
 from reproduction.attention_scores import attention_scores
@@ -125,8 +125,8 @@ def evaluate_paper(
 
 def _check_weights(folder: Path) -> None:
     """Raise for weights that do not fit, once and not for each scene."""
-    from pd_editor.model.checkpoints.model_folder import load_model
-    from pd_editor.model.stages import STAGE_KINDS
+    from pd_editor.generation.checkpoints.model_folder import load_model
+    from pd_editor.generation.stages import STAGE_KINDS
 
     load_model(folder, STAGE_KINDS)
 

@@ -15,7 +15,7 @@ from pd_editor.experiments.evaluation.reference_methods import (
     REFERENCE_METHODS,
 )
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
-from pd_editor.model.features.scene_features import scene_center
+from pd_editor.generation.features.scene_features import scene_center
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import (
     GenerationRequest,

@@ -54,8 +54,8 @@ from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
 from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.experiments.evaluation.summary import Summary, summarise
 from pd_editor.experiments.work_engine import EngineChoice, EngineName
-from pd_editor.model.defaults import DeviceName
-from pd_editor.model.generators import (
+from pd_editor.generation.defaults import DeviceName
+from pd_editor.generation.generators import (
     DEFAULT_GENERATOR,
     GENERATORS,
     is_generator,

@@ -49,14 +49,14 @@ from pd_editor.editor.scenario_store import check_free, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.experiments.work_engine import EngineName
-from pd_editor.model.defaults import (
+from pd_editor.generation.defaults import (
     DEFAULT_WEIGHT,
     NUM_STEPS,
     NUM_TRIES,
     DeviceName,
 )
-from pd_editor.model.features.lane_tokens import lane_pieces
-from pd_editor.model.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.generation.features.lane_tokens import lane_pieces
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.generation import (

@@ -12,7 +12,7 @@ from pd_editor.cli.options.arguments import FolderOption, OptionalFolders, folde
 from pd_editor.cli.output.progress import preparation_shown
 
 if TYPE_CHECKING:
-    from pd_editor.model.checkpoints.model_folder import TrainedStage
+    from pd_editor.generation.checkpoints.model_folder import TrainedStage
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,13 +48,13 @@ def model(
         card_of,
         copied_curves,
     )
-    from pd_editor.model.checkpoints.model_folder import (
+    from pd_editor.generation.checkpoints.model_folder import (
         CONFIG_NAME,
         load_model,
         save_model,
     )
-    from pd_editor.model.checkpoints.weight_average import averaged_stage
-    from pd_editor.model.stages import STAGE_KINDS
+    from pd_editor.generation.checkpoints.weight_average import averaged_stage
+    from pd_editor.generation.stages import STAGE_KINDS
 
     given = {"init": folders(init), "traj": folders(traj)}
     folder, stages, curves = Path(out), {}, []

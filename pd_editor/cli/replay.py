@@ -24,7 +24,7 @@ from pd_editor.editor.recipe import replay as replay_recipe
 from pd_editor.editor.scenario_store import RECIPE_NAME, export_into
 from pd_editor.editor.scenario_store import open_base as open_base_of
 from pd_editor.experiments.work_engine import EngineName
-from pd_editor.model.generators import make_generator
+from pd_editor.generation.generators import make_generator
 from pd_editor.scene.scenario import Scenario
 
 

@@ -38,7 +38,7 @@ from pd_editor.experiments.studies.whole_study import (
 )
 from pd_editor.experiments.studies.worst_case import SearchSettings
 from pd_editor.experiments.work_engine import EngineChoice, EngineName
-from pd_editor.model.defaults import DeviceName
+from pd_editor.generation.defaults import DeviceName
 from pd_editor.scene.generation import MAX_SAMPLES, MAX_SEED
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import WARP_KINDS

@@ -24,8 +24,8 @@ from pd_editor.cli.options.arguments import (
 from pd_editor.cli.output.progress import ProgressLine, preparation_shown
 from pd_editor.experiments.training.outcome import Training
 from pd_editor.experiments.work_engine.work_engine import minutes_left
-from pd_editor.model.defaults import DeviceName
-from pd_editor.model.generators import SHIPPED_MODEL
+from pd_editor.generation.defaults import DeviceName
+from pd_editor.generation.generators import SHIPPED_MODEL
 
 if TYPE_CHECKING:
     from pd_editor.experiments.training.config.run_request import RunRequest
@@ -265,9 +265,9 @@ def _sample_check(
 ) -> "SampleCheck":
     """Evaluation of samples of a stage; initial states get the shipped trajectories."""
     from pd_editor.experiments.evaluation.report.sample_figures import figure_scenes
-    from pd_editor.model.checkpoints.model_folder import load_model, save_model
-    from pd_editor.model.path_diffuser import PathDiffuser
-    from pd_editor.model.stages import STAGE_KINDS
+    from pd_editor.generation.checkpoints.model_folder import load_model, save_model
+    from pd_editor.generation.path_diffuser import PathDiffuser
+    from pd_editor.generation.stages import STAGE_KINDS
 
     places = stage == "init"
     scenes = figure_scenes(roots, samples_states=places)

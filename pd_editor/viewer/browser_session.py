@@ -12,7 +12,7 @@ from pd_editor.analysis.findings.finding import Finding
 from pd_editor.base.errors import LockedAgentError, PdEditorError
 from pd_editor.editor.cures import Cure
 from pd_editor.editor.session import SessionState
-from pd_editor.model.generators import GeneratorCatalogue
+from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.context_menu import ContextMenu

@@ -14,7 +14,7 @@ import viser
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.model.generators import catalogue_with
+from pd_editor.generation.generators import catalogue_with
 from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.viewer.browser_session import BrowserSession

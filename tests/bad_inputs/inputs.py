@@ -28,8 +28,8 @@ from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import Journal, find_unfinished, restore
-from pd_editor.model.generators import SHIPPED_MODEL
-from pd_editor.model.lane_follower import LaneFollower
+from pd_editor.generation.generators import SHIPPED_MODEL
+from pd_editor.generation.lane_follower import LaneFollower
 from pd_editor.scene.av2_io.map_file import map_bytes
 from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
 from pd_editor.scene.av2_io.upload import scenario_from_upload

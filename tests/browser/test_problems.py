@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 
 from pd_editor.editor.commands import DuplicateAgents, SetRoadWarp, TransformAgents
 from pd_editor.editor.session import EditorSession
-from pd_editor.model.path_diffuser import PathDiffuser
+from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 

@@ -9,7 +9,7 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.cli.generate import generate
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.model.generators import registry
+from pd_editor.generation.generators import registry
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.generation import (

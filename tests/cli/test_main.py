@@ -57,7 +57,6 @@ def test_the_version(shell: Shell):
         "warp",
         "export --out x",
         f"export {JUNCTION}",
-        f"export {JUNCTION} --out x --format mp3",
         f"warp {JUNCTION} --out x --kind smooth --power 2",
         f"warp {JUNCTION} --out x --kind smooth-turn --power two",
         f"generate {JUNCTION} --out x --seed 1.5",
@@ -148,12 +147,6 @@ def test_a_wrong_choice_is_told_the_right_ones(shell: Shell):
     words = ["warp", "x", "--out", "o", "--kind", "bend", "--power", "1"]
     told = shell.refused(*words).replace(",", "").replace(";", "").split()
     assert {"double-turn", "smooth-turn", "ripple-road"} < set(told)
-
-
-def test_a_single_choice_is_told_without_brackets(shell: Shell):
-    """It was told as "one of ('av2',)"."""
-    told = shell.refused("export", "crosswalk", "--out", "o", "--format", "csv")
-    assert told.startswith("--format: 'csv' is no choice; expected one of av2;")
 
 
 SHELL_LINES = {

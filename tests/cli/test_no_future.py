@@ -11,7 +11,7 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers
 from pd_editor.editor.scenario_store import export_into
 from pd_editor.editor.session import EditorSession
-from pd_editor.model.generators import GENERATORS
+from pd_editor.generation.generators import GENERATORS
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.scenario import Scenario

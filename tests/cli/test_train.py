@@ -17,11 +17,11 @@ from pd_editor.base.installed_files import models_folder
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.shards import shard_bytes
 from pd_editor.experiments.training.config.run_request import StageName
-from pd_editor.model.checkpoints.model_folder import load_model, save_model
-from pd_editor.model.checkpoints.tensor_file import read_tensors, write_tensors
-from pd_editor.model.generators import SHIPPED_MODEL
-from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.model.stages import STAGE_KINDS
+from pd_editor.generation.checkpoints.model_folder import load_model, save_model
+from pd_editor.generation.checkpoints.tensor_file import read_tensors, write_tensors
+from pd_editor.generation.generators import SHIPPED_MODEL
+from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.stages import STAGE_KINDS
 from tests.cli.shell import ROOT, Result, Shell, run_in_process
 from tests.experiments.recordings.recordings import drive
 

@@ -38,7 +38,7 @@ def test_an_own_zip_opens_on_the_shell(shell: Shell, tmp_path: Path):
     ("name", "words"),
     [
         ("scenario_x.parquet", "expected the folder that holds"),
-        ("map.xodr", "expected the folder that holds"),
+        ("map.xodr", "is no valid XML"),
         ("recipe.json", "recipes are replayed by pd-editor replay"),
         ("missing", "neither a scenario folder nor a demo"),
     ],

@@ -1,12 +1,12 @@
 import pytest
 import torch
 
-from pd_editor.model.core.attention import DifferentialAttention, Mask
+from pd_editor.generation.core.attention import DifferentialAttention, Mask
 from reproduction.attention_probe import (
     AttentionProbe,
     attention_variance,
 )
-from tests.model.initial_state.scenes import (
+from tests.generation.initial_state.scenes import (
     scene_batch,
     small_model,
     trained_a_little,

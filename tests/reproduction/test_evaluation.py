@@ -8,15 +8,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.base.errors import ModelError
-from pd_editor.model.checkpoints.model_folder import TrainedStage, save_model
-from pd_editor.model.initial_state.network.agent_count_prior import AgentCounts
-from pd_editor.model.stages import INITIAL_STATES, TRAJECTORIES
+from pd_editor.generation.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.generation.initial_state.network.agent_count_prior import AgentCounts
+from pd_editor.generation.stages import INITIAL_STATES, TRAJECTORIES
 from reproduction import evaluation as paper
 from reproduction.__main__ import PaperTables, make_tables
 from reproduction.pictures import PaperPicture
 from tests.experiments.evaluation.small_dataset import write_dataset
-from tests.model.initial_state.scenes import small_model as small_placer
-from tests.model.trajectory.scenes import small_model as small_driver
+from tests.generation.initial_state.scenes import small_model as small_placer
+from tests.generation.trajectory.scenes import small_model as small_driver
 
 
 def write_variant(folder: Path, *own: str) -> None:

@@ -12,7 +12,7 @@ from pd_editor.analysis.metrics.paper_agents import (
 )
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.base.errors import GenerationError
-from pd_editor.model.features.scene_features import scene_center
+from pd_editor.generation.features.scene_features import scene_center
 from pd_editor.scene.generation import GenerationRequest, Region
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

@@ -8,7 +8,7 @@ from typing import Final
 
 from pd_editor.base.markdown import markdown_table
 from pd_editor.experiments.training.loop.run_folder import CURVES_NAME
-from pd_editor.model.checkpoints.model_folder import StageKind, TrainedStage
+from pd_editor.generation.checkpoints.model_folder import StageKind, TrainedStage
 
 LICENCE_OF_RECORDED: Final = (
     "**Licence.** These weights were trained on recordings. If they are of Argoverse 2, "

@@ -17,26 +17,26 @@ from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
 from pd_editor.experiments.training.own_samples.trajectories import (
     trajectory_samples_loss,
 )
-from pd_editor.model.checkpoints.model_folder import StageKind, made_model
-from pd_editor.model.checkpoints.tensor_file import config_from_json
-from pd_editor.model.features.encoded_scene import PackedScene
-from pd_editor.model.features.feature_store import FeatureStore
-from pd_editor.model.initial_state.loss import initial_state_loss
-from pd_editor.model.initial_state.network.agent_count_prior import (
+from pd_editor.generation.checkpoints.model_folder import StageKind, made_model
+from pd_editor.generation.checkpoints.tensor_file import config_from_json
+from pd_editor.generation.features.encoded_scene import PackedScene
+from pd_editor.generation.features.feature_store import FeatureStore
+from pd_editor.generation.initial_state.loss import initial_state_loss
+from pd_editor.generation.initial_state.network.agent_count_prior import (
     MOST_ROWS,
     fit_agent_counts,
 )
-from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.model.initial_state.noisy_traffic import fit_moments
-from pd_editor.model.initial_state.prediction_error import measured_clean_variance
-from pd_editor.model.inputs.scene_batch import SceneTensors
-from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.model.stages import INITIAL_STATES, TRAJECTORIES
-from pd_editor.model.trajectory.loss import (
+from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.initial_state.noisy_traffic import fit_moments
+from pd_editor.generation.initial_state.prediction_error import measured_clean_variance
+from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.stages import INITIAL_STATES, TRAJECTORIES
+from pd_editor.generation.trajectory.loss import (
     TrajectoryLossConfig,
     trajectory_loss,
 )
-from pd_editor.model.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 
 _MOST_MEASURED: Final = 64
 """Number of scenes on which errors are measured."""

@@ -59,12 +59,12 @@ from pd_editor.experiments.training.warm_start import (
     starting_model,
 )
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
-from pd_editor.model.checkpoints.model_folder import TrainedStage, save_model
-from pd_editor.model.checkpoints.tensor_file import config_from_json
-from pd_editor.model.defaults import DeviceName
-from pd_editor.model.features.feature_store import FeatureStore
-from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.model.training_record import saw_warps
+from pd_editor.generation.checkpoints.model_folder import TrainedStage, save_model
+from pd_editor.generation.checkpoints.tensor_file import config_from_json
+from pd_editor.generation.defaults import DeviceName
+from pd_editor.generation.features.feature_store import FeatureStore
+from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.training_record import saw_warps
 
 MAX_DEVICES: Final = 64
 MAX_THREADS: Final = 1_024

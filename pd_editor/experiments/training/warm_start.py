@@ -9,10 +9,10 @@ from torch import Tensor, nn
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.training.loop.run_folder import MODEL_NAME
-from pd_editor.model.checkpoints.model_folder import TrainedModel, load_model
-from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.model.stages import STAGE_KINDS, TRAJECTORIES
-from pd_editor.model.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.checkpoints.model_folder import TrainedModel, load_model
+from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.stages import STAGE_KINDS, TRAJECTORIES
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 
 
 def starting_model(folder: Path) -> TrainedModel:

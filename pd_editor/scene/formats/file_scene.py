@@ -185,7 +185,11 @@ class FileScene:
         there = agents.is_valid[:, now]
         if not there.any():
             return None
-        return next_focal_row(agents, now, agents.position_m[there, now].mean(axis=0))
+        lasts = there & (agents.is_valid[:, now:].sum(axis=1) > 1)
+        rows = np.flatnonzero(lasts if lasts.any() else there)
+        middle = agents.position_m[there, now].mean(axis=0)
+        row = next_focal_row(agents.taken(rows), now, middle)
+        return None if row is None else int(rows[row])
 
     def _middle(
         self, agents: AgentTracks, axis: TimeAxis, row: int | None

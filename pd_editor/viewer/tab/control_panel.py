@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from pd_editor.editor.session import SessionState
-from pd_editor.model.generators import GeneratorCatalogue
+from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
 from pd_editor.viewer.overlay.agent_list import AgentList
 from pd_editor.viewer.overlay.banner import Banner

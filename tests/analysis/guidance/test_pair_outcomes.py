@@ -12,10 +12,10 @@ from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.analysis.guidance.pair_outcomes import gaps_ahead
 from pd_editor.analysis.guidance.report import AgentRealism, guidance_reports
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
-from pd_editor.model.trajectory.guidance.interaction_terms import (
+from pd_editor.generation.trajectory.guidance.interaction_terms import (
     gaps_ahead as gaps_ahead_of_prediction,
 )
-from pd_editor.model.trajectory.guidance.latent_motion import PredictedMotion
+from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.guidance_terms import (

@@ -21,8 +21,8 @@ from pd_editor.experiments.training.data.training_data import (
 from pd_editor.experiments.training.loop.run_folder import RunFolder
 from pd_editor.experiments.training.loop.train_loop import TrainLoop
 from pd_editor.experiments.training.stage_objective import STAGES
-from pd_editor.model.checkpoints.model_folder import load_model
-from pd_editor.model.stages import STAGE_KINDS
+from pd_editor.generation.checkpoints.model_folder import load_model
+from pd_editor.generation.stages import STAGE_KINDS
 from tests.experiments.recordings.recordings import drive
 
 
@@ -126,7 +126,7 @@ def test_a_tiny_network_learns_few_scenes_within_a_minute(
 
 @pytest.mark.parametrize("name", ["init", "traj"])
 def test_shipped_weights_give_nearly_the_same_loss(name, prepared, tmp_path):
-    from pd_editor.model.checkpoints.model_folder import TrainedStage, save_model
+    from pd_editor.generation.checkpoints.model_folder import TrainedStage, save_model
 
     stage = STAGES[name]
     config = stage.kind.config_type(**PRESETS[name]["tiny"].model)

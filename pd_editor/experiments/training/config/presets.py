@@ -5,16 +5,18 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from pd_editor.experiments.training.config.run_config import Optimisation
-from pd_editor.model.initial_state.conflicts import ConflictResampling
-from pd_editor.model.initial_state.guidance import InitialStateGuidance
-from pd_editor.model.initial_state.loss import InitialStateLossConfig
-from pd_editor.model.initial_state.network.denoiser import InitialStateConfig
-from pd_editor.model.initial_state.sampler import InitialStateSamplerConfig
-from pd_editor.model.trajectory.guidance.nearest_candidate import TrajectoryGuidance
-from pd_editor.model.trajectory.guidance.term_guidance import TermGuidance
-from pd_editor.model.trajectory.loss import TrajectoryLossConfig
-from pd_editor.model.trajectory.network.denoiser import TrajectoryConfig
-from pd_editor.model.trajectory.sampler import TrajectorySamplerConfig
+from pd_editor.generation.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
+from pd_editor.generation.initial_state.loss import InitialStateLossConfig
+from pd_editor.generation.initial_state.network.denoiser import InitialStateConfig
+from pd_editor.generation.initial_state.sampler import InitialStateSamplerConfig
+from pd_editor.generation.trajectory.guidance.nearest_candidate import (
+    TrajectoryGuidance,
+)
+from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.generation.trajectory.loss import TrajectoryLossConfig
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig
+from pd_editor.generation.trajectory.sampler import TrajectorySamplerConfig
 
 PresetName = Literal["default", "gpu", "av2", "tiny"]
 

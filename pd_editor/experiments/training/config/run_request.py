@@ -23,7 +23,7 @@ from pd_editor.experiments.training.config.run_config import (
 )
 from pd_editor.experiments.training.config.settings import Settings, with_settings
 from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
-from pd_editor.model.checkpoints.tensor_file import config_from_json
+from pd_editor.generation.checkpoints.tensor_file import config_from_json
 
 StageName = Literal["init", "traj"]
 _Value = TypeVar("_Value")

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Int
 
-from pd_editor.model.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs.scene_batch import SceneTensors
 
 
 @runtime_checkable

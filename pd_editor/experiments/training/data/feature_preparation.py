@@ -23,21 +23,21 @@ from pd_editor.experiments.training.data.scenario_source import (
 )
 from pd_editor.experiments.work_engine import LocalProcesses, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
-from pd_editor.model.features.encoded_scene import packed
-from pd_editor.model.features.feature_store import (
+from pd_editor.generation.features.encoded_scene import packed
+from pd_editor.generation.features.feature_store import (
     FORMAT_VERSION,
     FeatureStore,
     StoreIndex,
     open_for_writing,
     write_part,
 )
-from pd_editor.model.features.scene_features import (
+from pd_editor.generation.features.scene_features import (
     NUM_FUTURE_STEPS,
     SceneFeatures,
     scene_center,
     scene_features,
 )
-from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.scene.scenario import Scenario
 
 __all__ = ["ScenarioSource", "fit_basis", "open_roots", "prepare_features"]

@@ -26,11 +26,11 @@ from pd_editor.experiments.training.data.feature_preparation import (
     prepare_features,
 )
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
-from pd_editor.model.checkpoints.tensor_file import read_tensors, write_tensors
-from pd_editor.model.features.encoded_scene import PackedScene
-from pd_editor.model.features.feature_store import FORMAT_VERSION, FeatureStore
-from pd_editor.model.inputs.scene_batch import SceneTensors, batch_of
-from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.checkpoints.tensor_file import read_tensors, write_tensors
+from pd_editor.generation.features.encoded_scene import PackedScene
+from pd_editor.generation.features.feature_store import FORMAT_VERSION, FeatureStore
+from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 
 _BASIS_NAME: Final = "basis.safetensors"
 _BASIS_KIND: Final = "trajectory-basis"

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from pd_editor.base.errors import ModelError
-from pd_editor.model.checkpoints.tensor_file import (
+from pd_editor.generation.checkpoints.tensor_file import (
     load_into,
     read_tensors,
     write_tensors,

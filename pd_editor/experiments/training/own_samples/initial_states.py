@@ -7,20 +7,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
-from pd_editor.model.features.scene_features import PEDESTRIAN
-from pd_editor.model.initial_state.loss import (
+from pd_editor.generation.features.scene_features import PEDESTRIAN
+from pd_editor.generation.initial_state.loss import (
     InitialStateLossConfig,
     training_task,
 )
-from pd_editor.model.initial_state.network.conditioning import Conditioning
-from pd_editor.model.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.model.initial_state.network.state_encoding import (
+from pd_editor.generation.initial_state.network.conditioning import Conditioning
+from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.initial_state.network.state_encoding import (
     POSITION_UNIT_M,
     unit_vectors,
 )
-from pd_editor.model.initial_state.sampler import sample_initial_states
-from pd_editor.model.inputs.scene_batch import SceneTensors
-from pd_editor.model.trajectory.guidance.box_conflicts import depth_m
+from pd_editor.generation.initial_state.sampler import sample_initial_states
+from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.trajectory.guidance.box_conflicts import depth_m
 
 _LEAST_NORM: Final = 1e-6
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pd_editor.model.core.config_limits import check_settings
+from pd_editor.generation.core.config_limits import check_settings
 
 
 @dataclass(frozen=True, kw_only=True)

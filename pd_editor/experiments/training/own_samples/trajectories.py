@@ -7,19 +7,22 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
-from pd_editor.model.features.boundary_tokens import BOUNDARY_LENGTH_M, BOUNDARY_SHAPE
-from pd_editor.model.features.scene_features import PEDESTRIAN
-from pd_editor.model.initial_state.network.lane_distance import follows_lanes
-from pd_editor.model.inputs.scene_batch import SceneTensors
-from pd_editor.model.trajectory.guidance.box_conflicts import depth_m
-from pd_editor.model.trajectory.loss import (
+from pd_editor.generation.features.boundary_tokens import (
+    BOUNDARY_LENGTH_M,
+    BOUNDARY_SHAPE,
+)
+from pd_editor.generation.features.scene_features import PEDESTRIAN
+from pd_editor.generation.initial_state.network.lane_distance import follows_lanes
+from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.trajectory.guidance.box_conflicts import depth_m
+from pd_editor.generation.trajectory.loss import (
     TrajectoryLossConfig,
     with_unknown_activity,
 )
-from pd_editor.model.trajectory.network.decoding import TrajectoryDecoder
-from pd_editor.model.trajectory.network.denoiser import TrajectoryDenoiser
-from pd_editor.model.trajectory.network.features import Neighbors
-from pd_editor.model.trajectory.sampler import sample_trajectories
+from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.trajectory.network.features import Neighbors
+from pd_editor.generation.trajectory.sampler import sample_trajectories
 
 _NUM_TIMES: Final = 30
 """Boxes are compared every 0.2 s."""

@@ -13,7 +13,7 @@ from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.base.plain_text import one_line
 from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
-from pd_editor.model.generators import GeneratorCatalogue
+from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.generation import (
     Capability,

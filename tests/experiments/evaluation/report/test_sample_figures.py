@@ -4,7 +4,7 @@ import pytest
 
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.evaluation.report.sample_figures import figure_scenes
-from pd_editor.model.lane_follower import LaneFollower
+from pd_editor.generation.lane_follower import LaneFollower
 from tests.experiments.evaluation.small_dataset import make_sideways, write_dataset
 
 

@@ -15,7 +15,7 @@ from pd_editor.experiments.training.config.run_request import (
     new_config,
 )
 from pd_editor.experiments.training.config.settings import settings_of, with_settings
-from pd_editor.model.features.scene_features import NUM_NEAR_AGENTS
+from pd_editor.generation.features.scene_features import NUM_NEAR_AGENTS
 
 ROOT = Path(__file__).parents[4]
 FILE = """

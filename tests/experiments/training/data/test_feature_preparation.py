@@ -15,9 +15,9 @@ from pd_editor.experiments.training.data.feature_preparation import (
     open_roots,
     prepare_features,
 )
-from pd_editor.model.features.encoded_scene import PackedScene, packed
-from pd_editor.model.features.scene_features import scene_center, scene_features
-from pd_editor.model.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.features.encoded_scene import PackedScene, packed
+from pd_editor.generation.features.scene_features import scene_center, scene_features
+from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.scene.av2_io.read import read_scenario
 from tests.experiments.recordings.recordings import drive
 

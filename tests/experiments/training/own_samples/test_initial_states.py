@@ -8,14 +8,16 @@ from pd_editor.experiments.training.own_samples.initial_states import (
     initial_state_samples_loss,
 )
 from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
-from pd_editor.model.features.scene_features import PEDESTRIAN
-from pd_editor.model.initial_state.network.conditioning import sampling_conditioning
-from pd_editor.model.initial_state.network.denoiser import (
+from pd_editor.generation.features.scene_features import PEDESTRIAN
+from pd_editor.generation.initial_state.network.conditioning import (
+    sampling_conditioning,
+)
+from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
-from pd_editor.model.initial_state.network.state_encoding import encode_states
-from tests.model.initial_state.scenes import scene_batch, trained_a_little
+from pd_editor.generation.initial_state.network.state_encoding import encode_states
+from tests.generation.initial_state.scenes import scene_batch, trained_a_little
 
 
 def test_depth_is_that_of_boxes_that_overlap_and_may_not() -> None:

@@ -10,11 +10,11 @@ from pd_editor.experiments.training.own_samples.trajectories import (
     off_road_m,
     trajectory_samples_loss,
 )
-from pd_editor.model.features.scene_features import PEDESTRIAN
-from pd_editor.model.inputs.scene_batch import SceneTensors
-from pd_editor.model.trajectory.network.decoding import TrajectoryDecoder
-from pd_editor.model.trajectory.network.features import Neighbors
-from tests.model.trajectory.scenes import arc_basis, scene_batch, small_model
+from pd_editor.generation.features.scene_features import PEDESTRIAN
+from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.generation.trajectory.network.features import Neighbors
+from tests.generation.trajectory.scenes import arc_basis, scene_batch, small_model
 
 DECODER = TrajectoryDecoder(arc_basis(), 59)
 ALL = OwnSamplesConfig(weight=1.0, collision=1.0, road=1.0, truth=1.0)

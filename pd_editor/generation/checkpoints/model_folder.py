@@ -1,0 +1,264 @@
+"""A model on disk: a folder with the weights of its stages and ``config.json``."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from torch import nn
+from torch.overrides import TorchFunctionMode
+
+from pd_editor.base.errors import ModelError
+from pd_editor.base.regular_file import read_regular, write_whole
+from pd_editor.generation.checkpoints.tensor_file import (
+    check_fit,
+    config_from_json,
+    in_half_precision,
+    load_into,
+    read_tensors,
+    write_tensors,
+)
+from pd_editor.generation.defaults import MAX_CONFIG_BYTES
+
+CONFIG_NAME: Final = "config.json"
+FORMAT: Final = "pd-editor-model"
+FORMAT_VERSION: Final = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageKind:
+    """Kind of a stage: name, file and network."""
+
+    name: str
+    file_name: str
+    config_type: type[Any]
+    """Flat dataclass of plain values that ``make_model`` takes."""
+    make_model: Callable[[Any], nn.Module]
+    sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
+    """Flat dataclasses of sampling settings by name, with defaults."""
+    statistics: frozenset[str] = frozenset()
+    """Names of tensors that describe the training data and the network's errors. They may
+    be missing, and differ between networks whose weights are averaged."""
+
+    def default_sampling(self) -> dict[str, Any]:
+        """Default sampling settings."""
+        return {name: made() for name, made in self.sampling_types.items()}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainedStage:
+    """A stage with its weights and settings."""
+
+    kind: StageKind
+    config: Any
+    model: nn.Module
+    sampling: Mapping[str, Any] = field(default_factory=dict)
+    """Sampling settings: an instance of each of the kind's ``sampling_types``."""
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """Training record, as JSON values."""
+    sha256: str = ""
+    """Hash of the weights' file."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainedModel:
+    """Contents of a model folder; a stage may be absent."""
+
+    name: str
+    stages: Mapping[str, TrainedStage]
+    sha256: str
+    """Hash of all weights."""
+
+    def stage(self, name: str) -> TrainedStage:
+        """A required stage.
+
+        Raises:
+            ModelError: the folder has no weights of the stage.
+        """
+        if name not in self.stages:
+            raise ModelError(
+                f"The model {self.name} has no weights of the stage {name!r}, only "
+                f"of {', '.join(sorted(self.stages)) or 'none'}."
+            )
+        return self.stages[name]
+
+
+def save_model(
+    folder: Path, stages: Mapping[str, TrainedStage], *, half: bool = False
+) -> None:
+    """Write a model folder, in which stages of the same names are replaced.
+
+    The list of files with hashes is written last, so that an incomplete folder is
+    detected when it is read. With ``half`` weights are float16, for shipping.
+
+    Raises:
+        ModelError: the folder cannot be written.
+    """
+    listed: dict[str, Any] = {}
+    for name, stage in sorted(stages.items()):
+        tensors = in_half_precision(stage.model) if half else stage.model.state_dict()
+        digest = write_tensors(folder / stage.kind.file_name, name, tensors, {})
+        listed[name] = {
+            "file": stage.kind.file_name,
+            "sha256": digest,
+            "precision": "float16" if half else "float32",
+            "parameters": sum(one.numel() for one in stage.model.parameters()),
+            "config": asdict(stage.config),
+            "sampling": {
+                part: asdict(one)
+                for part, one in (
+                    stage.kind.default_sampling() | dict(stage.sampling)
+                ).items()
+            },
+            "training": dict(stage.about),
+        }
+    content = {"format": FORMAT, "version": FORMAT_VERSION, "stages": listed}
+    text = json.dumps(content, indent=2, sort_keys=True) + "\n"
+    write_whole(folder / CONFIG_NAME, text.encode(), ModelError)
+
+
+def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
+    """Read all stages of a model folder, on the CPU, in evaluation mode.
+
+    Raises:
+        ModelError: files are missing, damaged, foreign, or do not fit each other.
+    """
+    path = folder / CONFIG_NAME
+    try:
+        content = json.loads(
+            read_regular(path, max_bytes=MAX_CONFIG_BYTES, error=ModelError)
+        )
+    except ModelError as error:
+        raise ModelError(f"{folder}: is no model; {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise ModelError(f"{path}: is not valid JSON ({error}).") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ModelError(f"{path}: does not describe a model of this program.")
+    version = content.get("version")
+    if version != FORMAT_VERSION:
+        raise ModelError(
+            f"{path}: has the format version {version!r}; expected {FORMAT_VERSION}."
+        )
+    listed = content.get("stages")
+    if not isinstance(listed, dict) or not listed:
+        raise ModelError(f"{path}: lists no stage.")
+    stages = {
+        name: _loaded_stage(folder, name, entry, kinds)
+        for name, entry in listed.items()
+    }
+    digests = "".join(stages[name].sha256 for name in sorted(stages))
+    return TrainedModel(
+        name=os.path.basename(os.path.realpath(folder)),
+        stages=stages,
+        sha256=hashlib.sha256(digests.encode()).hexdigest(),
+    )
+
+
+def _loaded_stage(
+    folder: Path,
+    name: str,
+    entry: Any,
+    kinds: Mapping[str, StageKind],
+) -> TrainedStage:
+    path = folder / CONFIG_NAME
+    if name not in kinds:
+        raise ModelError(
+            f"{path}: lists the stage {name!r}; expected {', '.join(sorted(kinds))}."
+        )
+    if not isinstance(entry, dict) or not isinstance(entry.get("config"), dict):
+        raise ModelError(f"{path}: the stage {name!r} has no configuration.")
+    about = entry.get("training", {})
+    if not isinstance(about, dict):
+        raise ModelError(f"{path}: the stage {name!r} does not say how it was trained.")
+    kind = kinds[name]
+    file = read_tensors(folder / kind.file_name, name)
+    if file.sha256 != entry.get("sha256"):
+        raise ModelError(
+            f"{folder / kind.file_name}: differs from what {CONFIG_NAME} lists "
+            "(SHA-256); the folder is damaged or mixed from several models."
+        )
+    source = f"{path}, {name}"
+    config = config_from_json(kind.config_type, entry["config"], source)
+    # On the device meta a network takes no memory, so that sizes that do not fit are
+    # detected before anything is allocated.
+    with torch.device("meta"), _WithoutRandomValues():
+        outline = made_model(kind, config, seed=0, source=source)
+    check_fit(outline, file.tensors, folder / kind.file_name, kind.statistics)
+    model = made_model(kind, config, seed=0, source=source)
+    load_into(model, file.tensors, folder / kind.file_name, kind.statistics)
+    model.requires_grad_(requires_grad=False).eval()
+    return TrainedStage(
+        kind=kind,
+        config=config,
+        model=model,
+        sampling=_sampling(kind, entry.get("sampling", {}), source),
+        about=about,
+        sha256=file.sha256,
+    )
+
+
+def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
+    """Sampling settings of a stage."""
+    if not isinstance(given, dict) or given.keys() != kind.sampling_types.keys():
+        raise ModelError(
+            f"{source}: 'sampling' must hold "
+            f"{', '.join(sorted(kind.sampling_types)) or 'nothing'}."
+        )
+    found: dict[str, Any] = {}
+    for name, values in given.items():
+        if not isinstance(values, dict):
+            raise ModelError(f"{source}, {name}: holds no fields; expected an object.")
+        part = kind.sampling_types[name]
+        found[name] = config_from_json(part, values, f"{source}, {name}")
+    return found
+
+
+class _WithoutRandomValues(TorchFunctionMode):
+    """Leaves weights as they are where layers would fill them with random values.
+
+    On the device meta there is nothing to fill, but torch would import its compiler for
+    it, which takes seconds.
+    """
+
+    def __torch_function__(
+        self,
+        func: Callable[..., Any],
+        types: Iterable[type],
+        args: tuple[Any, ...] = (),
+        kwargs: Mapping[str, Any] | None = None,
+    ) -> Any:
+        values = dict(kwargs or {})
+        if func in (nn.init.normal_, nn.init.uniform_, nn.init.kaiming_uniform_):
+            return args[0] if args else values["tensor"]
+        return func(*args, **values)
+
+
+def made_model(
+    kind: StageKind, config: Any, *, seed: int, source: object = "configuration"
+) -> nn.Module:
+    """Make a network with random weights that depend on the seed only.
+
+    Raises:
+        ModelError: the configuration is not valid.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        try:
+            return kind.make_model(config)
+        except (
+            RuntimeError,
+            ValueError,
+            TypeError,
+            AssertionError,
+            ArithmeticError,
+            MemoryError,
+        ) as error:
+            # torch's messages continue with lines of its stack.
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            raise ModelError(
+                f"{source}: no network can be made of it ({reason})."
+            ) from error

@@ -1,0 +1,300 @@
+"""Generators and predictors of one's own: from modules, entry points and folders.
+
+A name of three forms is taken: ``package.module:attribute``, a name of the entry-point
+group ``pd_editor.generators``, and a folder with ``generator.py``, which defines
+``make_generator(folder)``. What is found is a generator, a predictor, or a class or
+function that makes one without arguments.
+"""
+
+import importlib
+import importlib.util
+import operator
+import os
+import sys
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import replace
+from functools import lru_cache, partial
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.analysis.guidance.report import guidance_reports
+from pd_editor.base.errors import GenerationError
+from pd_editor.base.plain_text import (
+    MAX_ID_CHARACTERS,
+    is_plain,
+    nearest_or_all,
+    one_line,
+)
+from pd_editor.generation.generators.foreign_code import asked
+from pd_editor.generation.generators.predictor_generator import PredictorGenerator
+from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.generation import (
+    Capability,
+    GeneratedTraffic,
+    GenerationProgress,
+    GenerationRequest,
+    ScenarioGenerator,
+    check_supported,
+    check_traffic,
+    supported_by,
+)
+from pd_editor.scene.prediction import Predictor
+from pd_editor.scene.traffic_sample import TrafficSample
+
+ENTRY_POINTS: Final = "pd_editor.generators"
+FOLDER_MODULE: Final = "generator.py"
+_FOLDER_FUNCTION: Final = "make_generator"
+
+
+class _Checked:
+    """A plugin whose faults, and wrong answers, become one sentence for the user."""
+
+    def __init__(self, generator: ScenarioGenerator, place: str) -> None:
+        self._generator, self._place = generator, place
+        self.name: str = asked(
+            lambda: _checked_name(generator.name), place, " has no usable name"
+        )
+        """The plugin's own name."""
+        self.supports: frozenset[Capability] = asked(
+            lambda: supported_by(generator), place, " did not say what it supports"
+        )
+
+    def generate(
+        self, request: GenerationRequest
+    ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
+        """Yield the plugin's progress, return its traffic.
+
+        Raises:
+            GenerationError: the plugin does not support the request, raised something,
+                or its answer does not fit.
+        """
+        check_supported(request, self.supports, self.name)
+        answer: Any = self._asked(lambda: self._generator.generate(request))
+        # A plugin without progress may return the traffic at once.
+        if not isinstance(answer, GeneratedTraffic):
+            answer = yield from self._steps(self._asked(lambda: iter(answer)))
+        if not isinstance(answer, GeneratedTraffic):
+            raise GenerationError(
+                f"{self._place} returned a {type(answer).__name__}; expected "
+                "GeneratedTraffic."
+            )
+        # What it says of itself may be anything, like all else that it returns.
+        traffic = self._asked(lambda: _plain_traffic(answer))
+        self._asked(lambda: check_traffic(traffic, request))
+        return self._judged(traffic, request)
+
+    def _asked(self, ask: Callable[[], Any]) -> Any:
+        return asked(ask, self._place, " failed")
+
+    def _steps(self, steps: Iterator[Any]) -> Generator[GenerationProgress, None, Any]:
+        """Yield the progress of a plugin, return what it returns."""
+
+        def next_step() -> tuple[bool, Any]:
+            try:
+                return True, next(steps)
+            except StopIteration as stop:
+                return False, stop.value
+
+        try:
+            while True:
+                goes_on, value = self._asked(next_step)
+                if not goes_on:
+                    return value
+                yield self._asked(lambda found=value: _plain_progress(found))
+        finally:
+            if isinstance(steps, Generator):
+                self._asked(steps.close)
+
+    def _judged(
+        self, traffic: GeneratedTraffic, request: GenerationRequest
+    ) -> GeneratedTraffic:
+        """The traffic with our own report on guidance, which a plugin cannot claim."""
+        if not request.terms:
+            return replace(traffic, guidance=())
+        if "guidance" not in self.supports:
+            note = f"{self.name} takes no guidance: the guidance terms had no effect."
+            return replace(traffic, guidance=(), notes=(*traffic.notes, note))
+        reports = guidance_reports(request.scenario, traffic.samples, request.terms)
+        return replace(traffic, guidance=reports)
+
+
+def _checked_name(name: Any) -> str:
+    if not isinstance(name, str) or not name or not is_plain(name):
+        raise TypeError(
+            f"{name!r}; expected a text of up to {MAX_ID_CHARACTERS} characters"
+        )
+    return name
+
+
+def _plain_progress(found: Any) -> GenerationProgress:
+    if not isinstance(found, GenerationProgress):
+        raise TypeError(f"it yielded {found!r}; expected GenerationProgress")
+    fraction = float(found.fraction)
+    if not 0 <= fraction <= 1 or not isinstance(found.message, str):
+        raise TypeError(f"it yielded {found!r}; expected a fraction from 0 to 1")
+    return GenerationProgress(fraction=fraction, message=one_line(found.message))
+
+
+def _plain_traffic(found: GeneratedTraffic) -> GeneratedTraffic:
+    """A plugin's traffic with fields of the right types; raises TypeError otherwise."""
+    notes = (found.notes,) if isinstance(found.notes, str) else tuple(found.notes)
+    if not all(isinstance(note, str) for note in notes):
+        raise TypeError(f"its notes are {notes!r}; expected texts")
+    samples = tuple(map(_plain_sample, found.samples))
+    slowed = tuple(map(tuple, found.slowed_ids))
+    if slowed and not (
+        len(slowed) == len(samples)
+        and all(
+            set(ids) <= set(sample.ids)
+            for ids, sample in zip(slowed, samples, strict=True)
+        )
+    ):
+        raise TypeError(f"its slowed_ids are {slowed!r}; expected agents per sample")
+    return GeneratedTraffic(
+        samples=samples,
+        generator=_checked_name(found.generator),
+        model_sha256=one_line(str(found.model_sha256), MAX_ID_CHARACTERS),
+        seed=operator.index(found.seed),
+        elapsed_s=float(found.elapsed_s),
+        notes=tuple(map(one_line, notes)),
+        slowed_ids=slowed,
+    )
+
+
+def _plain_sample(found: Any) -> TrafficSample:
+    if not isinstance(found, TrafficSample):
+        raise TypeError(f"a sample is a {type(found).__name__}, no TrafficSample")
+    arrays: dict[str, Any] = {}
+    for field in ("size_m", "position_m", "heading_rad", "velocity_mps"):
+        values = np.array(getattr(found, field))
+        if values.dtype.kind not in "fiu":
+            raise TypeError(f"{field} is of type {values.dtype}; expected numbers")
+        arrays[field] = values.astype(float)
+    for field, kind in (("ids", str), ("kinds", AgentKind), ("activity", Activity)):
+        arrays[field] = tuple(getattr(found, field))
+        if not all(isinstance(one, kind) for one in arrays[field]):
+            raise TypeError(f"{field} are {arrays[field][:3]!r}...; expected {kind}")
+    if len(arrays["activity"]) not in (0, len(arrays["ids"])):
+        raise TypeError("activity must be empty, or have one value for each agent")
+    return TrafficSample(**arrays)
+
+
+@lru_cache(maxsize=1)
+def installed_plugins() -> Mapping[str, EntryPoint]:
+    """Entry points of installed packages, by name."""
+    return {one.name: one for one in entry_points(group=ENTRY_POINTS)}
+
+
+def origin_of(entry_point: EntryPoint) -> str:
+    """Where an entry point is from, in words."""
+    package = entry_point.dist.name if entry_point.dist else "an unknown package"
+    return f"{entry_point.value} of the package {package}"
+
+
+def generator_of_reference(reference: str) -> ScenarioGenerator:
+    """The generator that ``package.module:attribute`` names.
+
+    Modules are looked for in the current folder as well.
+
+    Raises:
+        GenerationError: it cannot be imported, is not there, or is no generator.
+    """
+    module_name, _, attribute = reference.partition(":")
+    folder = os.getcwd()
+    if folder not in sys.path:
+        # A console script has its own folder there, not the one that it was run in.
+        sys.path.append(folder)
+    module = _imported(lambda: importlib.import_module(module_name), reference)
+    found: Any = module
+    for part in attribute.split("."):
+        missing = object()
+        inner = _imported(partial(getattr, found, part, missing), reference)
+        if inner is missing:
+            public = [name for name in dir(found) if not name.startswith("_")]
+            raise GenerationError(
+                f"{reference}: {module_name} has no attribute {attribute!r}; "
+                f"{nearest_or_all(part, public)}."
+            )
+        found = inner
+    return _as_generator(found, reference)
+
+
+def generator_of_entry_point(name: str) -> ScenarioGenerator:
+    """The generator that an installed package offers under a name.
+
+    Raises:
+        GenerationError: it cannot be loaded, or is no generator.
+    """
+    entry_point = installed_plugins()[name]
+    return _as_generator(
+        _imported(entry_point.load, f"{name} ({entry_point.value})"), name
+    )
+
+
+def generator_of_folder(folder: Path) -> ScenarioGenerator:
+    """The generator that ``generator.py`` of a folder makes.
+
+    The file is run as a module: name only folders that you trust.
+
+    Raises:
+        GenerationError: the file cannot be run, or makes no generator.
+    """
+    path = folder / FOLDER_MODULE
+
+    def load() -> ModuleType:
+        spec = importlib.util.spec_from_file_location(
+            f"pd_editor_plugin_{folder.name}", path
+        )
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module
+        spec.loader.exec_module(module)
+        return module
+
+    make = getattr(_imported(load, str(path)), _FOLDER_FUNCTION, None)
+    if not callable(make):
+        raise GenerationError(
+            f"{path}: has no function {_FOLDER_FUNCTION}(folder), which makes the "
+            "generator."
+        )
+    return _as_generator(_made(lambda: make(folder), str(path)), str(path))
+
+
+def _imported(load: Callable[[], Any], place: str) -> Any:
+    return asked(load, place, ": cannot be imported")
+
+
+def _made(make: Callable[[], Any], place: str) -> Any:
+    return asked(make, place, ": making the generator failed")
+
+
+def _as_generator(found: Any, place: str) -> ScenarioGenerator:
+    """An instance, out of an instance, a class or a function without arguments."""
+    if isinstance(found, type) or not _is(found, ScenarioGenerator | Predictor, place):
+        if not callable(found):
+            raise _no_generator(found, place)
+        found = _made(found, place)
+    if _is(found, ScenarioGenerator, place):
+        return _Checked(found, place)
+    if _is(found, Predictor, place):
+        return _Checked(PredictorGenerator(found), place)
+    raise _no_generator(found, place)
+
+
+def _is(found: Any, kind: Any, place: str) -> bool:
+    """Whether an object has the members of a protocol, which may be foreign properties."""
+    return asked(lambda: isinstance(found, kind), place, ": cannot be looked at")
+
+
+def _no_generator(found: Any, place: str) -> GenerationError:
+    return GenerationError(
+        f"{place}: is a {type(found).__name__}; expected an object with a name and "
+        "generate(request) or predict(request), or a class or function without "
+        "arguments that makes one."
+    )

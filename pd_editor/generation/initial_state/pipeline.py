@@ -1,0 +1,680 @@
+"""Pipeline of the first stage: samples initial states on a scenario and repairs them."""
+
+from collections.abc import (
+    Callable,
+    Collection,
+    Generator,
+    Iterator,
+    Mapping,
+    Sequence,
+)
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
+from typing import Final, TypeVar
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
+from pd_editor.base.errors import GenerationError
+from pd_editor.generation.core.sampler import sampling_mode
+from pd_editor.generation.features.encoded_scene import LATENT_SIZE, PackedScene, packed
+from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND, lane_pieces
+from pd_editor.generation.features.scene_features import (
+    AGENT_KINDS,
+    SceneFeatures,
+    scene_features,
+)
+from pd_editor.generation.initial_state.attributes import (
+    AttributeRequest,
+    with_attributes,
+    with_attributes_of,
+)
+from pd_editor.generation.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
+from pd_editor.generation.initial_state.kept_paths import KeptPaths
+from pd_editor.generation.initial_state.network.agent_count_prior import (
+    cells_of,
+    lane_length_m,
+)
+from pd_editor.generation.initial_state.network.conditioning import (
+    CONDITIONED_NO,
+    REACH_M,
+    only_agents,
+    sampling_conditioning,
+)
+from pd_editor.generation.initial_state.network.context import EncodedMap
+from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.generation.initial_state.sampler import (
+    InitialStateSamplerConfig,
+    finished_activity,
+    finished_states,
+    sample_initial_states,
+)
+from pd_editor.generation.inputs.scene_batch import (
+    SceneTensors,
+    batch_of,
+    padded_size,
+)
+from pd_editor.scene.agent_kind import (
+    LANE_FOLLOWER_KINDS,
+    ROAD_USER_KINDS,
+    AgentCategory,
+    AgentKind,
+    default_sizes_m,
+)
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.generation import MAX_SEED, Region
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.scenario import Scenario
+
+_KIND_INDEX: Final = {kind: index for index, kind in enumerate(AGENT_KINDS)}
+_LEAST_HALF_SIDE_M: Final = 5.0
+_MOST_ROWS_AT_ONCE: Final = 255
+"""Largest number of agents times samples in a batch, for which one thread is used."""
+_MOST_GPU_PAIRS: Final = 1_000_000
+"""The same on a GPU: pairs of agents, each of which takes about a kilobyte."""
+_Progress = TypeVar("_Progress")
+_ATTRIBUTES_KEY: Final = 1
+"""Key of the random numbers of attributes, different from those of agent counts."""
+_CONFLICTS_KEY: Final = 2
+"""Key of the random numbers that choose among agents in conflict."""
+_PLACE_DIGITS: Final = 2
+_HEADING_DIGITS: Final = 3
+_SPEED_DIGITS: Final = 2
+"""Sampled states are rounded to a centimetre, a milliradian and a centimetre a second."""
+_VERSION_STEP: Final = 1_000_003
+"""Difference of the sample indices of the versions of a sample."""
+_ROUND_SEED_STEP: Final = 1_000_033
+"""Difference of the seeds of rounds; each round has random numbers of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SquarePlacement:
+    """Agents to place in one square, and how."""
+
+    resampled_ids: tuple[str, ...]
+    """Agents of the scenario whose states are resampled."""
+    new_kinds: tuple[AgentKind, ...]
+    new_ids: tuple[str, ...]
+    region: Region
+    """The square; at most as large as in training."""
+    traits: AttributeRequest = field(default_factory=AttributeRequest)
+    repairs: bool = True
+    """Whether sampled agents are snapped to lanes and separated afterwards."""
+    square: int = 0
+    """Index of the square in the scene; each has separate random numbers."""
+    is_again: bool = False
+    """Whether the agents were placed before; they keep the attributes that ``traits``
+    gave them."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of all agents that are placed."""
+        return self.resampled_ids + self.new_ids
+
+
+def new_agent_kinds(numbers: Mapping[AgentKind, int]) -> tuple[AgentKind, ...]:
+    """Kinds of agents, given their numbers by kind."""
+    return tuple(kind for kind in AGENT_KINDS for _ in range(numbers.get(kind, 0)))
+
+
+def new_agent_ids(scenario: Scenario, number: int) -> tuple[str, ...]:
+    """Unused ids for new agents."""
+    ids: list[str] = []
+    index = 0
+    while len(ids) < number:
+        index += 1
+        if f"new-{index}" not in scenario.agents.row_of:
+            ids.append(f"new-{index}")
+    return tuple(ids)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SquareContent:
+    """Lanes and agents of a square of a scene."""
+
+    half_side_m: float
+    lane_m: float
+    """Length of vehicle lanes."""
+    num_present: Int[np.ndarray, "K"]
+    """Number of agents of each of ``AGENT_KINDS``."""
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, region: Region, *, only_on_road: bool
+    ) -> "SquareContent":
+        """Count lanes and agents of a scenario; ``only_on_road`` for agents on the road."""
+        center, half_side = _square(region)
+        features = scene_features(scenario, with_candidates=False, center_m=center)
+        is_inside = (np.abs(features.agent_pose[:, :2]) <= half_side).all(axis=1)
+        scene = batch_of([packed(features, _no_latents)])
+        cells = cells_of(scene, np.resize(is_inside, scene.has_agent.shape))[0]
+        present = cells[..., 1] if only_on_road else cells.sum(axis=-1)
+        return cls(
+            half_side_m=half_side,
+            lane_m=lane_length_m(
+                features.piece_pose,
+                features.piece_shape,
+                features.piece_kind,
+                half_side,
+            ),
+            num_present=present.sum(axis=-1),
+        )
+
+
+def sample_agent_counts(
+    model: InitialStateDenoiser,
+    square: SquareContent,
+    random: np.random.Generator,
+    *,
+    only_on_road: bool,
+) -> Mapping[AgentKind, int]:
+    """Sample the total number of agents of each kind, as in similar training squares.
+
+    Raises:
+        GenerationError: the model has no counts of its training data.
+    """
+    counts = model.agent_counts
+    if not len(counts.lane_m):
+        raise GenerationError(
+            "These weights do not tell how many agents a road has; give numbers."
+        )
+    return counts.sample(
+        square.lane_m, square.half_side_m, random, only_on_road=only_on_road
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SquareTask:
+    """Agents to place in one square of one sample."""
+
+    sample: int
+    kept: Scenario
+    """The scenario without the agents to place."""
+    placing: SquarePlacement
+    placed: AgentTracks
+    """Tracks of the agents to place, without any state."""
+    features: SceneFeatures
+    """Of the kept agents."""
+    rows: Int[np.ndarray, "K"]
+    """Agents that are within reach of the network: kept ones, then all to place."""
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, kept: Scenario, sample: int, placing: SquarePlacement
+    ) -> "SquareTask":
+        """Make a task; ``kept`` is the scenario without the agents to place.
+
+        Raises:
+            GenerationError: there is no road, or an agent is no road user.
+        """
+        center, _ = _square(placing.region)
+        features = scene_features(kept, with_candidates=False, center_m=center)
+        is_near = (np.abs(features.piece_pose[:, :2]) <= REACH_M).all(axis=1)
+        if not (is_near & (features.piece_kind < CROSSWALK_KIND)).any():
+            raise GenerationError(no_lanes(kept, center))
+        placed = _agents_to_place(scenario, placing)
+        # Others only take time: they are masked, and too far away for guidance.
+        reached = (np.abs(features.agent_pose[:, :2]) <= REACH_M).all(axis=1)
+        return cls(
+            sample=sample,
+            kept=kept,
+            placing=placing,
+            placed=placed,
+            features=features,
+            rows=np.flatnonzero(np.append(reached, np.ones(len(placed), bool))),
+        )
+
+    @property
+    def num_agents(self) -> int:
+        """Number of kept agents and agents to place."""
+        return len(self.features.agent_row) + len(self.placed)
+
+    @property
+    def num_given(self) -> int:
+        """Number of kept agents within reach."""
+        return len(self.rows) - len(self.placed)
+
+    def packed(self) -> PackedScene:
+        """The agents within reach; of those to place, only kinds and sizes are known."""
+        kinds = np.array([_KIND_INDEX[kind] for kind in self.placed.kinds], int)
+        scene = packed(self.features, _no_latents).with_agents(
+            len(self.placed), agent_size=self.placed.size_m, agent_kind=kinds
+        )
+        return scene.only_agents(self.rows)
+
+
+def place_in_squares(
+    model: InitialStateDenoiser,
+    scenario: Scenario,
+    placings: Mapping[int, Sequence[SquarePlacement]],
+    *,
+    seed: int,
+    sampler: InitialStateSamplerConfig | None = None,
+    guidance: InitialStateGuidance | None = None,
+    resampling: ConflictResampling | None = None,
+    generated_ids: Sequence[str] = (),
+    progress: Callable[[float], _Progress] = lambda share: share,
+) -> Generator[_Progress, None, list[Scenario]]:
+    """Sample initial states square by square; returns each sample's scenario.
+
+    All samples of a square are denoised in one batch. Each square is conditioned on the
+    agents of the sample that were placed before. Then agents that conflict with a
+    neighbour are sampled again, in several versions of which the best is taken, given all
+    others; ``resampling`` None leaves them. So it is with agents in the way of others, but
+    not of those whose trajectories are to be generated. Placed agents exist at the current
+    step only.
+    Yields ``progress`` of the share that is done.
+
+    Raises:
+        GenerationError: there is no road where agents are to be placed.
+    """
+    sampler = InitialStateSamplerConfig() if sampler is None else sampler
+    num_rounds = 0 if resampling is None else resampling.num_rounds
+    # The number of rounds is not known ahead, so each counts half of what remains.
+    ends = 1 - 0.5 ** np.arange(1, num_rounds + 2)
+    ends[-1] = 1.0
+    place = partial(_place_once, model, maps={}, guidance=guidance)
+    found = yield from place(
+        dict.fromkeys(placings, scenario),
+        placings,
+        seed=seed,
+        sampler=sampler,
+        progress=lambda part: progress(ends[0] * part),
+    )
+    own = {name for squares in placings.values() for one in squares for name in one.ids}
+    kept = KeptPaths.of(
+        scenario, [n for n in scenario.agents.ids if n in own.union(generated_ids)]
+    )
+    for index, (begin, end) in enumerate(pairwise(ends)):
+        assert resampling is not None, "without it there are no rounds"
+        again: dict[int, tuple[str, ...]] = {}
+        for sample, squares in placings.items():
+            ids = [name for one in squares for name in one.ids]
+            random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
+            again[sample] = resampling.conflicting(found[sample], ids, random, kept)
+        versions = {
+            sample: [sample + n * _VERSION_STEP for n in range(resampling.num_versions)]
+            for sample, ids in again.items()
+            if ids
+        }
+        if not versions:
+            break
+        tasks = {one: placed_again(placings[one], again[one]) for one in versions}
+        placed = yield from place(
+            {key: found[sample] for sample, keys in versions.items() for key in keys},
+            {key: tasks[sample] for sample, keys in versions.items() for key in keys},
+            seed=(seed + (index + 1) * _ROUND_SEED_STEP) % MAX_SEED,
+            sampler=replace(
+                sampler, num_steps=min(sampler.num_steps, resampling.num_steps)
+            ),
+            progress=lambda part, low=begin, high=end: progress(
+                low + (high - low) * part
+            ),
+        )
+        for sample, keys in versions.items():
+            found[sample] = resampling.best_of(
+                [placed[key] for key in keys], again[sample], kept
+            )
+    return [_slowed(found[sample], squares) for sample, squares in placings.items()]
+
+
+def _place_once(
+    model: InitialStateDenoiser,
+    scenes: Mapping[int, Scenario],
+    placings: Mapping[int, Sequence[SquarePlacement]],
+    *,
+    seed: int,
+    maps: dict[int, EncodedMap],
+    sampler: InitialStateSamplerConfig,
+    guidance: InitialStateGuidance | None,
+    progress: Callable[[float], _Progress],
+) -> Generator[_Progress, None, dict[int, Scenario]]:
+    """Scenes of some samples with their agents placed in each square, one after another."""
+    bare: dict[tuple[int, tuple[str, ...]], Scenario] = {}
+    found: dict[int, Scenario] = {}
+    for sample, squares in placings.items():
+        resampled = tuple(name for one in squares for name in one.resampled_ids)
+        # Samples of one scene share the scenario without these agents, and its features.
+        key = id(scenes[sample]), resampled
+        if key not in bare:
+            bare[key] = scenes[sample].without_agents(resampled)
+        found[sample] = bare[key]
+    by_square: dict[int, list[tuple[int, SquarePlacement]]] = {}
+    for sample, squares in placings.items():
+        for placing in squares:
+            by_square.setdefault(placing.square, []).append((sample, placing))
+    total, done = sum(map(len, by_square.values())), 0
+    for square in sorted(by_square):
+        alike: dict[tuple[int, SquarePlacement], SquareTask] = {}
+        tasks: list[SquareTask] = []
+        for sample, placing in by_square[square]:
+            key = id(found[sample]), placing
+            if key not in alike:
+                alike[key] = SquareTask.of(
+                    scenes[sample], found[sample], sample, placing
+                )
+            tasks.append(replace(alike[key], sample=sample))
+        for batch in _batches(tasks, model.get_buffer("counted").device):
+            share = partial(_share_of, done, len(batch), total)
+            placed = yield from place_agents(
+                model,
+                batch,
+                seed=seed,
+                maps=maps,
+                sampler=sampler,
+                guidance=guidance,
+                progress=lambda part, share=share: progress(share(part)),
+            )
+            found.update(zip((one.sample for one in batch), placed, strict=True))
+            done += len(batch)
+    return found
+
+
+def placed_again(
+    placings: Sequence[SquarePlacement], agent_ids: Collection[str]
+) -> tuple[SquarePlacement, ...]:
+    """Placements of some agents that were placed before, each in its square."""
+    again = [
+        replace(
+            one,
+            resampled_ids=tuple(name for name in one.ids if name in agent_ids),
+            new_ids=(),
+            new_kinds=(),
+            is_again=True,
+        )
+        for one in placings
+    ]
+    return tuple(one for one in again if one.ids)
+
+
+def _share_of(done: int, count: int, total: int, part: float) -> float:
+    return (done + count * part) / total
+
+
+def _batches(
+    tasks: Sequence[SquareTask], device: torch.device
+) -> Iterator[list[SquareTask]]:
+    """Tasks that are denoised together: of equal size, and few enough for one thread.
+
+    Sums over agents are then in the same order as in a batch of one, and so are most
+    products of matrices. That matters, since differences in the last digits grow from step
+    to step: some agents were metres away from those of the sample alone.
+    """
+    by_size: dict[int, list[SquareTask]] = {}
+    for task in tasks:
+        by_size.setdefault(padded_size(len(task.rows)), []).append(task)
+    for size, alike in by_size.items():
+        most = _MOST_ROWS_AT_ONCE if device.type == "cpu" else _MOST_GPU_PAIRS // size
+        at_once = max(1, most // size)
+        for first in range(0, len(alike), at_once):
+            yield alike[first : first + at_once]
+
+
+def place_agents(
+    model: InitialStateDenoiser,
+    tasks: Sequence[SquareTask],
+    *,
+    seed: int,
+    maps: dict[int, EncodedMap] | None = None,
+    sampler: InitialStateSamplerConfig | None = None,
+    guidance: InitialStateGuidance | None = None,
+    progress: Callable[[float], _Progress] = lambda share: share,
+) -> Generator[_Progress, None, list[Scenario]]:
+    """Sample the initial states of one square of several samples, in one batch.
+
+    Returns each sample's scenario with the agents. A sample does not depend on the
+    others, apart from rounding. ``maps`` are encoded maps by square; that of a new
+    square is added.
+
+    Raises:
+        GenerationError: there is no road where agents are to be placed.
+    """
+    placing = tasks[0].placing
+    center, half_side = _square(placing.region)
+    device = model.get_buffer("counted").device
+    scenes_of_square = batch_of([one.packed() for one in tasks], pads_single=True)
+    # The tokens of the map, which all samples share, are encoded once.
+    scene = scenes_of_square.with_one_map().to(device)
+    row = torch.arange(scene.has_agent.shape[1], device=device)
+    num_given = torch.tensor([one.num_given for one in tasks], device=device)
+    task = sampling_conditioning(
+        scene,
+        row < num_given[:, None],
+        scene.agent_speed.new_full((len(tasks),), half_side),
+        within_kinds=not model.config.orders_all_kinds,
+    )
+    further = [placing.square] if placing.square else []
+    randoms = [
+        np.random.default_rng([seed, one.sample, _ATTRIBUTES_KEY, *further])
+        for one in tasks
+    ]
+    if placing.traits != AttributeRequest():
+        task = (
+            with_attributes_of(task, scene, [(one.kept, one.placed) for one in tasks])
+            if placing.is_again
+            else with_attributes(
+                task, scene, model.agent_counts, randoms, placing.traits
+            )
+        )
+    maps = {} if maps is None else maps
+    if placing.square not in maps:
+        with sampling_mode(scene.has_agent.numel()):
+            maps[placing.square] = model.encode_map(scene)
+    guidance = InitialStateGuidance() if guidance is None else guidance
+    if placing.traits.only_on_road:
+        guidance = guidance.within_lanes()
+    may_stop = np.zeros(scene.has_agent.shape, bool)
+    for stops, one, random in zip(may_stop, tasks, randoms, strict=True):
+        numbers = random.random(one.num_agents)[one.rows]
+        stops[: len(numbers)] = numbers < guidance.stopped_in_junctions
+    steps = sample_initial_states(
+        model,
+        scene,
+        samples=[one.sample for one in tasks],
+        seed=seed,
+        task=task,
+        config=sampler,
+        guide=guidance.of(
+            scene, model.schedule, task, torch.from_numpy(may_stop).to(device)
+        ),
+        square=placing.square,
+        rows=[(one.num_agents, one.rows) for one in tasks],
+        road_map=maps[placing.square],
+    )
+    clean = None
+    for step in steps:
+        clean = step.clean
+        yield progress((step.index + 1) / step.num_steps)
+    assert clean is not None, "there is at least one step"
+    states = finished_states(scene, task, clean)[0].double().cpu().numpy()
+    activity = finished_activity(scene, task, clean)[0].cpu().numpy()
+    on_road = task.on_road.cpu().numpy()
+    scenes: list[Scenario] = []
+    for index, one in enumerate(tasks):
+        own = slice(one.num_given, len(one.rows))
+        tracks = _with_states(
+            one.placed,
+            states[index, own],
+            activity[index, own],
+            center,
+            one.kept.current_step,
+        )
+        result = one.kept.with_agents(one.kept.agents.joined(tracks))
+        if one.placing.repairs:
+            result = _repaired(result, one.placing, on_road[index, own])
+        scenes.append(result)
+    return scenes
+
+
+def _repaired(
+    scenario: Scenario, placing: SquarePlacement, on_road: Int[np.ndarray, "N"]
+) -> Scenario:
+    """Repair sampled states: snap to lanes, separate boxes, limit speeds to gaps.
+
+    Agents conditioned off-road are not snapped, and no agent leaves the square.
+    """
+    keep = [name for name in scenario.agents.ids if name not in placing.ids]
+    follows = [
+        name
+        for name, code in zip(placing.ids, on_road, strict=True)
+        if code != CONDITIONED_NO
+    ]
+    on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
+    left = _outside(on_lanes, placing) - _outside(scenario, placing)
+    if left:
+        follows = [name for name in follows if name not in left]
+        on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
+    scenario = separate_overlaps(on_lanes, placing.ids, keep_ids=keep)
+    if placing.traits.only_on_road:
+        scenario = _back_on_road(scenario, placing, keep)
+    return slow_for_gaps(scenario, placing.ids, keep_ids=keep)
+
+
+def _slowed(scenario: Scenario, placings: Sequence[SquarePlacement]) -> Scenario:
+    """Limit speeds to gaps to agents that were placed later, in other squares or again."""
+    repaired = {name for one in placings if one.repairs for name in one.ids}
+    keep = [name for name in scenario.agents.ids if name not in repaired]
+    return slow_for_gaps(scenario, repaired, keep_ids=keep)
+
+
+def _back_on_road(
+    scenario: Scenario, placing: SquarePlacement, keep: list[str]
+) -> Scenario:
+    """Placed agents beside the drivable area on their lanes, standing ones as well.
+
+    An agent near a lane may be beside the road all the same: next to a narrow lane, or
+    at a kerb. An agent stays where its lane has no free place, or leaves the square.
+    """
+    off = _off_road(scenario, placing.ids)
+    for _ in range(2):
+        back = project_to_lanes(
+            scenario, off, keep_ids=keep, max_offset_m=0.0, moves_stationary=True
+        )
+        left = _outside(back, placing) - _outside(scenario, placing)
+        if not left:
+            return back
+        off = [name for name in off if name not in left]
+    return scenario
+
+
+def _off_road(scenario: Scenario, agent_ids: Sequence[str]) -> list[str]:
+    """Those whose kind belongs on the road, and whose centre is off the drivable area."""
+    agents = scenario.agents
+    rows = agents.rows(agent_ids)
+    place = agents.position_m[rows, scenario.current_step]
+    is_off = is_off_road(scenario, place) & agents.kind_mask(LANE_FOLLOWER_KINDS)[rows]
+    return [name for name, off in zip(agent_ids, is_off, strict=True) if off]
+
+
+def _outside(scenario: Scenario, placing: SquarePlacement) -> set[str]:
+    """Ids of the placed agents outside the square."""
+    center, half_side = _square(placing.region)
+    rows = scenario.agents.rows(placing.ids)
+    place = scenario.agents.position_m[rows, scenario.current_step]
+    is_out = (np.abs(place - center) > half_side).any(axis=1)
+    return {name for name, out in zip(placing.ids, is_out, strict=True) if out}
+
+
+def _square(region: Region) -> tuple[Float[np.ndarray, "2"], float]:
+    if region.half_side_m < _LEAST_HALF_SIDE_M:
+        raise GenerationError(
+            f"The square to place agents in reaches {region.half_side_m:g} m to each "
+            f"side; expected {_LEAST_HALF_SIDE_M:g} m or more."
+        )
+    return np.array(region.center_m, float), min(region.half_side_m, POSITION_UNIT_M)
+
+
+def no_lanes(scenario: Scenario, place_m: Float[np.ndarray, "2"]) -> str:
+    """Message that there are no lanes at a position, and where they are."""
+    pieces = lane_pieces(scenario.road_map)
+    points = pieces.pose[pieces.kind < CROSSWALK_KIND, :2]
+    here = f"There are no lanes around ({place_m[0]:.0f}, {place_m[1]:.0f}) m"
+    if not len(points):
+        return f"{here}, nor anywhere in this scene; expected a road there."
+    low, high = points.min(axis=0), points.max(axis=0)
+    near = points[np.hypot(*(points - place_m).T).argmin()]
+    return (
+        f"{here}; lanes lie at x from {low[0]:.0f} to {high[0]:.0f} m and y from "
+        f"{low[1]:.0f} to {high[1]:.0f} m, the nearest one at "
+        f"({near[0]:.0f}, {near[1]:.0f}) m."
+    )
+
+
+def _agents_to_place(scenario: Scenario, placing: SquarePlacement) -> AgentTracks:
+    agents, steps = scenario.agents, scenario.time_axis.num_steps
+    old = agents.taken(agents.rows(placing.resampled_ids))
+    strange = [kind for kind in old.kinds if kind not in ROAD_USER_KINDS]
+    if strange:
+        raise GenerationError(
+            f"The model places road users only, not {strange[0].value.replace('_', ' ')}."
+        )
+    count = len(placing.new_ids)
+    new = AgentTracks(
+        ids=placing.new_ids,
+        kinds=placing.new_kinds,
+        categories=(AgentCategory.UNSCORED,) * count,
+        size_m=default_sizes_m(placing.new_kinds),
+        has_known_size=np.zeros(count, bool),
+        position_m=np.zeros((count, steps, 2)),
+        heading_rad=np.zeros((count, steps)),
+        velocity_mps=np.zeros((count, steps, 2)),
+        is_valid=np.zeros((count, steps), bool),
+        observed=np.zeros((count, steps), bool),
+    )
+    return old.joined(new)
+
+
+def recorded_states(scenario: Scenario) -> SceneTensors:
+    """The agents of a scenario around its focal agent, with their own states.
+
+    Raises:
+        GenerationError: an agent has no finite state at the current step.
+    """
+    features = scene_features(scenario, with_candidates=False)
+    scene = batch_of([packed(features, _no_latents)])
+    is_inside = scene.agent_pose[..., :2].abs().amax(dim=-1) <= POSITION_UNIT_M
+    return only_agents(scene, is_inside)
+
+
+def _no_latents(
+    future_m: Float[np.ndarray, "*s H 2"], speed_mps: np.ndarray, /
+) -> Float[np.ndarray, "*s 10"]:
+    """Zero latents: the first stage does not use trajectories."""
+    del speed_mps
+    return np.zeros((*future_m.shape[:-2], LATENT_SIZE))
+
+
+def _with_states(
+    placed: AgentTracks,
+    states: Float[np.ndarray, "N 5"],
+    activity: Int[np.ndarray, "N"],
+    center_m: Float[np.ndarray, "2"],
+    step: int,
+) -> AgentTracks:
+    steps = placed.num_steps
+    now = np.arange(steps) == step
+    # Rounding errors of a batch would grow from round to round; so they mostly vanish.
+    place = np.round(states[:, :2], _PLACE_DIGITS) + center_m
+    heading = np.round(np.arctan2(states[:, 3], states[:, 2]), _HEADING_DIGITS)
+    speed = np.round(states[:, 4:], _SPEED_DIGITS)
+
+    def at_step(values: np.ndarray) -> np.ndarray:
+        table = np.zeros((len(placed), steps, *values.shape[1:]), values.dtype)
+        table[:, step] = values
+        return table
+
+    return replace(
+        placed,
+        position_m=at_step(place),
+        heading_rad=at_step(heading),
+        velocity_mps=at_step(unit_vector(heading) * speed),
+        is_valid=np.broadcast_to(now, (len(placed), steps)).copy(),
+        observed=placed.observed & now,
+        activity=activity.astype(placed.activity.dtype),
+    )

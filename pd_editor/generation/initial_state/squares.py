@@ -1,0 +1,241 @@
+"""Divides a scene into squares, and assigns the agents to place to them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+from pd_editor.base.errors import GenerationError
+from pd_editor.generation.features.lane_tokens import (
+    CROSSWALK_KIND,
+    PIECE_LENGTH_M,
+    lane_pieces,
+)
+from pd_editor.generation.features.scene_features import AGENT_KINDS, scene_center
+from pd_editor.generation.initial_state.attributes import AttributeRequest
+from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.generation.initial_state.pipeline import (
+    SquareContent,
+    SquarePlacement,
+    new_agent_ids,
+    new_agent_kinds,
+    no_lanes,
+    sample_agent_counts,
+)
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.generation import Region
+from pd_editor.scene.scenario import Scenario
+
+_OUTER_DENSITY: Final = 0.56
+"""Density of road users beyond the square around the focal agent, relative to that in it:
+recordings observe fewer agents further out (11.2 against 19.9 per km, ``train``)."""
+_OUTER_CELLS: Final = 1
+"""Number of rings of squares around the central one."""
+_LEAST_LANE_M: Final = 15.0
+"""Squares with a shorter length of lanes are left out, unless there is only one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Square:
+    """Part of a scene in which the network samples agents jointly."""
+
+    region: Region
+    lane_m: float
+    """Length of the lanes in the square."""
+    density: float = 1.0
+    """Factor of the usual number of agents."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """Agents to place in a scene."""
+
+    resampled_ids: tuple[str, ...] = ()
+    num_new_agents: Mapping[AgentKind, int]
+    samples_num_agents: bool = False
+    """Whether the model samples the number of agents, which is at least that requested."""
+    density: float = 1.0
+    """Factor of the numbers of training squares."""
+    region: Region | None = None
+    """Region to fill; None: the mapped road around the focal agent."""
+    attributes: AttributeRequest
+
+
+def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
+    """Divide a region, or the road around the focal agent, into squares.
+
+    Squares are at most as large as in training. Those without a lane are left out; the
+    one around the focal agent, or the region's centre, comes first.
+
+    Raises:
+        GenerationError: there are no lanes; the sentence says where they are.
+    """
+    if region is not None and region.half_side_m <= POSITION_UNIT_M:
+        return (Square(region=region, lane_m=0.0),)
+    pieces = lane_pieces(scenario.road_map)
+    is_lane = pieces.kind < CROSSWALK_KIND
+    points, length = pieces.pose[is_lane, :2], pieces.shape[is_lane, 0]
+    if region is None:
+        middle, half_side = scene_center(scenario), POSITION_UNIT_M
+        first, reach = np.zeros(2), _OUTER_CELLS + 0.5
+    else:
+        middle = np.array(region.center_m)
+        per_side = int(np.ceil(region.half_side_m / POSITION_UNIT_M))
+        half_side = region.half_side_m / per_side
+        # The centre of an even number of squares is a corner.
+        first, reach = np.full(2, 0.5 - per_side % 2 / 2), per_side / 2
+    place = (points - middle) / (2 * half_side)
+    inside = np.all(np.abs(place) <= reach, axis=1)
+    cells, index = np.unique(
+        np.rint(place[inside] - first), axis=0, return_inverse=True
+    )
+    lane_m = np.bincount(index.ravel(), length[inside], len(cells)) * PIECE_LENGTH_M
+    if not len(cells):
+        raise GenerationError(no_lanes(scenario, middle))
+    enough = lane_m >= min(_LEAST_LANE_M, lane_m.max())
+    cells, lane_m = cells[enough] + first, lane_m[enough]
+    order = np.argsort(np.abs(cells).sum(axis=1), kind="stable")
+    return tuple(
+        Square(
+            region=Region(
+                center_m=tuple((middle + 2 * half_side * cells[row]).tolist()),
+                half_side_m=half_side,
+            ),
+            lane_m=float(lane_m[row]),
+            density=1.0
+            if region is not None or not cells[row].any()
+            else _OUTER_DENSITY,
+        )
+        for row in order
+    )
+
+
+def placings_of(
+    model: InitialStateDenoiser,
+    scenario: Scenario,
+    placement: Placement,
+    random: np.random.Generator,
+) -> tuple[SquarePlacement, ...]:
+    """Assign agents to squares, in order; squares without agents are left out.
+
+    Resampled agents stay in their squares. New agents are distributed by the length of
+    lanes, or by the numbers that the model samples.
+
+    Raises:
+        GenerationError: there are no lanes, or the model has no counts of agents.
+    """
+    squares = squares_of(scenario, placement.region)
+    resampled = _squares_of_resampled(scenario, placement, squares, random)
+    kinds = _kinds_by_square(model, scenario, placement, squares, random)
+    ids = new_agent_ids(scenario, sum(map(len, kinds)))
+    placings: list[SquarePlacement] = []
+    first = 0
+    for index, square in enumerate(squares):
+        count = len(kinds[index])
+        placings.append(
+            SquarePlacement(
+                resampled_ids=resampled[index],
+                new_ids=ids[first : first + count],
+                new_kinds=kinds[index],
+                region=square.region,
+                traits=placement.attributes,
+                square=index,
+            )
+        )
+        first += count
+    return tuple(one for one in placings if one.ids)
+
+
+def _squares_of_resampled(
+    scenario: Scenario,
+    placement: Placement,
+    squares: Sequence[Square],
+    random: np.random.Generator,
+) -> list[tuple[str, ...]]:
+    """Ids of resampled agents by square: their own, or else one along the lanes."""
+    ids = placement.resampled_ids
+    if len(squares) == 1 or not ids:
+        return [ids, *[()] * (len(squares) - 1)]
+    agents, step = scenario.agents, scenario.current_step
+    rows = agents.rows(ids)
+    center = np.array([one.region.center_m for one in squares])
+    half = np.array([one.region.half_side_m for one in squares])
+    offset = agents.position_m[rows, step][:, None] - center
+    outside = np.abs(offset).max(axis=2) - half
+    found = outside.argmin(axis=1)
+    # In the nearest square, agents of other streets would be at the edges of the map.
+    is_inside = agents.is_valid[rows, step] & (outside.min(axis=1) <= 0)
+    anywhere = _spread(len(ids), squares, random)
+    found = np.where(is_inside, found, anywhere)
+    return [
+        tuple(name for name, place in zip(ids, found, strict=True) if place == index)
+        for index in range(len(squares))
+    ]
+
+
+def _kinds_by_square(
+    model: InitialStateDenoiser,
+    scenario: Scenario,
+    placement: Placement,
+    squares: Sequence[Square],
+    random: np.random.Generator,
+) -> list[tuple[AgentKind, ...]]:
+    numbers: list[dict[AgentKind, int]] = [{} for _ in squares]
+    if placement.samples_num_agents:
+        numbers = _missing_numbers(model, scenario, placement, squares, random)
+    for kind, number in placement.num_new_agents.items():
+        missing = number - sum(one.get(kind, 0) for one in numbers)
+        for index in _spread(max(missing, 0), squares, random):
+            numbers[index][kind] = numbers[index].get(kind, 0) + 1
+    return [new_agent_kinds(one) for one in numbers]
+
+
+def _missing_numbers(
+    model: InitialStateDenoiser,
+    scenario: Scenario,
+    placement: Placement,
+    squares: Sequence[Square],
+    random: np.random.Generator,
+) -> list[dict[AgentKind, int]]:
+    """Numbers of agents that each square lacks to its sampled total.
+
+    The numbers of the first square are sampled; the other squares have the same density,
+    because training squares are not similar to the edge of a map.
+    """
+    only_on_road = placement.attributes.only_on_road
+    contents = [
+        SquareContent.of(scenario, one.region, only_on_road=only_on_road)
+        for one in squares
+    ]
+    first = contents[0]
+    usual = sample_agent_counts(model, first, random, only_on_road=only_on_road)
+    found: list[dict[AgentKind, int]] = []
+    for square, content in zip(squares, contents, strict=True):
+        share = placement.density
+        if content is not first:
+            share *= square.density * content.lane_m / max(first.lane_m, 1.0)
+        wanted = {
+            kind: number if share == 1 else int(number * share + random.random())
+            for kind, number in usual.items()
+        }
+        found.append(
+            {
+                kind: max(wanted.get(kind, 0) - int(present), 0)
+                for kind, present in zip(AGENT_KINDS, content.num_present, strict=True)
+            }
+        )
+    return found
+
+
+def _spread(
+    number: int, squares: Sequence[Square], random: np.random.Generator
+) -> Int[np.ndarray, "N"]:
+    """Sample squares for some agents, evenly distributed by the length of lanes."""
+    if len(squares) == 1 or not number:
+        return np.zeros(number, int)
+    share = np.cumsum([one.lane_m * one.density for one in squares])
+    place = (np.arange(number) + random.random()) / number
+    return random.permutation(np.searchsorted(share / share[-1], place))

@@ -1,0 +1,281 @@
+"""Terms on the course of an agent: a path, lanes, a goal point."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
+from pd_editor.generation.trajectory.guidance.target_motion import (
+    Curves,
+    TargetMotion,
+    braked_in_time,
+    distances,
+    extended,
+    predicted_curves,
+    speeds,
+)
+from pd_editor.generation.trajectory.guidance.trajectory_term import (
+    AgentsTerm,
+    GuidedAgents,
+    ResidualRows,
+    TermContext,
+)
+from pd_editor.scene.guidance_terms import FollowLane, FollowPath, GoalPoint
+from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_follow
+from pd_editor.scene.paths.driving_paths import DrivingPaths
+
+_PREFERENCE_M: Final = 1.0
+"""How much nearer a planned path must come to a goal than the predicted path."""
+_SAME_GOAL_M: Final = 0.5
+_ROUNDS: Final = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathTerm(AgentsTerm):
+    """Follows paths that begin at the agents' poses, at the predicted pace.
+
+    A path that leads sideways or backwards is not followed.
+    """
+
+    curves: Curves
+    length_m: Float[Tensor, "G 1"]
+    """Arc length at which each path to follow ends."""
+    limit_mps: Float[Tensor, "G M"]
+    """Speed limits of the paths, one per node."""
+
+    @classmethod
+    def of_guided(
+        cls, guided: GuidedAgents[FollowPath | FollowLane]
+    ) -> "PathTerm | None":
+        """Make the term; None if no path of a sampled agent is followed."""
+        context = guided.context
+        found = [_followed(term, context) for term in guided.values]
+        guided = guided.only(np.array([one is not None for one in found]))
+        lines = [one for one in found if one is not None]
+        if not lines:
+            return None
+        paths = [one.path for one in lines]
+        most = max(one.x_m.shape[1] for one in paths)
+        curves = [
+            _with_nodes(_even_curves(context.tensor(_points_m(one))[None]), most)
+            for one in paths
+        ]
+        limit = [
+            np.pad(one.speed_limit_mps[0], (0, most - one.x_m.shape[1]), mode="edge")
+            for one in paths
+        ]
+        length = np.array([one.length_m for one in lines])
+        return cls(
+            guided=guided,
+            curves=Curves(node=torch.cat([one.node for one in curves], dim=1)),
+            length_m=context.tensor(length)[:, None],
+            limit_mps=context.tensor(np.array(limit)),
+        )
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals to the points of the paths at the predicted pace."""
+        pace = predicted_curves(motion, self.agents).along_m
+        speed = speeds(
+            pace, motion.velocity_mps[:, self.agents, 0].norm(dim=-1), motion.step_s
+        )
+        slowed = pace
+        for _ in range(_ROUNDS):
+            slowed = distances(
+                braked_in_time(
+                    speed.minimum(self._limits(slowed)),
+                    self.config.max_braking_mps2,
+                    motion.step_s,
+                ),
+                motion.step_s,
+            )
+        target = TargetMotion.along(self.agents, self.curves, slowed, motion.step_s)
+        return target.rows(
+            along_m=self.config.pace_m,
+            across_m=self.config.path_m,
+            strength=self.guided.weight,
+            is_wanted=slowed <= self.length_m,
+        )
+
+    def _limits(self, along_m: Float[Tensor, "S G T"]) -> Float[Tensor, "S G T"]:
+        table = self.curves.along_m.expand(len(along_m), -1, -1).contiguous()
+        node = torch.searchsorted(table, along_m.contiguous())
+        limit = self.limit_mps.expand(len(along_m), -1, -1)
+        return limit.gather(-1, node.clamp_max(table.shape[-1] - 1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GoalTerm(AgentsTerm):
+    """Reaches points at given times, along the predicted paths or planned ones.
+
+    The path that comes nearest to a goal is retimed with the least change of
+    acceleration, and shifted sideways to the goal. Of a goal out of reach, the nearest
+    place in reach is aimed at.
+    """
+
+    point_m: Float[Tensor, "G 2"]
+    at_s: Float[Tensor, "G 1"]
+    """Infinite: at the end."""
+
+    @classmethod
+    def of_guided(cls, guided: GuidedAgents[GoalPoint]) -> "GoalTerm":
+        """Make the term of the agents that it guides."""
+        at = guided.of_each(lambda term: np.inf if term.at_s is None else term.at_s)
+        return cls(
+            guided=guided,
+            point_m=guided.of_each(lambda term: term.point_m),
+            at_s=at[:, None],
+        )
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals to a way to the goal, and to the goal itself at its step."""
+        config, time_s = self.config, motion.time_s
+        predicted = extended(predicted_curves(motion, self.agents), self.guided)
+        num_steps = len(time_s)
+        step = (self.at_s / motion.step_s).round().clamp(1, num_steps - 1).long()
+        curves, goal_along, goal_left = self._curves(predicted)
+        share = time_s / time_s[step]
+        early = share.clamp_max(1.0)
+        # Least squared acceleration; then at the speed that was reached.
+        growth = (3 * early**2 - early**3) / 2 + 1.5 * (share - early)
+        goal_along, goal_left, is_reached = self._within_reach(
+            goal_along, goal_left, motion, time_s[step[:, 0]]
+        )
+        pace = predicted.along_m[..., :num_steps]
+        gap = goal_along[..., None] - pace.gather(-1, step.expand(*pace.shape[:2], 1))
+        along = (pace + gap * growth).clamp_min_(0.0).cummax(dim=-1).values
+        target = TargetMotion.along(self.agents, curves, along, motion.step_s)
+        done = (along / goal_along[..., None].clamp_min(1.0)).clamp_(0, 1)
+        aside = goal_left[..., None] * done**2 * (3 - 2 * done)
+        left = torch.stack(
+            [-target.direction[..., 1], target.direction[..., 0]], dim=-1
+        )
+        way = replace(target, position_m=target.position_m + aside[..., None] * left)
+        moment = torch.arange(num_steps, device=step.device)
+        place = torch.where(
+            is_reached[..., None, None], self.point_m[:, None], way.position_m
+        )
+        # The goal is one of many steps.
+        accepted = config.goal_m * (10.0 / num_steps) ** 0.5
+        rows = replace(way, position_m=place).rows(
+            along_m=accepted,
+            across_m=accepted,
+            strength=self.guided.weight,
+            is_wanted=(moment == step).expand(along.shape),
+        )
+        if motion.level == 0:
+            return rows
+        return [
+            *rows,
+            # The way matters up to the goal.
+            *way.rows(
+                along_m=config.goal_way_m,
+                across_m=config.goal_way_m,
+                strength=self.guided.weight,
+                is_wanted=(moment <= step).expand(along.shape),
+            ),
+        ]
+
+    def _within_reach(
+        self,
+        along_m: Float[Tensor, "S G"],
+        left_m: Float[Tensor, "S G"],
+        motion: PredictedMotion,
+        time_s: Float[Tensor, "G"],
+    ) -> tuple[Float[Tensor, "S G"], Float[Tensor, "S G"], Bool[Tensor, "S G"]]:
+        """Places of goals, moved to where the agents can be, and whether they stayed."""
+        config = self.config
+        speed = motion.velocity_mps[:, self.agents, 0].norm(dim=-1)
+        most = speed * time_s + config.max_acceleration_mps2 * time_s.square() / 2
+        braking_s = time_s.minimum(speed / config.max_braking_mps2)
+        least = speed * braking_s - config.max_braking_mps2 * braking_s.square() / 2
+        along = along_m.maximum(least).minimum(most)
+        left = left_m.clamp(-config.goal_aside_m, config.goal_aside_m)
+        stayed = (along - along_m).abs() + (left - left_m).abs() < _SAME_GOAL_M
+        return along, left, stayed
+
+    def _curves(
+        self, predicted: Curves
+    ) -> tuple[Curves, Float[Tensor, "S G"], Float[Tensor, "S G"]]:
+        """The curve to the goal in each sample, with the goal's place on it."""
+        along, left = predicted.nearest(self.point_m)
+        planned, planned_along, planned_left = self._planned
+        is_planned = left.abs() > planned_left.abs() + _PREFERENCE_M
+        node = torch.where(
+            is_planned[..., None, None],
+            _with_nodes(planned, predicted.node.shape[-2]).node,
+            predicted.node,
+        )
+        return (
+            Curves(node=node),
+            torch.where(is_planned, planned_along, along),
+            torch.where(is_planned, planned_left, left),
+        )
+
+    @cached_property
+    def _planned(self) -> tuple[Curves, Float[Tensor, "1 G"], Float[Tensor, "1 G"]]:
+        """The planned path of each agent that comes nearest to its goal."""
+        points, exists = self.guided.planned
+        curves = _even_curves(points)
+        along, left = curves.nearest(self.point_m[:, None])
+        cost = left.abs() + (-along).clamp_min(0.0)
+        best = cost.masked_fill(~exists, torch.inf).argmin(dim=-1)
+        agent = torch.arange(len(best), device=best.device)
+        chosen = Curves(node=curves.node[agent, best][None])
+        return chosen, along[agent, best][None], left[agent, best][None]
+
+
+def _followed(
+    term: FollowPath | FollowLane, context: TermContext
+) -> FollowedPath | None:
+    """Path of a term; None if it cannot be followed."""
+    line = (
+        np.array(term.points_m)
+        if isinstance(term, FollowPath)
+        else lane_line(context.scenario.road_map, term.lane_ids)
+    )
+    tracks, now = context.scenario.agents, context.scenario.current_step
+    row = tracks.row_of.get(term.agent_id)
+    if row is None or line is None or len(line) < 2:
+        return None
+    followed = path_to_follow(
+        line,
+        tracks.position_m[row, now],
+        float(tracks.heading_rad[row, now]),
+        float(np.hypot(*tracks.velocity_mps[row, now])),
+    )
+    return followed if followed.is_drivable else None
+
+
+def _points_m(path: DrivingPaths) -> Float[np.ndarray, "1 M 2"]:
+    return np.stack([path.x_m, path.y_m], axis=-1)
+
+
+def _even_curves(points_m: Float[Tensor, "S G M 2"]) -> Curves:
+    step = points_m.diff(dim=-2)
+    length = step.norm(dim=-1)
+    direction = torch.nn.functional.normalize(step, dim=-1)
+    return Curves.of(
+        points_m,
+        torch.cat([direction[..., :1, :], direction], dim=-2),
+        torch.nn.functional.pad(length.cumsum(dim=-1), (1, 0)),
+    )
+
+
+def _with_nodes(curves: Curves, count: int) -> Curves:
+    """Curves with so many nodes, more ones on the straight line after the last one."""
+    more = count - curves.node.shape[-2]
+    if more <= 0:
+        return Curves(node=curves.node[..., :count, :])
+    further = torch.arange(1, more + 1).to(curves.node)[:, None]
+    last = curves.node[..., -1:, :]
+    ahead = last[..., 2:4]
+    step = torch.cat(
+        [ahead, torch.zeros_like(ahead), torch.ones_like(ahead[..., :1])], -1
+    )
+    return Curves(node=torch.cat([curves.node, last + further * step], dim=-2))

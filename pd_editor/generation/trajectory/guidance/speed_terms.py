@@ -1,0 +1,298 @@
+"""Terms on the speed of agents along their own predicted paths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pd_editor.analysis.guidance.stop_line import LINE_MARGIN_M
+from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
+from pd_editor.generation.trajectory.guidance.target_motion import (
+    Curves,
+    TargetMotion,
+    distances,
+    extended,
+    predicted_curves,
+    speeds,
+)
+from pd_editor.generation.trajectory.guidance.trajectory_term import (
+    AgentsTerm,
+    GuidedAgents,
+    ResidualRows,
+    row_weights,
+)
+from pd_editor.scene.agent_kind import (
+    LANE_FOLLOWER_KINDS,
+    MOTOR_VEHICLE_KINDS,
+)
+from pd_editor.scene.guidance_terms import (
+    ComfortLimits,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
+
+_RAMP_SHARE: Final = 0.6
+"""Share of the time in which a target speed should be reached."""
+_LEAST_CHANGE_M: Final = 0.05
+"""A retimed prediction that differs by less is met."""
+_STAYS_M: Final = 0.5
+"""A stationary agent predicted to move less is left alone, unless it is named."""
+_NUM_RATES: Final = 4
+"""Number of braking rates that are tried for a stop."""
+_STANDS_STEPS: Final = 5
+_BESIDE_LINE_M: Final = LINE_MARGIN_M + 0.5
+"""A stop line is stopped at this far beside its ends: a bit further than it counts."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pace:
+    """Predicted paths and pace of the guided agents of a term."""
+
+    curves: Curves
+    along_m: Float[Tensor, "S G T"]
+    speed_mps: Float[Tensor, "S G T"]
+    step_s: float
+
+    @classmethod
+    def of(cls, motion: PredictedMotion, agents: Int[Tensor, "G"]) -> "_Pace":
+        curves = predicted_curves(motion, agents)
+        first = motion.velocity_mps[:, agents, 0].norm(dim=-1)
+        return cls(
+            curves=curves,
+            along_m=curves.along_m,
+            speed_mps=speeds(curves.along_m, first, motion.step_s),
+            step_s=motion.step_s,
+        )
+
+    def changed(self, along_m: Float[Tensor, "S G T"]) -> Bool[Tensor, "S G 1"]:
+        """Whether a retimed motion differs from the predicted one."""
+        gap = (along_m - self.along_m).abs().amax(dim=-1, keepdim=True)
+        return gap > _LEAST_CHANGE_M
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpeedTerm(AgentsTerm):
+    """Reaches and keeps a speed."""
+
+    kinds = MOTOR_VEHICLE_KINDS
+    may_stay: Bool[Tensor, "G 1"]
+    """Stationary agents that are not named."""
+    speed_mps: Float[Tensor, "G 1"]
+
+    @classmethod
+    def of_guided(cls, guided: GuidedAgents[TargetSpeed]) -> "SpeedTerm":
+        """Make the term of the agents that it guides."""
+        standing = torch.from_numpy(guided.context.is_standing)
+        standing = standing.to(guided.index.device)
+        is_named = guided.of_each(lambda term: bool(term.agent_ids)) > 0
+        return cls(
+            guided=guided,
+            may_stay=(standing[guided.index] & ~is_named)[:, None],
+            speed_mps=guided.of_each(lambda term: term.speed_mps)[:, None],
+        )
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals to a ramp to the speed along the predicted or planned path."""
+        config, pace = self.config, _Pace.of(motion, self.agents)
+        first = pace.speed_mps[..., :1]
+        change = self.speed_mps - first
+        needed = change.abs() / (_RAMP_SHARE * motion.time_s[-1])
+        rate = torch.where(
+            change > 0,
+            needed.clamp(config.acceleration_mps2, config.max_acceleration_mps2),
+            needed.clamp(config.braking_mps2, config.max_braking_mps2),
+        )
+        done = (rate * motion.time_s).minimum(change.abs())
+        along = distances(first + change.sign() * done, motion.step_s)
+        stays = self.may_stay & (pace.along_m[..., -1:] < _STAYS_M)
+        wanted = pace.changed(along) & ~stays
+        curves = extended(pace.curves, self.guided)
+        return TargetMotion.along(self.agents, curves, along, motion.step_s).rows(
+            along_m=config.speed_m,
+            speed_mps=config.speed_mps,
+            across_m=config.held_path_m,
+            strength=self.guided.weight,
+            is_wanted=wanted,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimitTerm(AgentsTerm):
+    """Keeps a speed limit."""
+
+    speed_mps: Float[Tensor, "G 1"]
+
+    @classmethod
+    def of_guided(cls, guided: GuidedAgents[SpeedLimit]) -> "LimitTerm":
+        """Make the term of the agents that it guides."""
+        speed = guided.of_each(lambda term: term.speed_mps)
+        return cls(guided=guided, speed_mps=speed[:, None])
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals of the agents that are predicted to exceed the limit."""
+        config, pace = self.config, _Pace.of(motion, self.agents)
+        limit = (self.speed_mps - config.limit_margin_mps).clamp_min(0.0)
+        # The current speed is given, and may be above the limit.
+        lost = config.braking_mps2 * motion.time_s
+        cap = (pace.speed_mps[..., :1] - lost).maximum(limit)
+        kept = pace.speed_mps.minimum(cap)
+        along = distances(kept, motion.step_s)
+        is_over = (pace.speed_mps[..., 1:] > limit).any(dim=-1, keepdim=True)
+        return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
+            along_m=config.speed_m,
+            speed_mps=config.speed_mps,
+            across_m=config.held_path_m,
+            strength=self.guided.weight,
+            is_wanted=is_over & pace.changed(along),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComfortTerm(AgentsTerm):
+    """Keeps limits of acceleration, braking and lateral acceleration."""
+
+    kinds = LANE_FOLLOWER_KINDS
+    max_acceleration_mps2: Float[Tensor, "G 1"]
+    max_braking_mps2: Float[Tensor, "G 1"]
+    max_lateral_mps2: Float[Tensor, "G 1"]
+
+    @classmethod
+    def of_guided(cls, guided: GuidedAgents[ComfortLimits]) -> "ComfortTerm":
+        """Make the term of the agents that it guides."""
+        most = guided.of_each(lambda term: term.max_acceleration_mps2)
+        braking = guided.of_each(lambda term: term.max_braking_mps2)
+        lateral = guided.of_each(lambda term: term.max_lateral_mps2)
+        return cls(
+            guided=guided,
+            max_acceleration_mps2=most[:, None],
+            max_braking_mps2=braking[:, None],
+            max_lateral_mps2=lateral[:, None],
+        )
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals at the steps at which a limit is exceeded; paths are held."""
+        config, agents = self.config, self.agents
+        heading = motion.heading_rad[:, agents]
+        ahead = torch.stack([heading.cos(), heading.sin()], dim=-1)
+        left = torch.stack([-heading.sin(), heading.cos()], dim=-1)
+        position = (motion.position_m[:, agents] * left).sum(-1)
+        along, across = (
+            (motion.acceleration_mps2[:, agents] * one).sum(-1) for one in (ahead, left)
+        )
+        margin = config.comfort_margin_mps2
+        kept = along.minimum(self.max_acceleration_mps2 - margin)
+        kept = kept.maximum(margin - self.max_braking_mps2)
+        bent = across.minimum(self.max_lateral_mps2 - margin)
+        bent = bent.maximum(margin - self.max_lateral_mps2)
+        exceeds = (kept != along) | (bent != across)
+        held = exceeds.any(dim=-1, keepdim=True).expand_as(exceeds)
+        return [
+            ResidualRows(
+                agents=agents,
+                order=order,
+                direction=direction,
+                target=target,
+                weight=torch.where(
+                    wanted, row_weights(accepted, self.guided.weight, target), 0.0
+                ),
+            )
+            for order, direction, target, accepted, wanted in (
+                (2, ahead, kept, config.comfort_mps2, kept != along),
+                (2, left, bent, config.comfort_mps2, bent != across),
+                (0, left, position, config.held_path_m, held),
+            )
+        ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StopTerm(AgentsTerm):
+    """Stops in front of a line, if the agent would cross it."""
+
+    line_m: Float[Tensor, "G 2 2"]
+
+    @classmethod
+    def of_guided(cls, guided: GuidedAgents[StopAtLine]) -> "StopTerm":
+        """Make the term of the agents that it guides."""
+        line = np.array([term.line_m for term in guided.values])
+        return cls(guided=guided, line_m=guided.context.tensor(line))
+
+    def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
+        """Residuals to a stop with constant braking."""
+        config, pace = self.config, _Pace.of(motion, self.agents)
+        curves = extended(pace.curves, self.guided)
+        stop_m, exists = self._place(curves, motion)
+        stopped, crosses = self._stopped(pace, stop_m, motion.time_s, 0)
+        for harder in range(1, _NUM_RATES):
+            # Braking as late and as hard as it takes to stand within the time.
+            later, _ = self._stopped(pace, stop_m, motion.time_s, harder)
+            stands = stopped[..., -_STANDS_STEPS:].diff(dim=-1).amax(dim=-1) < 0.01
+            stopped = torch.where(stands[..., None], stopped, later)
+        crosses = crosses & exists
+        return TargetMotion.along(self.agents, curves, stopped, motion.step_s).rows(
+            along_m=config.stop_m,
+            speed_mps=config.stop_mps,
+            across_m=config.held_path_m,
+            strength=self.guided.weight,
+            is_wanted=crosses & pace.changed(stopped),
+        )
+
+    def _stopped(
+        self,
+        pace: _Pace,
+        stop_m: Float[Tensor, "S G 1"],
+        time_s: Float[Tensor, "T"],
+        harder: int,
+    ) -> tuple[Float[Tensor, "S G T"], Bool[Tensor, "S G 1"]]:
+        """Arc lengths of a stop with constant braking, and whether one is needed."""
+        config = self.config
+        share = harder / (_NUM_RATES - 1)
+        braking = (
+            config.braking_mps2
+            + (config.hard_braking_mps2 - config.braking_mps2) * share
+        )
+        speed, along = pace.speed_mps, pace.along_m
+        is_late = along + speed.square() / (2 * braking) >= stop_m
+        first = is_late.to(torch.uint8).argmax(dim=-1, keepdim=True)
+        begin, rate = along.gather(-1, first), speed.gather(-1, first)
+        least = rate.square() / (2 * config.max_braking_mps2)
+        gap = (stop_m - begin).maximum(least).clamp_min(0.0)
+        duration = 2 * gap / rate.clamp_min(0.1)
+        since = time_s - time_s[first]
+        done = (since / duration.clamp_min(0.1)).clamp(0, 1)
+        braked = begin + gap * (1 - (1 - done) ** 2)
+        # Without a late step the agent stops, or ends, before the line by itself.
+        needed = is_late.any(dim=-1, keepdim=True)
+        return torch.where(since < 0, along, braked), needed
+
+    def _place(
+        self, curves: Curves, motion: PredictedMotion
+    ) -> tuple[Float[Tensor, "S G 1"], Bool[Tensor, "S G 1"]]:
+        """Arc length at which the agent stands in front of the line, if it crosses it."""
+        first = self.line_m[:, :1]
+        across = self.line_m[:, 1:] - first
+        length = across.norm(dim=-1)
+        across = across / length[..., None]
+        normal = torch.stack([-across[..., 1], across[..., 0]], dim=-1)
+        gap = curves.points_m - first
+        side, place = (gap * normal).sum(-1), (gap * across).sum(-1)
+        crosses = side[..., :-1] * side[..., 1:] <= 0
+        near = (place > -_BESIDE_LINE_M) & (place < length + _BESIDE_LINE_M)
+        crosses = crosses & (near[..., :-1] | near[..., 1:])
+        node = crosses.to(torch.uint8).argmax(dim=-1, keepdim=True)
+        before, after = side.gather(-1, node), side.gather(-1, node + 1)
+        share = before / (before - after).abs().clamp_min(1e-4) * before.sign()
+        low, high = curves.along_m.gather(-1, node), curves.along_m.gather(-1, node + 1)
+        along = torch.lerp(low, high, share.abs().clamp(0, 1))
+        index = node[..., None].expand(*node.shape, 2)
+        course = curves.direction.gather(-2, index)
+        ahead = (course * normal).sum(-1).abs().clamp_min(0.3)
+        half = motion.size_m[self.agents] / 2
+        beside = (course * across).sum(-1).abs()
+        reach = half[:, :1] + half[:, 1:] * beside / ahead
+        front = reach + self.config.stop_gap_m / ahead
+        return along - front, crosses.any(dim=-1, keepdim=True)

@@ -1,0 +1,368 @@
+"""Pipeline of the second stage: samples trajectories of agents on a scenario."""
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, TypeVar
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+
+from pd_editor.generation.core.noise_schedule import even_levels
+from pd_editor.generation.trajectory.continuation import Continuation
+from pd_editor.generation.trajectory.guidance.nearest_candidate import (
+    NearestCandidateGuide,
+    TrajectoryGuidance,
+)
+from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.generation.trajectory.guidance.term_guide import TermGuide
+from pd_editor.generation.trajectory.guidance.term_table import trajectory_terms
+from pd_editor.generation.trajectory.guidance.threat_run import (
+    ThreatRun,
+    ThreatScene,
+    ThreatTerm,
+    threats_in_force,
+)
+from pd_editor.generation.trajectory.joint_selection import (
+    TrajectoryChoices,
+    select_jointly,
+)
+from pd_editor.generation.trajectory.network.decoding import (
+    Motion,
+)
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.trajectory.sampler import (
+    KnownNoise,
+    SamplerStep,
+    TrajectoryGuide,
+    TrajectorySamplerConfig,
+    sample_trajectories,
+)
+from pd_editor.generation.trajectory.task import TrajectoryTask
+from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
+
+_MOST_AT_ONCE: Final = 24
+"""Largest number of trajectories of an agent that are denoised together."""
+
+
+_Progress = TypeVar("_Progress")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryOptions:
+    """Options of the sampling of trajectories."""
+
+    sampler: TrajectorySamplerConfig = field(default_factory=TrajectorySamplerConfig)
+    guidance: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
+    lane_agent_ids: tuple[str, ...] = ()
+    """Agents that are guided to their candidates; empty means all."""
+    terms: tuple[GuidanceTerm, ...] = ()
+    """What the user asks of trajectories."""
+    term_guidance: TermGuidance = field(default_factory=TermGuidance)
+    avoids: bool = True
+    """Whether agents that are led somewhere avoid collisions."""
+    samples_unguided: bool = False
+    """Whether each sample is also made without the terms, from the same noise."""
+    num_tries: int = 1
+    """Trajectories sampled per sample, from which the least colliding ones are selected."""
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledTrajectories:
+    """Motion of all A agents of the task; only that of sampled agents is meaningful."""
+
+    motion: Motion
+    lane_cost_m: tuple[float, float]
+    """Mean distance to the nearest candidate before and after the last guided step."""
+    unguided: Motion | None = None
+    """The same samples without terms, if they were asked for."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrajectorySampling:
+    """A network, the task that it samples, and options."""
+
+    model: TrajectoryDenoiser
+    task: TrajectoryTask
+    options: TrajectoryOptions
+
+    @cached_property
+    def threats(self) -> tuple[Threaten, ...]:
+        """Threats in force."""
+        return threats_in_force(self.options.terms)
+
+    @cached_property
+    def num_tries(self) -> int:
+        """Number of trajectories from which each one is selected."""
+        # A threat is planned against one trajectory, so tries cannot be mixed.
+        return 1 if self.threats else self.options.num_tries
+
+    @cached_property
+    def is_given(self) -> Bool[torch.Tensor, "1 A"]:
+        """Agents whose trajectories are known."""
+        scene = self.task.scene
+        return torch.from_numpy(self.task.is_given)[None].to(scene.has_agent.device)
+
+    @cached_property
+    def keep(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
+        """Projection of latents to those of locked beginnings; None without any."""
+        return self.task.keep(self.model.decoder.basis)
+
+    def lane_guide(self, free: Sequence[int] = ()) -> NearestCandidateGuide:
+        """Guide of the sampled agents to their candidates, except those at ``free``."""
+        task, options = self.task, self.options
+        wanted = task.is_sampled.copy()
+        if options.lane_agent_ids:
+            rows = task.scenario.agents.rows(options.lane_agent_ids)
+            wanted &= np.isin(task.features.agent_row, rows)
+        wanted[list(free)] = False
+        guidance, is_warped = options.guidance, task.scenario.is_warped
+        strength = guidance.warped_weight if is_warped else guidance.weight
+        weight = torch.from_numpy(wanted * strength)[None].to(task.scene.agent_speed)
+        return NearestCandidateGuide.of(
+            self.model, task.scene, weight, guidance, options.sampler.num_steps
+        )
+
+    def term_guide(self, planned: tuple[ThreatTerm, ...] = ()) -> TermGuide | None:
+        """Guide by the terms in force and planned threats; None if none applies."""
+        task, options = self.task, self.options
+        if not options.terms:
+            return None
+        context = task.term_context(options.term_guidance)
+        terms = trajectory_terms(options.terms, context, avoids=options.avoids)
+        if not terms and not planned:
+            return None
+        return TermGuide(
+            motion=task.latent_motion(self.model.decoder),
+            terms=terms + planned,
+            config=options.term_guidance,
+            last_level=even_levels(options.sampler.num_steps)[-1],
+        )
+
+    def steps(
+        self,
+        numbers: Sequence[int],
+        guide: TrajectoryGuide | None,
+        known_noise: KnownNoise | None,
+        *,
+        num_tries: int = 1,
+        given: tuple[Bool[torch.Tensor, "S A"], torch.Tensor] | None = None,
+    ) -> Iterator[SamplerStep]:
+        """Denoise samples; more agents may be given, with their latents."""
+        is_given, latent = (False, None) if given is None else given
+        return sample_trajectories(
+            self.model,
+            self.task.scene,
+            samples=numbers,
+            seed=self.options.seed,
+            num_tries=num_tries,
+            is_given=self.is_given | is_given,
+            given=latent,
+            config=self.options.sampler,
+            guide=guide,
+            known_noise=known_noise,
+            context=self.task.context(self.model),
+            keep=self.keep,
+            rows=self.task.kept_rows,
+        )
+
+    def threatened(
+        self,
+        latent: Float[torch.Tensor, "S 1 A 10"],
+        numbers: Sequence[int],
+        known_noise: KnownNoise | None,
+    ) -> Iterator[Float[torch.Tensor, "S 1 A 10"]]:
+        """Sample once more with threats to agents whose trajectories are then given.
+
+        Yields predicted latents after each step; the last ones are the result.
+        """
+        task = self.task
+        scene = ThreatScene(
+            scenario=task.scenario,
+            rows=task.features.agent_row,
+            is_sampled=task.is_sampled,
+            basis=self.model.decoder.basis,
+        )
+        first = latent[:, 0].double().cpu().numpy()
+        run = ThreatRun.of(scene, self.threats, first, self.options.term_guidance)
+        planned = run.terms(task.scene.agent_speed)
+        if not planned:
+            return
+        attackers = [one.attacker for one in run.threats]
+        guide = self.term_guide(planned)
+        assert guide is not None, "there are terms"
+        is_threatened = torch.from_numpy(run.is_given())[None].to(latent.device)
+        given = torch.where(is_threatened[..., None], latent, task.scene.future)
+        result = latent
+        for step in self.steps(
+            numbers,
+            _joined(self.lane_guide(attackers), guide, len(numbers)),
+            known_noise,
+            given=(is_threatened, given),
+        ):
+            result = step.clean
+            yield result
+        closed = guide.closed(result, self.keep)
+        closed = torch.where(is_threatened[..., None], latent, closed)
+        done = run.completed(closed[:, 0].double().cpu().numpy())
+        result = closed.clone()
+        result[:, 0, attackers] = torch.from_numpy(done[:, attackers]).to(result)
+        yield result
+
+    def motion(self, latent: Float[torch.Tensor, "S 1 A 10"]) -> Motion:
+        """Decode the motion of all agents."""
+        return self.task.motion(self.model.decoder.basis, latent)
+
+    def selected(self, latent: Float[torch.Tensor, "S 1 A 10"]) -> list[Motion]:
+        """Motion of each sample, selected among its tries so that few agents collide."""
+        sampled, tries = self.motion(latent), self.num_tries
+        return [
+            _chosen(self.task, sampled, slice(first, first + tries))
+            for first in range(0, len(latent), tries)
+        ]
+
+
+def sample_task(
+    run: TrajectorySampling,
+    samples: Sequence[int],
+    progress: Callable[[float, Callable[[], Motion]], _Progress],
+    continuation: Continuation | None = None,
+) -> Generator[_Progress, None, SampledTrajectories]:
+    """Sample the trajectories of a task.
+
+    With a ``continuation``, the first try of the first sample deforms the present
+    trajectories. Yields ``progress`` of the share that is done and of a function that
+    returns the trajectories predicted so far.
+    """
+    options, tries = run.options, run.num_tries
+    if not run.task.is_sampled.any():
+        none = run.task.no_motion(len(samples))
+        return SampledTrajectories(motion=none, lane_cost_m=(0.0, 0.0))
+    lanes, terms = run.lane_guide(), run.term_guide()
+    asks_unguided = options.samples_unguided
+    compares = asks_unguided and terms is not None and continuation is None
+    motions: list[Motion] = []
+    unguided: list[Motion] = []
+    at_once = max(1, _MOST_AT_ONCE // (tries * (1 + compares)))
+    for first in range(0, len(samples), at_once):
+        chunk = samples[first : first + at_once]
+        continues = continuation if first == 0 else None
+        known_noise = None if continues is None else continues.known
+        numbers = [sample * tries + t for sample in chunk for t in range(tries)]
+        count = len(numbers)
+        guide = _joined(lanes, terms, count)
+        latent = None
+        for step in run.steps(
+            numbers * (1 + compares), guide, known_noise, num_tries=tries
+        ):
+            latent = step.clean
+            share = (step.index + 1) / step.num_steps * len(chunk)
+            predicted = latent[:count:tries]
+            yield progress(
+                (first + share) / len(samples),
+                lambda predicted=predicted: run.motion(predicted),
+            )
+        assert latent is not None, "there is at least one step"
+        if continues is not None:
+            latent = continues.corrected(latent, run.model.decoder)
+        if terms is not None:
+            closed = terms.closed(latent[:count], run.keep)
+            latent = torch.cat([closed, latent[count:]])
+        if run.threats:
+            if asks_unguided and terms is None:
+                # Without other terms, the first sampling is the unguided one.
+                unguided += run.selected(latent)
+            for again in run.threatened(latent[:count], numbers, known_noise):
+                yield progress(
+                    (first + len(chunk)) / len(samples),
+                    lambda again=again: run.motion(again),
+                )
+                latent = torch.cat([again, latent[count:]])
+        found = run.selected(latent)
+        motions += found[: len(chunk)]
+        unguided += found[len(chunk) :]
+    return SampledTrajectories(
+        motion=_stacked(motions),
+        lane_cost_m=lanes.cost_m(),
+        unguided=_stacked(unguided) if unguided else None,
+    )
+
+
+def sampled_from(
+    run: TrajectorySampling, known_noise: KnownNoise
+) -> Float[torch.Tensor, "1 A 10"]:
+    """Latents of one sample from known noise, without a choice among several tries."""
+    *_, last = run.steps([0], _joined(run.lane_guide(), None, 1), known_noise)
+    return last.clean[0]
+
+
+def _stacked(motions: Sequence[Motion]) -> Motion:
+    return Motion(
+        position_m=np.stack([one.position_m[0] for one in motions]),
+        heading_rad=np.stack([one.heading_rad[0] for one in motions]),
+        velocity_mps=np.stack([one.velocity_mps[0] for one in motions]),
+    )
+
+
+def _joined(
+    lane_guide: NearestCandidateGuide, terms: TermGuide | None, num_guided: int
+) -> TrajectoryGuide | None:
+    """Guide to the lanes, then by the terms, which apply to the first samples only."""
+    lanes = lane_guide if bool(lane_guide.weight.any()) else None
+    if terms is None:
+        return lanes
+
+    def guide(clean: torch.Tensor, level: float) -> torch.Tensor:
+        if lanes is not None:
+            clean = lanes(clean, level)
+        guided = terms(clean[:num_guided], level)
+        return torch.cat([guided, clean[num_guided:]])
+
+    return guide
+
+
+def _chosen(task: TrajectoryTask, sampled: Motion, part: slice) -> Motion:
+    """Joint selection among several tries, so that few agents collide."""
+    position, heading = sampled.position_m[part], sampled.heading_rad[part]
+    velocity = sampled.velocity_mps[part]
+    choice = np.zeros(position.shape[1], int)
+    if len(position) > 1:
+        choices, is_sampled = _with_the_rest(task, position, heading)
+        choice = select_jointly(choices, is_sampled)[: len(choice)]
+    agent = np.arange(len(choice))
+    return Motion(
+        position_m=position[choice, agent][None],
+        heading_rad=heading[choice, agent][None],
+        velocity_mps=velocity[choice, agent][None],
+    )
+
+
+def _with_the_rest(
+    task: TrajectoryTask,
+    position: Float[np.ndarray, "K A S 2"],
+    heading: Float[np.ndarray, "K A S"],
+) -> tuple[TrajectoryChoices, Bool[np.ndarray, "B"]]:
+    """Choices of sampled agents, then all other agents as recorded."""
+    agents, now = task.scenario.agents, task.scenario.current_step
+    rows, is_sampled = task.features.agent_row, task.is_sampled
+    rest = np.setdiff1d(np.arange(len(agents)), rows[is_sampled])
+    rest = rest[agents.is_valid[rest, now] | np.isin(rest, task.late)]
+    shape = (len(position), len(rest), *position.shape[2:])
+    return TrajectoryChoices(
+        position_m=np.concatenate(
+            [position, np.broadcast_to(agents.position_m[rest, now:], shape)], axis=1
+        ),
+        heading_rad=np.concatenate(
+            [heading, np.broadcast_to(agents.heading_rad[rest, now:], shape[:3])],
+            axis=1,
+        ),
+        exists=np.concatenate(
+            [
+                np.broadcast_to(is_sampled[:, None], position.shape[1:3]),
+                agents.is_valid[rest, now:],
+            ]
+        ),
+        size_m=np.concatenate([agents.size_m[rows], agents.size_m[rest]]),
+    ), np.concatenate([is_sampled, np.zeros(len(rest), bool)])

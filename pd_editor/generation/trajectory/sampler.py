@@ -1,0 +1,144 @@
+"""Sampler of trajectory latents."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from pd_editor.generation.core.config_limits import check_settings
+from pd_editor.generation.core.noise_schedule import even_levels
+from pd_editor.generation.core.random_streams import RandomStreams
+from pd_editor.generation.core.sampler import (
+    SamplerConfig,
+    SamplerStep,
+    sample_steps,
+    sampling_mode,
+)
+from pd_editor.generation.defaults import NUM_STEPS
+from pd_editor.generation.features.encoded_scene import LATENT_SIZE
+from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.trajectory.network.context import TrajectoryContext
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.scene.thresholds import STANDING_MPS
+
+TrajectoryGuide = Callable[[Tensor, float], Tensor]
+"""Changes predicted clean latents [S B A 10] at a noise level."""
+
+
+class KnownNoise(NamedTuple):
+    """Initial noise of agents of the first sample that is not random."""
+
+    noise: Float[Tensor, "B A 10"]
+    exists: Bool[Tensor, "B A"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectorySamplerConfig:
+    """Settings of the sampling of trajectories."""
+
+    num_steps: int = NUM_STEPS
+    """Denoising steps."""
+    eta: float = 0.0
+    """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
+    standing_noise: float = 1.0
+    """Factor of the initial noise of stationary agents: a larger one makes more start."""
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+def sample_trajectories(
+    model: TrajectoryDenoiser,
+    scene: SceneTensors,
+    *,
+    samples: Sequence[int],
+    seed: int,
+    num_tries: int = 1,
+    is_given: Bool[Tensor, "B A"] | None = None,
+    given: Float[Tensor, "*#S B A 10"] | None = None,
+    config: TrajectorySamplerConfig | None = None,
+    guide: TrajectoryGuide | None = None,
+    known_noise: KnownNoise | None = None,
+    context: TrajectoryContext | None = None,
+    keep: Callable[[Tensor], Tensor] | None = None,
+    rows: tuple[int, Int[np.ndarray, "A"]] | None = None,
+    num_gradient_steps: int = 0,
+) -> Iterator[SamplerStep]:
+    """Sample trajectories of all agents of B scenes that are not given.
+
+    Yields after each step; a caller cancels by not requesting the next one. The last step
+    holds the result: latents [S, B, A, 10], those of given agents bit-identical. Sample k
+    of a seed does not depend on the other samples, apart from rounding.
+
+    Args:
+        model: Network in evaluation mode.
+        scene: Scenes; only the trajectories of given agents are used.
+        samples: Indices of the S samples.
+        seed: Seed of all samples.
+        num_tries: Number of consecutive samples that are tries of one.
+        is_given: Given agents, whose latents are fixed; None: no agent.
+        given: Latents of given agents, of all samples or of each one; None: those of
+            the scene.
+        config: Settings of the sampler.
+        guide: Changes the predicted clean latents of each step.
+        known_noise: Initial noise of some agents in the first of the samples.
+        context: The encoded scenes, if known already.
+        keep: Moves them to those of locked beginnings, after the guide.
+        rows: Number of agents of the whole scene, and which of them are here.
+        num_gradient_steps: Number of last steps that are differentiable.
+    """
+    config = TrajectorySamplerConfig() if config is None else config
+    streams = RandomStreams(seed, "futures", samples)
+    if is_given is not None and not bool(is_given.any()):
+        is_given = None
+    has_gradient = True if num_gradient_steps else None
+    num_rows = len(samples) * scene.has_agent.numel()
+    with sampling_mode(num_rows, has_gradient=has_gradient):
+        if context is None:
+            context = model.encode_context(scene)
+        levels = even_levels(config.num_steps)
+        table = scene.future.new_tensor(levels)[:, None, None, None]
+        if is_given is not None:
+            table = torch.where(is_given, 0.0, table)
+        encoded = model.encode_level(table)
+        num_agents, kept = rows or (scene.has_agent.shape[1], slice(None))
+        shape = len(scene.has_agent), num_agents, LATENT_SIZE
+        noise = streams.spread_normal(*shape, num_tries=num_tries)[:, :, kept]
+        start = starting_latents(scene, noise, config.standing_noise)
+        if known_noise is not None:
+            noise, exists = known_noise
+            start[:1] = torch.where(exists[..., None], noise, start[:1])
+
+    known = scene.future if given is None else given.to(scene.future)
+
+    def held(latent: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S B A 10"]:
+        if is_given is None:
+            return latent
+        return torch.where(is_given[..., None], known, latent)
+
+    def denoise(noisy: Tensor, step: int) -> Tensor:
+        clean = model.denoise(held(noisy), encoded.at(step), context)
+        clean = clean if guide is None else guide(clean, levels[step])
+        return held(clean if keep is None else keep(clean))
+
+    return sample_steps(
+        denoise,
+        start,
+        model.schedule,
+        levels,
+        SamplerConfig(eta=config.eta),
+        lambda: streams.normal(*shape)[:, :, kept],
+        num_gradient_steps,
+    )
+
+
+def starting_latents(
+    scene: SceneTensors, noise: Float[Tensor, "S B A 10"], standing_noise: float
+) -> Float[Tensor, "S B A 10"]:
+    """The initial noise, from a standard normal one."""
+    stands = (scene.agent_speed < STANDING_MPS)[..., None]
+    return noise.to(scene.future) * torch.where(stands, standing_noise, 1.0)

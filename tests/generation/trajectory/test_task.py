@@ -1,0 +1,85 @@
+"""A task prepares only what results depend on."""
+
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+from hypothesis import given, settings
+
+from pd_editor.generation.trajectory.pipeline import (
+    TrajectoryOptions,
+    TrajectorySampling,
+)
+from pd_editor.generation.trajectory.sampler import TrajectorySamplerConfig
+from pd_editor.generation.trajectory.task import TrajectoryTask
+from pd_editor.scene.scenario import Scenario
+from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
+from tests.generation.trajectory.scenes import small_model
+
+NUM_AGENTS = 40
+
+
+def latents(task: TrajectoryTask, rows: np.ndarray, eta: float) -> np.ndarray:
+    """Latents of two samples of some agents of the scenario."""
+    model = small_model(num_near_agents=2)
+    config = TrajectorySamplerConfig(num_steps=3, eta=eta)
+    options = TrajectoryOptions(sampler=config, seed=3)
+    run = TrajectorySampling(model=model, task=task, options=options)
+    *_, last = run.steps([0, 1], run.lane_guide(), None, num_tries=2)
+    return last.clean[:, 0, np.searchsorted(task.features.agent_row, rows)].numpy()
+
+
+def crowd(seed: int) -> Scenario:
+    """Drivers of whom some leave early or enter late."""
+    random = np.random.default_rng(seed)
+    states = np.column_stack(
+        [
+            random.uniform(-400, 400, NUM_AGENTS),
+            random.choice([0, LANE_WIDTH_M], NUM_AGENTS),
+            np.zeros(NUM_AGENTS),
+            random.uniform(0, 15, NUM_AGENTS),
+        ]
+    )
+    agents = straight_drivers([tuple(one) for one in states.tolist()])
+    step = np.arange(agents.num_steps)
+    last = np.where(random.random(NUM_AGENTS) < 0.2, 53, step[-1])
+    first = np.where(random.random(NUM_AGENTS) < 0.1, 60, 0)
+    is_valid = (step >= first[:, None]) & (
+        (step <= last[:, None]) | (first > 0)[:, None]
+    )
+    return scenario_with(replace(agents, is_valid=is_valid))
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    num_asked=st.integers(1, 3),
+    eta=st.sampled_from([0.0, 1.0]),
+)
+def test_a_part_of_a_scene_gives_the_result_of_the_whole(
+    seed: int, num_asked: int, eta: float
+) -> None:
+    scenario = crowd(seed)
+    there = scenario.agents.is_valid[:, scenario.current_step]
+    rows = np.flatnonzero(there)[:num_asked]
+    model = small_model(num_near_agents=2)
+    part, whole = (
+        TrajectoryTask.of(
+            scenario, rows, model.decoder.basis, config=model.config, sees_all=sees_all
+        )
+        for sees_all in (False, True)
+    )
+    assert len(part.features.agent_row) < len(whole.features.agent_row)
+    of_part, of_whole = (latents(task, rows, eta) for task in (part, whole))
+    assert np.abs(of_part - of_whole).max() < 1e-4
+    assert np.abs(of_whole).max() > 0.1
+
+
+def test_a_task_of_all_agents_leaves_none_out() -> None:
+    states = [(20.0 * row, 0.0, 0.0, 5.0) for row in range(NUM_AGENTS)]
+    scenario = scenario_with(straight_drivers(states))
+    model = small_model(num_near_agents=2)
+    task = TrajectoryTask.of(
+        scenario, np.arange(NUM_AGENTS), model.decoder.basis, config=model.config
+    )
+    assert task.features.agent_row.tolist() == list(range(NUM_AGENTS))
