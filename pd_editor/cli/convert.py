@@ -38,7 +38,7 @@ def convert(
     """Write scenes of any format that is read in another one.
 
     Args:
-        scenario: Scenes: demos, Argoverse 2 folders, files of other formats, folders of these, or patterns. What is written already stays as it is.
+        scenario: Demos, Argoverse 2 scenario folders, files of other formats, folders of these, or patterns; demos for all demos. What is written already stays as it is.
         to: Name of the format to write.
         out: Folder that receives DIR/<name>/.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.

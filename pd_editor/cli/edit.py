@@ -42,7 +42,7 @@ def edit(
     """Start the browser editor, print its address, and serve until interrupted.
 
     Args:
-        scenario: A demo's name or an Argoverse 2 scenario folder.
+        scenario: A demo's name, an Argoverse 2 scenario folder, or a file of another format.
         host: Address to listen on; 0.0.0.0 lets other machines in. Folders of this machine are closed to them.
         port: Port to listen on; the next free one if it is taken.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.

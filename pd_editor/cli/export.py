@@ -37,7 +37,7 @@ from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.base_reference import TimeCut
 from pd_editor.scene.exporters.bundle import zip_folders
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
-from pd_editor.scene.formats.registry import writer
+from pd_editor.scene.formats.registry import format_of, writer
 
 ZIP_NAME: Final = "scenarios.zip"
 
@@ -65,7 +65,7 @@ def export(
     """Write scenarios as new folders, or all in one zip, each with a recipe.json.
 
     Args:
-        scenarios: Demos' names, Argoverse 2 scenario folders, or recipe.json files.
+        scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, or recipe.json files.
         out: Folder that receives DIR/<name>/, or the zip.
         format: Name of the format to write.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
@@ -137,7 +137,7 @@ def _verified(folder: Path) -> str:
 
 def _session(reference: str, variant: Variant, cut: TimeCut) -> EditorSession:
     """Open a session on a scenario, or on the result of a recipe."""
-    if not reference.endswith(".json"):
+    if not reference.endswith(".json") or format_of(Path(reference)) is not None:
         session = EditorSession(
             open_scenario(reference, current_s=cut.current_s, until_s=cut.until_s)
         )

@@ -170,7 +170,7 @@ def generate(
     """Regenerate trajectories, or resample all traffic if the model can.
 
     Args:
-        scenario: Demos' names, Argoverse 2 scenario folders, folders of such folders, or patterns; demos for all demos. What is written already stays as it is.
+        scenario: Demos, Argoverse 2 scenario folders, files of other formats, folders of these, or patterns; demos for all demos. What is written already stays as it is.
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
         agents: Ids of the agents to drive; the others keep their trajectories.
         resample_states: Resample the initial states of these agents, too. Without a region, agents more than 20 m from all lanes keep theirs.

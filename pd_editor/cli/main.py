@@ -99,7 +99,8 @@ def _run(words: list[str]) -> object:
                 {name: begun(one) for name, one in _functions(words).items()},
                 prog="pd-editor",
                 description="Edit traffic scenarios on real and perturbed roads. "
-                "SCENARIO is an Argoverse 2 scenario folder or the name of a demo: "
+                "SCENARIO is an Argoverse 2 scenario folder, a file of another format, "
+                "or the name of a demo: "
                 f"{', '.join(demo_names())}.",
                 args=words,
             )

@@ -25,7 +25,7 @@ def threats(
     Each line begins with the text for ``pd-editor generate --guide``.
 
     Args:
-        scenario: A demo's name or an Argoverse 2 scenario folder.
+        scenario: A demo's name, an Argoverse 2 scenario folder, or a file of another format.
         to: Id of the agent, which keeps its trajectory; by default the ego.
     """
     opened = open_scenario(scenario)

@@ -70,7 +70,7 @@ def warp(
     """Warp the road ahead of an anchor; several kinds add up.
 
     Args:
-        scenario: Demos' names, Argoverse 2 scenario folders, folders of such folders, or patterns; demos for all demos. What is written already stays as it is.
+        scenario: Demos, Argoverse 2 scenario folders, files of other formats, folders of these, or patterns; demos for all demos. What is written already stays as it is.
         kind: smooth-turn, double-turn or ripple-road; several are added.
         power: Strength of each kind, -10..10; positive bends to the left.
         out: Folder that receives DIR/<name>/.

@@ -25,7 +25,7 @@ from pd_editor.scene.av2_io.upload import (
 from pd_editor.scene.base_reference import BaseReference, TimeCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
-from pd_editor.scene.formats.registry import format_of, formats, writer
+from pd_editor.scene.formats.registry import foreign_endings, format_of, writer
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import cut_scenario
@@ -104,18 +104,24 @@ def _only_file(folder: Path) -> Path | None:
     """The scene in a folder of another format than Argoverse 2, such as an export."""
     if ARGOVERSE2.recognises(folder):
         return None
-    found = [one for one in foreign_files(folder) if one.parent == folder]
+    try:
+        found = [one for one in folder.iterdir() if _is_foreign_file(one)]
+    except OSError:
+        return None
     return found[0] if len(found) == 1 else None
 
 
 def foreign_files(folder: Path) -> list[Path]:
     """Files below a folder that a format other than Argoverse 2 reads, sorted."""
-    endings = {one for kind in formats().values() for one in kind.endings}
-    try:
-        files = [one for one in folder.rglob("*") if one.suffix.lower() in endings]
-    except OSError:
-        return []
-    return sorted(one for one in files if one.is_file() and format_of(one) is not None)
+    return sorted(one for one in folder.rglob("*") if _is_foreign_file(one))
+
+
+def _is_foreign_file(path: Path) -> bool:
+    return (
+        path.suffix.lower() in foreign_endings()
+        and path.is_file()
+        and format_of(path) is not None
+    )
 
 
 def _open_zip(path: Path) -> Scenario:
@@ -165,8 +171,7 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
 
 def is_foreign(name: str, content: bytes) -> bool:
     """Whether an uploaded file is a scene of a format other than Argoverse 2."""
-    endings = {one for kind in formats().values() for one in kind.endings}
-    if Path(name).suffix.lower() not in endings:
+    if Path(name).suffix.lower() not in foreign_endings():
         return False
     with _as_file(name, content[:_HEAD_BYTES]) as path:
         return format_of(path) is not None

@@ -1,6 +1,6 @@
 """Road maps: lanes, crosswalks, drivable areas."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.geometry.lines import Lines
+from pd_editor.scene.geometry.polyline import at_height_zero
 
 DENSE_SPACING_M = 2.0
 """Spacing at which a polyline follows the sharpest allowed curve within 0.1 m."""
@@ -136,6 +137,16 @@ class DrivableArea:
 
     def __post_init__(self) -> None:
         self.boundary.flags.writeable = False
+
+
+def areas_of(
+    rings: Iterable[Float[np.ndarray, "_ 2"]], first_id: int
+) -> tuple[DrivableArea, ...]:
+    """Drivable areas inside open rings, numbered from ``first_id``."""
+    return tuple(
+        DrivableArea(area_id=number, boundary=at_height_zero(ring))
+        for number, ring in enumerate(rings, start=first_id)
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,5 +1,6 @@
 """``pd-editor convert``, and scenes of other formats in the other commands."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from tests.cli.shell import Shell
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road
+from tests.scene.formats.test_recordings import as_gpudrive
 
 
 @pytest.fixture
@@ -108,3 +110,12 @@ def test_a_folder_with_one_scene_of_another_format_opens(foreign: Path, tmp_path
     one.mkdir()
     shutil.copy(foreign / "scene.xml", one)
     assert open_scenario(one).scenario_id == "ZAM_Road-1_1_T-1"
+
+
+def test_a_json_of_another_format_is_exported_and_not_replayed(
+    shell: Shell, tmp_path: Path
+):
+    path = tmp_path / "one.json"
+    path.write_text(json.dumps(as_gpudrive()))
+    result = shell.run("export", path, "--out", tmp_path / "out")
+    assert (result.code, result.lines) == (0, [str(tmp_path / "out" / "one")])

@@ -15,6 +15,7 @@ from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import midline
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_limits import MAX_STEPS
 
 VERSIONS: Final = ("2018b", "2020a")
 _KINDS: Final = {
@@ -35,6 +36,8 @@ _KINDS: Final = {
     "median_strip": AgentKind.STATIC,
 }
 """Kinds of obstacles; all others are of unknown kind."""
+_FINEST: Final = 100
+"""Steps of a file for one of a scene, at most."""
 _OBSTACLES: Final = frozenset({"obstacle", "staticObstacle", "dynamicObstacle"})
 _LANE_KINDS: Final = {"bicycleLane": LaneKind.BIKE, "busLane": LaneKind.BUS}
 _NO_LANES: Final = frozenset({"crosswalk", "sidewalk"})
@@ -234,6 +237,8 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
     heading = np.array([_value(one, "orientation") for one in states])
     speed = np.array([_value(one, "velocity", 0.0) for one in states])
     velocity = unit_vector(heading) * speed[:, None]
+    if is_static and (last_s - time[0]) / step_s > MAX_STEPS * _FINEST:
+        raise place.error("would have too many states; expected fewer or longer steps.")
     if is_static:
         time = np.arange(time[0], last_s + step_s / 2, step_s)
         position, heading = (

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,18 +14,27 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from pd_editor.base.errors import FormatError
+from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, one_line
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.geometry.polyline import arc_length
-from pd_editor.scene.road_map import Crosswalk, DrivableArea, Lane, RoadMap
+from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap, areas_of
 from pd_editor.scene.roles.focal_agent import next_focal_row, with_focal_category
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
-from pd_editor.scene.scene_limits import MAX_STEPS, agents_excess, road_excess
+from pd_editor.scene.scene_limits import (
+    MAX_AGENTS,
+    MAX_COORDINATE_M,
+    MAX_STEPS,
+    agents_excess,
+    road_excess,
+)
 from pd_editor.scene.time_axis import TimeAxis
 
 _STEP_S: Final = TimeAxis().step_s
+MOST_ID_CHARACTERS: Final = 100
+"""Of a scene, so that names of its variants stay usable."""
 _ON_GRID_S: Final = 1e-3
 """Times this near to multiples of the step are taken as they are."""
 _LONGEST_GAP_S: Final = 0.35
@@ -75,10 +85,7 @@ class FileScene:
         Raises:
             FormatError: it has no lane, or is larger than scenes may be.
         """
-        if not self.lanes:
-            raise FormatError(
-                f"{self.path}: has no lane for vehicles; expected a road."
-            )
+        self._check()
         axis = self._time_axis()
         agents = self._agents(axis)
         row = self._focal_row(agents, axis)
@@ -95,8 +102,8 @@ class FileScene:
             raise FormatError(f"{self.path}: {excess[:1].lower()}{excess[1:]}")
         focal_id = "" if row is None else agents.ids[row]
         return Scenario(
-            scenario_id=self.name,
-            city=self.city,
+            scenario_id=_as_id(self.name),
+            city=one_line(self.city, MAX_ID_CHARACTERS),
             origin_city_m=origin,
             road_map=road_map,
             agents=with_focal_category(agents, focal_id),
@@ -105,9 +112,42 @@ class FileScene:
             provenance=Provenance(
                 source=os.path.realpath(self.path),
                 content_sha256=hashlib.sha256(data).hexdigest(),
-                notes=self.notes,
+                notes=tuple(map(one_line, self.notes)),
             ),
         )
+
+    def _check(self) -> None:
+        """Raise for what no scene can be, before anything is computed of it."""
+
+        def wrong(what: str) -> FormatError:
+            return FormatError(f"{self.path}: {what}")
+
+        if not self.lanes:
+            raise wrong("has no lane for vehicles; expected a road.")
+        lines = RoadMap(lanes=self.lanes, crosswalks=self.crosswalks)
+        for points in lines.polylines:
+            if not (np.abs(points) <= MAX_COORDINATE_M).all():
+                raise wrong("has lines without a place; expected finite coordinates.")
+        excess = road_excess(lines)
+        if excess is not None:
+            raise wrong(excess)
+        if len(self.tracks) > MAX_AGENTS:
+            raise wrong(
+                f"it has {len(self.tracks)} tracks; at most {MAX_AGENTS} are opened."
+            )
+        seen: set[str] = set()
+        for one in self.tracks:
+            name = EGO_ID if one.track_id == self.ego_id else one.track_id
+            if not one.track_id or not is_plain(one.track_id) or name in seen:
+                raise wrong(
+                    f"its track {one.track_id[:40]!r} comes twice, or has no usable id."
+                )
+            seen.add(name)
+            states = np.column_stack([one.time_s, one.position_m, one.heading_rad])
+            if not (np.abs(states) <= MAX_COORDINATE_M).all():
+                raise wrong(f"its track {name} has states without a place or a time.")
+            if not (np.diff(one.time_s) > 0).all():
+                raise wrong(f"its track {name} has times that do not increase.")
 
     def _time_axis(self) -> TimeAxis:
         """Steps of 0.1 s that cover all tracks, and the usual past and future."""
@@ -202,19 +242,24 @@ class FileScene:
     def _road_map(self) -> RoadMap:
         lanes = with_junctions(self.lanes)
         ground = [valid_area(one.outline_m()) for one in lanes]
-        rings = paved_rings([*ground, *self.more_paved])
+        try:
+            rings = paved_rings([*ground, *self.more_paved])
+        except shapely.errors.GEOSException as error:
+            raise FormatError(
+                f"{self.path}: the outlines of its lanes cannot be joined ({error})."
+            ) from error
         first = 1 + max(one.lane_id for one in lanes)
         return RoadMap(
             lanes=lanes,
             crosswalks=self.crosswalks,
-            drivable_areas=tuple(
-                DrivableArea(
-                    area_id=first + number,
-                    boundary=np.column_stack([ring, np.zeros(len(ring))]),
-                )
-                for number, ring in enumerate(rings)
-            ),
+            drivable_areas=areas_of(rings, first),
         )
+
+
+def _as_id(name: str) -> str:
+    """A name as it comes, but for characters that no file name can have."""
+    kept = re.sub(r"[^A-Za-z0-9._-]+", "-", name).lstrip("._-")[:MOST_ID_CHARACTERS]
+    return kept or "scene"
 
 
 def _at_times(

@@ -20,6 +20,7 @@ from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_limits import MAX_LINES_M
 
 MOST_MINOR: Final = 8
 """Newest minor version that is known."""
@@ -149,8 +150,11 @@ class _Road:
     def __init__(self, place: Place) -> None:
         self.place, self.name = place, place.attribute("id")
         self.length_m = place.number("length")
-        if not self.length_m > 0:
-            raise place.error(f"is {self.length_m:g} m long; expected more than 0.")
+        if not 0 < self.length_m <= MAX_LINES_M:
+            raise place.error(
+                f"is {self.length_m:g} m long; expected more than 0, and at most "
+                f"{MAX_LINES_M:g}."
+            )
         self.drives_left = (place.element.get("rule") or "RHT").upper() == "LHT"
         junction = place.element.get("junction") or "-1"
         self.junction = "" if junction == "-1" else junction
@@ -169,7 +173,7 @@ class _Road:
         if not places:
             raise lanes.error("has no laneSection.")
         starts = [one.number("s") for one in places]
-        if sorted(starts) != starts:
+        if sorted(starts) != starts or not 0 <= starts[0] <= starts[-1] <= MAX_LINES_M:
             raise lanes.error("has sections that are not in the order of s.")
         offset = Cubics.of(lanes.children("laneOffset"), "s")
         return [

@@ -3,6 +3,7 @@
 import collections
 import io
 import pickle
+import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,27 +13,48 @@ from pd_editor.base.errors import FormatError
 from pd_editor.base.regular_file import read_regular
 
 MAX_PICKLE_BYTES: Final = 256 * 2**20
+_CODE: Final = re.compile(r"[biufSU]\d{1,6}|O8|b1|bool")
 
 
-def _empty_array(cls: object, shape: object, dtype: object) -> np.ndarray:
-    """An array of no size, which the pickle then fills with the bytes that it holds."""
-    del cls, shape, dtype
-    return np.ndarray.__new__(np.ndarray, (0,), "b")
+class _ElementType:
+    """An element type of arrays: a number, a truth value or a text, of some byte order."""
+
+    def __init__(self, code: object, *rest: object) -> None:
+        del rest
+        if not isinstance(code, str) or not _CODE.fullmatch(code):
+            raise pickle.UnpicklingError(f"arrays of {str(code)[:20]!r}")
+        self.code, self.order = code, "="
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        if state[1] in ("<", ">"):
+            self.order = state[1]
+
+    def values(self, raw: object) -> np.ndarray:
+        """The numbers in some bytes; objects come as a list."""
+        if self.code.startswith("O") and isinstance(raw, list):
+            return np.array([None, *raw], object)[1:]
+        if not isinstance(raw, bytes) or self.code.startswith("O"):
+            raise pickle.UnpicklingError("an array without its values")
+        return np.frombuffer(raw, np.dtype(self.order + self.code))
 
 
-def _dtype(code: object, *rest: object) -> np.dtype:
-    """A plain element type."""
-    del rest
-    if not isinstance(code, str) or len(code) > 16:
-        raise pickle.UnpicklingError("an element type that is no short text")
-    return np.dtype(code).newbyteorder("=")
+class _Array:
+    """An array, of which the pickle tells shape, element type and bytes afterwards."""
+
+    def __init__(self, *rest: object) -> None:
+        del rest
+        self.found: np.ndarray = np.zeros(0)
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        _, shape, element, is_fortran, raw = state
+        order: Any = "F" if is_fortran else "C"
+        self.found = element.values(raw).reshape(shape, order=order)
 
 
-def _scalar(dtype: np.dtype, data: bytes) -> Any:
+def _scalar(element: _ElementType, data: bytes) -> Any:
     """A number of an array's element type."""
-    if dtype.hasobject or len(data) != dtype.itemsize:
-        raise pickle.UnpicklingError("a number that is none")
-    return np.frombuffer(data, dtype)[0]
+    (value,) = element.values(data).tolist()
+    return value
 
 
 def _default_dict(*factory: object) -> dict[Any, Any]:
@@ -41,23 +63,33 @@ def _default_dict(*factory: object) -> dict[Any, Any]:
     return {}
 
 
-_NUMPY: Final = {"_reconstruct": _empty_array, "scalar": _scalar}
+def _bytes(text: str, codec: str) -> bytes:
+    """Bytes, which older pickles hold as a text."""
+    if codec != "latin1":
+        raise pickle.UnpicklingError(f"a text in {codec[:20]!r}")
+    return text.encode("latin1")
+
+
+_NUMPY: Final = {"_reconstruct": _Array, "scalar": _scalar}
+_BUILTINS: Final[dict[str, Any]] = {
+    "set": set,
+    "frozenset": frozenset,
+    "int": None,
+    "float": None,
+    "list": None,
+    "dict": None,
+}
 _KNOWN: Final[dict[str, dict[str, Any]]] = {
-    "numpy": {"ndarray": None, "dtype": _dtype},
+    "numpy": {"ndarray": None, "dtype": _ElementType},
     "numpy.core.multiarray": _NUMPY,
     "numpy._core.multiarray": _NUMPY,
     "collections": {
         "OrderedDict": collections.OrderedDict,
         "defaultdict": _default_dict,
     },
-    "builtins": {
-        "set": set,
-        "frozenset": frozenset,
-        "int": None,
-        "float": None,
-        "list": None,
-        "dict": None,
-    },
+    "builtins": _BUILTINS,
+    "__builtin__": _BUILTINS,
+    "_codecs": {"encode": _bytes},
 }
 """What a pickle may name: what stands for it here; None where it is not called."""
 
@@ -74,6 +106,24 @@ class _Unpickler(pickle.Unpickler):
         raise pickle.UnpicklingError("an object that lies elsewhere")
 
 
+def _plain(value: Any, known: dict[int, tuple[Any, Any]]) -> Any:
+    """A value with its arrays as such; what occurs again is converted once."""
+    if id(value) in known:
+        return known[id(value)][1]
+    found = value
+    if isinstance(value, _Array):
+        found = value.found
+        if found.dtype == object:
+            found = _plain(found.tolist(), known)
+    elif isinstance(value, dict):
+        found = {_plain(key, known): _plain(one, known) for key, one in value.items()}
+    elif isinstance(value, list | tuple | set | frozenset):
+        found = type(value)(_plain(one, known) for one in value)
+    # The value is kept, so that its id stays its own.
+    known[id(value)] = value, found
+    return found
+
+
 def read_plain_pickle(path: Path) -> tuple[Any, bytes]:
     """The value in a pickle, and the file's bytes; nothing that it names is called.
 
@@ -83,7 +133,7 @@ def read_plain_pickle(path: Path) -> tuple[Any, bytes]:
     """
     data = read_regular(path, max_bytes=MAX_PICKLE_BYTES, error=FormatError)
     try:
-        return _Unpickler(io.BytesIO(data)).load(), data
+        return _plain(_Unpickler(io.BytesIO(data)).load(), {}), data
     except pickle.UnpicklingError as error:
         raise FormatError(
             f"{path}: holds {error}; expected arrays, texts, numbers and containers only."

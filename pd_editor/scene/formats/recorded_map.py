@@ -9,7 +9,7 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.scene.geometry.paved_area import valid_area
-from pd_editor.scene.geometry.polyline import arc_length, offset_line
+from pd_editor.scene.geometry.polyline import arc_length, at_height_zero, offset_line
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 
 USUAL_WIDTH_M: Final = 3.5
@@ -60,9 +60,9 @@ def lanes_of(found: Sequence[CenterLane]) -> tuple[Lane, ...]:
                 lane_id=own,
                 kind=one.kind,
                 is_intersection=False,
-                centerline=_flat(line),
-                left=_flat(offset_line(line, left)),
-                right=_flat(offset_line(line, -right)),
+                centerline=at_height_zero(line),
+                left=at_height_zero(offset_line(line, left)),
+                right=at_height_zero(offset_line(line, -right)),
                 left_mark=LaneMark.UNKNOWN,
                 right_mark=LaneMark.UNKNOWN,
                 successors=tuple(follows.get(own, ())),
@@ -84,8 +84,8 @@ def crosswalk_of(number: int, ring: Float[np.ndarray, "N 2"]) -> Crosswalk | Non
     a, b, c, d = corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)
     return Crosswalk(
         crosswalk_id=number,
-        edge1=_flat(np.stack([a, b])),
-        edge2=_flat(np.stack([d, c])),
+        edge1=at_height_zero(np.stack([a, b])),
+        edge2=at_height_zero(np.stack([d, c])),
     )
 
 
@@ -138,7 +138,3 @@ def _simplified(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "M 2"]:
 
 def _unit(vector: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
     return vector / max(float(np.hypot(*vector)), 1e-9)
-
-
-def _flat(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
-    return np.column_stack([line, np.zeros(len(line))])

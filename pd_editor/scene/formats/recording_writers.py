@@ -10,6 +10,7 @@ from jaxtyping import Float
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.geometry.polyline import at_height_zero
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
@@ -252,18 +253,18 @@ def _map_features(scenario: Scenario) -> dict[str, dict[str, Any]]:
             if mark in _LINES:
                 found[f"{lane.lane_id}-{side}"] = {
                     "type": _LINES[mark],
-                    "polyline": _flat(line + origin),
+                    "polyline": at_height_zero(line + origin),
                 }
     for walk in road_map.crosswalks:
         found[f"crosswalk-{walk.crosswalk_id}"] = {
             "type": "CROSSWALK",
-            "polygon": _flat(walk.outline_m() + origin),
+            "polygon": at_height_zero(walk.outline_m() + origin),
         }
     for area in road_map.drivable_areas:
         ring = area.boundary[:, :2] + origin
         found[f"edge-{area.area_id}"] = {
             "type": "ROAD_EDGE_BOUNDARY",
-            "polyline": _flat(np.concatenate([ring, ring[:1]])),
+            "polyline": at_height_zero(np.concatenate([ring, ring[:1]])),
         }
     return found
 
@@ -276,7 +277,7 @@ def _lane_feature(lane: Lane, origin: Float[np.ndarray, "2"]) -> dict[str, Any]:
     ]
     return {
         "type": _LANE_TYPES[lane.kind],
-        "polyline": _flat(line + origin),
+        "polyline": at_height_zero(line + origin),
         "polygon": lane.outline_m() + origin,
         "width": np.stack(sides, axis=-1),
         "interpolating": lane.is_intersection,
@@ -323,7 +324,3 @@ def _points(
     known = np.where(there[:, None], table, UNKNOWN_M).tolist()
     more = {"z": 0.0} if has_height else {}
     return [{"x": x, "y": y, **more} for x, y in known]
-
-
-def _flat(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
-    return np.column_stack([line, np.zeros(len(line))])

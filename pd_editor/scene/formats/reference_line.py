@@ -1,5 +1,6 @@
 """Reference lines and cubic profiles of OpenDRIVE roads."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.scene.formats.xml_file import Place
+from pd_editor.scene.scene_limits import MAX_LINES_M
 
 _FINE_M: Final = 0.02
 """Step in which the length of cubic curves is measured."""
@@ -46,7 +48,7 @@ class Cubics:
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
+class _Piece(ABC):
     """A geometry of the plan view."""
 
     start: float
@@ -55,9 +57,9 @@ class _Piece:
     y: float
     heading: float
 
+    @abstractmethod
     def local(self, along: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 3"]:
         """x, y and heading in the frame of its first point."""
-        raise NotImplementedError
 
     def at(self, along: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 3"]:
         """x, y and heading in the frame of the file."""
@@ -166,8 +168,10 @@ def _piece(place: Place) -> _Piece:
         "y": place.number("y"),
         "heading": place.number("hdg"),
     }
-    if length < 0:
-        raise place.error(f"is {length:g} m long; expected 0 or more.")
+    if not 0 <= length <= MAX_LINES_M:
+        raise place.error(
+            f"is {length:g} m long; expected 0 or more, and at most {MAX_LINES_M:g}."
+        )
     for shape in place.element:
         one = Place(place.path, shape)
         match shape.tag:

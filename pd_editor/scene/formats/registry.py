@@ -67,3 +67,8 @@ def writer(name: str) -> SceneFormat:
         known = ", ".join(one.name for one in formats().values() if one.write)
         raise ExportError(f"No format {name[:40]!r} can be written; there are {known}.")
     return found
+
+
+def foreign_endings() -> frozenset[str]:
+    """Endings of the files of all formats, in lower case."""
+    return frozenset(one for kind in formats().values() for one in kind.endings)

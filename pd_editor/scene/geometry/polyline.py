@@ -91,3 +91,8 @@ def midline(
         ]
         resampled.append(np.stack(columns, axis=-1))
     return (resampled[0] + resampled[1]) / 2
+
+
+def at_height_zero(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
+    """Points of the plane with an elevation of 0."""
+    return np.column_stack([points_m, np.zeros(len(points_m))])

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable
 
-import numpy as np
 import shapely
 
 from pd_editor.experiments.synthesis.sumo.sumo_net import SumoNet
 from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import ParkingBay
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
-from pd_editor.scene.road_map import DrivableArea, Lane
+from pd_editor.scene.road_map import DrivableArea, Lane, areas_of
 
 
 def drivable_areas(
@@ -29,10 +28,4 @@ def drivable_areas(
         [valid_area(area) for area in net.walking_areas_m if len(area) > 2]
     )
     rings = paved_rings([*ground, junctions.difference(pavements)])
-    return tuple(
-        DrivableArea(
-            area_id=first_id + number,
-            boundary=np.column_stack([ring, np.zeros(len(ring))]),
-        )
-        for number, ring in enumerate(rings)
-    )
+    return areas_of(rings, first_id)

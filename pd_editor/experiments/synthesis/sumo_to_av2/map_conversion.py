@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
 from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane, SumoNet
 from pd_editor.experiments.synthesis.sumo_to_av2.centerlines import chain_lines
@@ -28,7 +27,7 @@ from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
     ParkingBay,
     sample_parking_bays,
 )
-from pd_editor.scene.geometry.polyline import arc_length, offset_line
+from pd_editor.scene.geometry.polyline import arc_length, at_height_zero, offset_line
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap
 
 FIRST_LANE_ID: Final = 1000
@@ -108,9 +107,9 @@ def _lanes_of_chain(
                 lane_id=ids[number][k],
                 kind=chain.kind,
                 is_intersection=chain.is_intersection,
-                centerline=_flat(section.points_m),
-                left=_flat(section.left_m()),
-                right=_flat(section.right_m()),
+                centerline=at_height_zero(section.points_m),
+                left=at_height_zero(section.left_m()),
+                right=at_height_zero(section.right_m()),
                 left_mark=marks[0],
                 right_mark=marks[1],
                 successors=tuple(following) if k == last else (ids[number][k + 1],),
@@ -134,10 +133,6 @@ def _section_beside(
     if beside is None or not 0 <= own < sections[number].num_own:
         return None
     return ids[beside][own + sections[beside].num_before]
-
-
-def _flat(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:
-    return np.column_stack([points_m, np.zeros(len(points_m))])
 
 
 def _neighbor_chain(
@@ -189,8 +184,8 @@ def _crosswalks(net: SumoNet) -> tuple[Crosswalk, ...]:
         result.append(
             Crosswalk(
                 crosswalk_id=FIRST_CROSSWALK_ID + number,
-                edge1=_flat(offset_line(ends, width / 2)),
-                edge2=_flat(offset_line(ends, -width / 2)),
+                edge1=at_height_zero(offset_line(ends, width / 2)),
+                edge2=at_height_zero(offset_line(ends, -width / 2)),
             )
         )
     return tuple(result)

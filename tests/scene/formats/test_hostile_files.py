@@ -1,0 +1,148 @@
+"""What files of other formats may not do: name places, fill the memory, break the reader."""
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pd_editor.base.errors import FormatError
+from pd_editor.editor.scenario_store import open_scenario
+from tests.scene.formats.test_commonroad import text as commonroad
+from tests.scene.formats.test_opendrive import LINE, lane, road, section
+from tests.scene.formats.test_opendrive import write as write_road
+from tests.scene.formats.test_recordings import as_gpudrive, description
+
+
+def pickled(folder: Path, value: Any) -> Path:
+    path = folder / "sd_one.pkl"
+    path.write_bytes(pickle.dumps(value))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("../../elsewhere", "elsewhere"),
+        ("/etc/passwd", "etc-passwd"),
+        ("a b\tc", "a-b-c"),
+        ("\u00fc", "scene"),
+        ("x" * 500, "x" * 100),
+        ("USA_Peach-4_1_T-1", "USA_Peach-4_1_T-1"),
+    ],
+)
+def test_names_cannot_lead_out_of_a_folder(tmp_path: Path, name: str, expected: str):
+    """The id names the folder of an export: it was taken as it came."""
+    assert (
+        open_scenario(pickled(tmp_path, description(id=name))).scenario_id == expected
+    )
+
+
+def changed_track(**state: Any) -> dict[str, Any]:
+    found = description()
+    found["tracks"]["7"]["state"].update(state)
+    return found
+
+
+def with_metadata(**about: Any) -> dict[str, Any]:
+    found = description()
+    found["metadata"].update(about)
+    return found
+
+
+def many_tracks() -> dict[str, Any]:
+    track = description()["tracks"]["7"]
+    return description(tracks={str(n): track for n in range(600)})
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (
+            description(
+                tracks={
+                    "AV": description()["tracks"]["9"],
+                    "7": description()["tracks"]["7"],
+                }
+            ),
+            "comes twice",
+        ),
+        (description(tracks={"a\nb": description()["tracks"]["9"]}), "no usable id"),
+        (many_tracks(), "it has 600 tracks; at most 500"),
+        (with_metadata(ts=np.zeros(91)), "times that do not increase"),
+        (with_metadata(ts=np.full(91, np.nan)), "without a place or a time"),
+        (changed_track(heading=np.full(91, np.inf)), "without a place or a time"),
+        (changed_track(velocity=np.full((91, 2), 1e6)), "would move at"),
+        (with_metadata(ts=1e4 * np.arange(91)), "at most 100 s are opened"),
+    ],
+)
+def test_impossible_tracks_are_refused(tmp_path: Path, value: Any, told: str):
+    with pytest.raises(FormatError, match=told):
+        open_scenario(pickled(tmp_path, value))
+
+
+@pytest.mark.parametrize("flags", [1, 63])
+def test_numbers_are_never_taken_for_addresses(tmp_path: Path, flags: int):
+    """A pickle may say of an element type that its bytes point to objects."""
+    data = pickle.dumps(description(), protocol=2)
+    # The state of the element type, without the framing that numbers its parts.
+    state = b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK"
+    assert state in data
+    path = tmp_path / "sd_one.pkl"
+    path.write_bytes(data.replace(state + b"\x00", state + bytes([flags])))
+    assert len(open_scenario(path).agents) == 3
+
+
+def test_values_that_occur_again_are_read_once(tmp_path: Path):
+    """Ten lists in one another would be ten billion elements."""
+    value: list[Any] = []
+    for _ in range(40):
+        value = [value] * 10
+    with pytest.raises(FormatError, match="is no scenario description"):
+        open_scenario(pickled(tmp_path, value))
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (road(section(lane(-1)), length=1e12), "at most 200000"),
+        (
+            road(
+                section(lane(-1)), geometry=LINE.replace('length="50"', 'length="1e12"')
+            ),
+            "at most 200000",
+        ),
+        (road(section(lane(-1), s=1e12)), "not in the order of s"),
+        (
+            road(section(lane(-1)), geometry=LINE.replace('x="0"', 'x="1e300"')),
+            "without a place",
+        ),
+    ],
+)
+def test_roads_beyond_all_measure_are_refused(tmp_path: Path, content: str, told: str):
+    with pytest.raises(FormatError, match=told):
+        open_scenario(write_road(tmp_path, content))
+
+
+def test_obstacles_that_stand_for_ever_are_refused(tmp_path: Path):
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        commonroad(step_s=0.001).replace(
+            "<exact>30</exact>", "<exact>900000000</exact>"
+        )
+    )
+    with pytest.raises(FormatError, match="too many states"):
+        open_scenario(path)
+
+
+def test_a_folder_is_looked_at_and_not_searched(tmp_path: Path):
+    """A path typed into the editor, such as the root, was searched to its last folder."""
+    deep = tmp_path / "a" / "b"
+    deep.mkdir(parents=True)
+    (deep / "one.json").write_text(json.dumps(as_gpudrive()))
+    (tmp_path / "a" / "loop").symlink_to(tmp_path)
+    with pytest.raises(Exception, match="found no track files"):
+        open_scenario(tmp_path)
+    assert open_scenario(deep).scenario_id == "one"
