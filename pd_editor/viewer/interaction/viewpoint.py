@@ -97,8 +97,12 @@ class Viewpoint:
         self._overlay.show("curtain", {"number": self._num_looks, "nodes": nodes})
 
     def frame_opened(self) -> None:
-        """Show the focal agent and what surrounds it."""
+        """Show the focal agent and what surrounds it; of an empty scene the whole map."""
         center_m, heading_rad = self._focal_pose()
+        if not self._scenario.agents.is_valid.any():
+            self._look(from_behind(center_m, heading_rad))
+            self.frame_map()
+            return
         if self.is_top:
             self._look(from_above(center_m, self._up_rad()))
             return

@@ -1,4 +1,4 @@
-"""Four hints for a first session, each gone once it was followed."""
+"""Hints for a first session, each gone once it was followed."""
 
 from pd_editor.editor.commands import ReplaceTraffic, TransformAgents
 from pd_editor.editor.session import EditorSession
@@ -13,16 +13,17 @@ class Hints:
         self._overlay = overlay
 
     def show(self, session: EditorSession) -> None:
-        """Send which of the four hints the session has fulfilled."""
+        """Send which hints the session has fulfilled, and whether there is no agent."""
         commands = [part for one in session.entries for part in one.command.parts]
         self._overlay.show(
             "hints",
             {
+                "isEmpty": not len(session.scenario.agents),
                 "done": {
                     "select": bool(session.selection),
                     "drag": any(isinstance(c, TransformAgents) for c in commands),
                     "bend": session.scenario.applied_warp is not None,
                     "regenerate": any(isinstance(c, ReplaceTraffic) for c in commands),
-                }
+                },
             },
         )

@@ -7,6 +7,7 @@ pdOverlay.define("hints", (api) => {
     ["bend", "Bend the road", "with a slider of the Road tab."],
     ["regenerate", "Regenerate", "trajectories with the key R, or in the Drive tab."],
   ];
+  const FILL = ["Fill the road", "with 'As many as fit' in the Drive tab."];
   const kept = api.recall(KEPT);
   const done = new Set(Array.isArray(kept) ? kept : []);
   const card = api.make("div", "pd-solid pd-hint", {
@@ -20,15 +21,15 @@ pdOverlay.define("hints", (api) => {
   }, "\u00d7");
   card.append(count, what, how, close);
   card.hidden = true;
+  let isEmpty = false;
   api.box.append(card);
 
   function show() {
     const index = STEPS.findIndex(([name]) => !done.has(name));
     card.hidden = index < 0;
     if (index < 0) return;
-    count.textContent = `${index + 1} / ${STEPS.length}`;
-    what.textContent = STEPS[index][1];
-    how.textContent = STEPS[index][2];
+    count.textContent = isEmpty ? "" : `${index + 1} / ${STEPS.length}`;
+    [what.textContent, how.textContent] = isEmpty ? FILL : STEPS[index].slice(1);
   }
 
   close.addEventListener("click", () => {
@@ -38,6 +39,7 @@ pdOverlay.define("hints", (api) => {
   });
 
   return (state) => {
+    isEmpty = state.isEmpty;
     for (const [name, isDone] of Object.entries(state.done)) if (isDone) done.add(name);
     api.remember(KEPT, [...done]);
     show();
