@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # one index for small CPU builds and one for each CUDA version.
 TORCH_INDEX ?=
 
-.PHONY: run test check install bench variants docs clean
+.PHONY: run test verify check install bench variants docs clean
 
 run: install
 	@$(BIN)/python app.py $(ARGS)
@@ -30,6 +30,10 @@ check: install
 
 test: check
 	$(BIN)/pytest --numprocesses 2 --dist loadscope --no-loadscope-reorder $(if $(SLOW),-m '',)
+
+# All loaders and checkers that are not ours, in environments under build/oracles.
+verify: install
+	$(BIN)/pytest -m oracle
 
 bench: install
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,8 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 import tests.shape_checker  # noqa: F401  (named by the hook below)
+from tests.oracles.environment import NoOracleError, Oracle
+from tests.oracles.environment import oracle as made_oracle
 
 _hook = install_import_hook("pd_editor", "tests.shape_checker.check")
 _hook.__enter__()
@@ -91,3 +94,34 @@ def av2_scenario_folders(av2_root: Path) -> list[Path]:
         for split in ("train", "val", "test50")
         for path in (av2_root / split).glob("*/scenario_*.parquet")
     )
+
+
+@pytest.fixture(scope="session")
+def say(pytestconfig: pytest.Config) -> Callable[[str], None]:
+    """Writes a line that no capturing hides."""
+    reporter = pytestconfig.pluginmanager.get_plugin("terminalreporter")
+    capture = pytestconfig.pluginmanager.get_plugin("capturemanager")
+
+    def write(text: str) -> None:
+        if reporter is None or capture is None:
+            return
+        with capture.global_and_fixture_disabled():
+            reporter.ensure_newline()
+            reporter.write_line(text)
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def oracle(say: Callable[[str], None]) -> Callable[[str], Oracle]:
+    """Makes the environment of a name of ``tests/oracles``; skips aloud where it cannot."""
+
+    def made(name: str) -> Oracle:
+        try:
+            return made_oracle(name)
+        except NoOracleError as error:
+            reason = f"the oracle {name} cannot be installed here: {error}"
+            say(f"SKIPPED: {reason}")
+            pytest.skip(reason)
+
+    return made

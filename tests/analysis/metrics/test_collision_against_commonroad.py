@@ -22,11 +22,7 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.oriented_box import box_corners, overlap_area
-from tests.analysis.metrics.commonroad.environment import (
-    NoEnvironmentError,
-    commonroad_python,
-    pairs_by_commonroad,
-)
+from tests.oracles.environment import Oracle
 
 STEPS = np.arange(4, 110, 5)
 """The state's step, 49, and every fifth one before and after."""
@@ -34,7 +30,7 @@ MIN_EQUAL = 0.99
 ROUNDING_M2 = 1e-9
 """``overlap_area`` leaves so little at most between boxes that stand apart."""
 
-pytestmark = [pytest.mark.slow, pytest.mark.real_data]
+pytestmark = [pytest.mark.slow, pytest.mark.oracle, pytest.mark.real_data]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,34 +90,9 @@ def compared(agents: AgentTracks, step: int, found: list[list[int]]) -> Compared
 
 
 @pytest.fixture(scope="module")
-def say(pytestconfig: pytest.Config) -> Callable[[str], None]:
-    """Writes a line that no capturing hides."""
-    reporter = pytestconfig.pluginmanager.get_plugin("terminalreporter")
-    capture = pytestconfig.pluginmanager.get_plugin("capturemanager")
-    assert reporter is not None
-    assert capture is not None
-
-    def write(text: str) -> None:
-        with capture.global_and_fixture_disabled():
-            reporter.ensure_newline()
-            reporter.write_line(text)
-
-    return write
-
-
-@pytest.fixture(scope="module")
-def python(pytestconfig: pytest.Config, say: Callable[[str], None]) -> Path:
-    assert pytestconfig.cache is not None
-    try:
-        return commonroad_python(pytestconfig.cache.mkdir("commonroad"))
-    except NoEnvironmentError as error:
-        reason = f"CommonRoad's checker cannot be installed here: {error}"
-        say(f"SKIPPED: {reason}")
-        pytest.skip(reason)
-
-
-@pytest.fixture(scope="module")
-def pairs(python: Path, av2_scenario_folders: list[Path]) -> ComparedPairs:
+def pairs(
+    oracle: Callable[[str], Oracle], av2_scenario_folders: list[Path]
+) -> ComparedPairs:
     """Pairs of all full scenarios (train and val) at all compared steps."""
     scenes = []
     for folder in av2_scenario_folders:
@@ -130,11 +101,10 @@ def pairs(python: Path, av2_scenario_folders: list[Path]) -> ComparedPairs:
             is_user = agents.kind_mask(ROAD_USER_KINDS)
             scenes.append(agents.taken(np.flatnonzero(is_user)))
     boxes = [[boxes_at(agents, step) for step in STEPS.tolist()] for agents in scenes]
+    answers = oracle("commonroad").ask("commonroad_pairs.py", boxes)
     parts = [
         compared(agents, step, found)
-        for agents, answer in zip(
-            scenes, pairs_by_commonroad(python, boxes), strict=True
-        )
+        for agents, answer in zip(scenes, answers, strict=True)
         for step, found in zip(STEPS.tolist(), answer, strict=True)
     ]
     assert len(parts) == len(scenes) * len(STEPS) > 0
