@@ -9,6 +9,7 @@ from pd_editor.base.errors import ExportError, InputError
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.commonroad import COMMONROAD
 from pd_editor.scene.formats.gpudrive import GPUDRIVE
+from pd_editor.scene.formats.lanelet2 import LANELET2
 from pd_editor.scene.formats.opendrive import OPENDRIVE
 from pd_editor.scene.formats.scenarionet import SCENARIONET
 from pd_editor.scene.formats.scene_format import SceneFormat
@@ -19,6 +20,7 @@ OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     ARGOVERSE2,
     COMMONROAD,
     GPUDRIVE,
+    LANELET2,
     OPENDRIVE,
     SCENARIONET,
     TABLES,
