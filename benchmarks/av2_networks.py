@@ -17,8 +17,8 @@ from pd_editor.experiments.synthesis.av2_to_sumo.network_conversion import (
     Av2Network,
     network_of_map,
 )
-from pd_editor.experiments.synthesis.sumo.sumo_net import read_sumo_net
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.formats.sumo_net import read_sumo_net
 
 
 def main() -> None:

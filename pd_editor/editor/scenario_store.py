@@ -25,7 +25,7 @@ from pd_editor.scene.av2_io.upload import (
 from pd_editor.scene.base_reference import BaseReference, TimeCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
-from pd_editor.scene.formats.registry import foreign_endings, format_of, writer
+from pd_editor.scene.formats.registry import format_of, has_foreign_ending, writer
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import cut_scenario
@@ -118,9 +118,7 @@ def foreign_files(folder: Path) -> list[Path]:
 
 def _is_foreign_file(path: Path) -> bool:
     return (
-        path.suffix.lower() in foreign_endings()
-        and path.is_file()
-        and format_of(path) is not None
+        has_foreign_ending(path.name) and path.is_file() and format_of(path) is not None
     )
 
 
@@ -171,7 +169,7 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
 
 def is_foreign(name: str, content: bytes) -> bool:
     """Whether an uploaded file is a scene of a format other than Argoverse 2."""
-    if Path(name).suffix.lower() not in foreign_endings():
+    if not has_foreign_ending(name):
         return False
     with _as_file(name, content[:_HEAD_BYTES]) as path:
         return format_of(path) is not None

@@ -38,7 +38,7 @@ MOST_ID_CHARACTERS: Final = 100
 _ON_GRID_S: Final = 1e-3
 """Times this near to multiples of the step are taken as they are."""
 _LONGEST_GAP_S: Final = 0.35
-"""States further apart in time have nothing between them."""
+"""States further apart in time have nothing between them, unless the file's steps are."""
 _CROSSING_SINE: Final = 0.34
 """Centre lines that cross at more than 20 degrees meet in a junction."""
 
@@ -57,6 +57,8 @@ class FileTrack:
     heading_rad: Float[np.ndarray, "N"]
     velocity_mps: Float[np.ndarray, "N 2"] | None = None
     """None: that of the positions."""
+    longest_gap_s: float = 0.0
+    """1.5 of the file's steps: states further apart have nothing between them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,7 +281,7 @@ def _at_times(
     is_there = (known[before] <= times_s + _ON_GRID_S) & (
         known[after] >= times_s - _ON_GRID_S
     )
-    is_there &= known[after] - known[before] <= _LONGEST_GAP_S
+    is_there &= known[after] - known[before] <= max(track.longest_gap_s, _LONGEST_GAP_S)
     span = np.maximum(known[after] - known[before], 1e-9)
     share = np.clip((times_s - known[before]) / span, 0.0, 1.0)
     share = np.where(after == before, 0.0, share)[:, None]
@@ -295,8 +297,15 @@ def _at_times(
             if len(known) > 1
             else np.zeros_like(track.position_m)
         )
+    position = between(track.position_m)
+    if track.velocity_mps is not None:
+        # A cubic line that has the velocities of both ends.
+        step = track.position_m[after] - track.position_m[before]
+        early, late = (span[:, None] * velocity[row] - step for row in (before, after))
+        bow = share * (1 - share) * ((1 - share) * early - share * late)
+        position += np.where(is_there[:, None], bow, 0.0)
     heading = between(np.unwrap(track.heading_rad)[:, None])[:, 0]
-    return between(track.position_m), wrap_angle(heading), between(velocity), is_there
+    return position, wrap_angle(heading), between(velocity), is_there
 
 
 def with_junctions(lanes: tuple[Lane, ...]) -> tuple[Lane, ...]:

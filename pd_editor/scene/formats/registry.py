@@ -13,6 +13,7 @@ from pd_editor.scene.formats.lanelet2 import LANELET2
 from pd_editor.scene.formats.opendrive import OPENDRIVE
 from pd_editor.scene.formats.scenarionet import SCENARIONET
 from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.sumo import SUMO
 from pd_editor.scene.formats.tables import TABLES
 
 ENTRY_POINTS: Final = "pd_editor.formats"
@@ -23,6 +24,7 @@ OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     LANELET2,
     OPENDRIVE,
     SCENARIONET,
+    SUMO,
     TABLES,
 )
 
@@ -71,6 +73,7 @@ def writer(name: str) -> SceneFormat:
     return found
 
 
-def foreign_endings() -> frozenset[str]:
-    """Endings of the files of all formats, in lower case."""
-    return frozenset(one for kind in formats().values() for one in kind.endings)
+def has_foreign_ending(name: str) -> bool:
+    """Whether a file of this name may be of a format other than Argoverse 2."""
+    endings = tuple(one for kind in formats().values() for one in kind.endings)
+    return name.lower().endswith(endings)

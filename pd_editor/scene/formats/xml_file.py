@@ -1,5 +1,8 @@
 """XML files of foreign formats: nothing is fetched, expanded or called."""
 
+import gzip
+import io
+import zlib
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +13,7 @@ from pd_editor.base.regular_file import read_regular
 
 MAX_XML_BYTES: Final = 256 * 2**20
 _HEAD_BYTES: Final = 4096
+_GZIP: Final = b"\x1f\x8b"
 
 
 def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
@@ -22,7 +26,7 @@ def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
 
 
 def parse_xml(path: Path, root: str) -> tuple[etree._Element, bytes]:
-    """Root element of a file, without comments, and the file's bytes.
+    """Root element of a file, which may be gzipped, without comments; the file's bytes.
 
     Raises:
         FormatError: the file is no XML, has another root, or declares a document type,
@@ -38,7 +42,7 @@ def parse_xml(path: Path, root: str) -> tuple[etree._Element, bytes]:
         huge_tree=False,
     )
     try:
-        found = etree.fromstring(data, parser)
+        found = etree.fromstring(_unzipped(path, data), parser)
     except etree.XMLSyntaxError as error:
         raise FormatError(f"{path}: is no valid XML ({error}).") from error
     if found.getroottree().docinfo.doctype:
@@ -49,6 +53,21 @@ def parse_xml(path: Path, root: str) -> tuple[etree._Element, bytes]:
     if found.tag != root:
         raise FormatError(f"{path}: its root is <{found.tag}>; expected <{root}>.")
     return found, data
+
+
+def _unzipped(path: Path, data: bytes) -> bytes:
+    if data[:2] != _GZIP:
+        return data
+    try:
+        # Such a file may have several parts.
+        found = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_XML_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FormatError(f"{path}: is no valid gzip ({error}).") from error
+    if len(found) > MAX_XML_BYTES:
+        raise FormatError(
+            f"{path}: is larger than {MAX_XML_BYTES >> 20} MiB when unpacked."
+        )
+    return found
 
 
 class Place:

@@ -29,7 +29,7 @@ from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 CARD_LINES: Final = 4
 NO_DEMO: Final = "Choose a demo"
 UPLOAD_TYPES: Final = (
-    ".zip,.parquet,.json,.xml,.xodr,.osm,.pkl,application/zip,application/json"
+    ".zip,.parquet,.json,.xml,.xodr,.osm,.gz,.pkl,application/zip,application/json"
 )
 """Endings of what can be uploaded, and types for browsers that go by them."""
 
@@ -64,7 +64,7 @@ class ScenarioPanel:
                 mime_type=UPLOAD_TYPES,
                 color="gray",
                 icon=viser.Icon.UPLOAD,
-                hint="Also OpenDRIVE, Lanelet2, CommonRoad, ScenarioNet and GPUDrive files, and edits "
+                hint="Also OpenDRIVE, Lanelet2, SUMO, CommonRoad, ScenarioNet and GPUDrive files, and edits "
                 "that were downloaded alone (.recipe.json)",
             )
             self._of_zip = gui.add_button("", color="gray", visible=False)

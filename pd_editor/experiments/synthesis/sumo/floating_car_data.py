@@ -14,7 +14,7 @@ import pyarrow.parquet
 from jaxtyping import Float, Int
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.formats.sumo_net import heading_of_sumo
 
 _COLUMNS: Final = ("x", "y", "angle")
 
@@ -43,20 +43,6 @@ class RawTracks:
             front_m=self.front_m[kept],
             heading_rad=self.heading_rad[kept],
         )
-
-
-def heading_of_sumo(angle_deg: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P"]:
-    """Convert angles clockwise from north to headings counter-clockwise from +x."""
-    return wrap_angle(np.deg2rad(90.0 - angle_deg))
-
-
-def center_of_front(
-    front_m: Float[np.ndarray, "P 2"],
-    heading_rad: Float[np.ndarray, "P"],
-    length_m: Float[np.ndarray, "P"],
-) -> Float[np.ndarray, "P 2"]:
-    """Box centres of vehicles, given the centres of their front bumpers."""
-    return front_m - length_m[:, None] / 2 * unit_vector(heading_rad)
 
 
 def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:

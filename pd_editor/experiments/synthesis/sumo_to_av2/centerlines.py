@@ -7,18 +7,18 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane
 from pd_editor.experiments.synthesis.sumo_to_av2.lane_chains import (
     LaneChain,
     LaneChains,
 )
-from pd_editor.experiments.synthesis.sumo_to_av2.lane_geometry import (
+from pd_editor.scene.formats.sumo_net import SumoLane
+from pd_editor.scene.geometry.angles import left_of
+from pd_editor.scene.geometry.polyline import arc_length, resample, without_repeats
+from pd_editor.scene.geometry.wide_line import (
     WideLine,
     wide_line,
     with_end_normals,
 )
-from pd_editor.scene.geometry.angles import left_of
-from pd_editor.scene.geometry.polyline import arc_length, resample, without_repeats
 
 _SPACING_M: Final = 1.0
 """Distance between the points of a line through a junction."""

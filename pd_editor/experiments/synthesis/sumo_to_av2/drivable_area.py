@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import shapely
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoNet
 from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import ParkingBay
+from pd_editor.scene.formats.sumo_net import SumoNet
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.road_map import DrivableArea, Lane, areas_of
 
@@ -15,17 +15,5 @@ def drivable_areas(
 ) -> tuple[DrivableArea, ...]:
     """Drivable areas: lanes, parking strips, bays and junctions, without sidewalks."""
     ground = [valid_area(lane.outline_m()) for lane in lanes]
-    ground += [
-        shapely.LineString(lane.shape_m).buffer(lane.width_m / 2, cap_style="flat")
-        for lane in net.lanes.values()
-        if lane.is_parking
-    ]
     ground += [shapely.make_valid(bay.area()) for bay in bays]
-    junctions = shapely.union_all(
-        [valid_area(area) for area in net.junction_areas_m.values() if len(area) > 2]
-    )
-    pavements = shapely.union_all(
-        [valid_area(area) for area in net.walking_areas_m if len(area) > 2]
-    )
-    rings = paved_rings([*ground, junctions.difference(pavements)])
-    return areas_of(rings, first_id)
+    return areas_of(paved_rings([*ground, *net.paved_beside_lanes()]), first_id)

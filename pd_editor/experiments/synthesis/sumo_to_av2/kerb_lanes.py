@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane, SumoNet
+from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
 from pd_editor.scene.geometry.polyline import offset_line, without_repeats
 
 SHARE_OF_SINGLE: Final = 0.55

@@ -2,12 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane, SumoNet
+from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
 from pd_editor.scene.road_map import LaneKind
-
-_MAX_LEGS_OF_PASSAGE: Final = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +42,7 @@ def lane_chains(net: SumoNet) -> LaneChains:
     for start, end in links:
         after[start].append(end)
         before[end].append(start)
-    crossing = _intersections(net)
+    crossing = net.crossed_junctions
     joined = _joins(driven, after, before, crossing)
     has_front = set(joined.values())
     chains = []
@@ -68,37 +65,6 @@ def lane_chains(net: SumoNet) -> LaneChains:
     return LaneChains(chains=tuple(chains), chain_of=chain_of, next_of=next_of)
 
 
-def junction_of(lane: SumoLane) -> str:
-    """Junction of an internal lane."""
-    return lane.edge[1:].rpartition("_")[0]
-
-
-def _intersections(net: SumoNet) -> set[str]:
-    """Junctions with crossing connections, not only forks or merges."""
-    ways: dict[str, set[tuple[str, str]]] = {}
-    for start, end in net.links:
-        first = net.lanes[start]
-        if first.is_internal:
-            continue
-        ways.setdefault(net.junction_of[first.edge][1], set()).add((first.edge, end))
-    target = {a: net.lanes[b].edge for a, b in net.links if net.lanes[a].is_internal}
-    found = set()
-    for junction, pairs in ways.items():
-        if net.num_legs[junction] <= _MAX_LEGS_OF_PASSAGE:
-            continue
-        roads = {(start, _road_after(via, target, net)) for start, via in pairs}
-        if any(a[0] != b[0] and a[1] != b[1] for a in roads for b in roads):
-            found.add(junction)
-    return found
-
-
-def _road_after(via: str, target: Mapping[str, str], net: SumoNet) -> str:
-    edge = net.lanes[via].edge
-    while edge.startswith(":"):
-        edge = target.get(f"{edge}_{via.rpartition('_')[2]}", edge.lstrip(":"))
-    return edge
-
-
 def _joins(
     driven: Mapping[str, SumoLane],
     after: Mapping[str, list[str]],
@@ -118,7 +84,7 @@ def _joins(
         if not lane.is_internal or not before[key] or not after[key]:
             continue
         front, back = before[key][0], after[key][0]
-        if junction_of(lane) in crossing:
+        if lane.junction in crossing:
             if driven[front].is_internal and len(after[front]) == 1:
                 join(front, key)
         elif len(before[back]) == 1:
@@ -134,5 +100,5 @@ def _chain(lanes: list[SumoLane], crossing: set[str]) -> LaneChain:
     return LaneChain(
         lanes=tuple(lanes),
         main=main,
-        is_intersection=not roads and junction_of(main) in crossing,
+        is_intersection=not roads and main.junction in crossing,
     )

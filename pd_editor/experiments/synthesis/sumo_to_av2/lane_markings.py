@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane, SumoNet
 from pd_editor.experiments.synthesis.sumo_to_av2.lane_chains import (
     LaneChain,
     LaneChains,
 )
+from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
 from pd_editor.scene.geometry.polyline import (
     arc_length,
     offset_line,

@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane, SumoNet
 from pd_editor.experiments.synthesis.sumo_to_av2.lane_chains import LaneChain
-from pd_editor.experiments.synthesis.sumo_to_av2.lane_geometry import WideLine, pieces
+from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
 from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.geometry.wide_line import WideLine, pieces
 
 _MEDIAN_M: Final = 22.0
 _SPREAD: Final = 0.92

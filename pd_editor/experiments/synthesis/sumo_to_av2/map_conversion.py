@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane, SumoNet
 from pd_editor.experiments.synthesis.sumo_to_av2.centerlines import chain_lines
 from pd_editor.experiments.synthesis.sumo_to_av2.drivable_area import drivable_areas
 from pd_editor.experiments.synthesis.sumo_to_av2.lane_chains import (
@@ -27,8 +26,9 @@ from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
     ParkingBay,
     sample_parking_bays,
 )
-from pd_editor.scene.geometry.polyline import arc_length, at_height_zero, offset_line
-from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap
+from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
+from pd_editor.scene.geometry.polyline import arc_length, at_height_zero
+from pd_editor.scene.road_map import Lane, RoadMap
 
 FIRST_LANE_ID: Final = 1000
 FIRST_CROSSWALK_ID: Final = 1
@@ -77,7 +77,7 @@ def net_road_map(
     bays = sample_parking_bays(lanes, random, bay_share)
     road_map = RoadMap(
         lanes=lanes,
-        crosswalks=_crosswalks(net),
+        crosswalks=net.crosswalks(FIRST_CROSSWALK_ID),
         drivable_areas=drivable_areas(net, lanes, bays, FIRST_AREA_ID),
     )
     return NetRoadMap(
@@ -175,17 +175,3 @@ def _lane_of_sumo(
             result[lane.sumo_id] = tuple(ids[n][first : last + 1])
             at += length
     return result
-
-
-def _crosswalks(net: SumoNet) -> tuple[Crosswalk, ...]:
-    result = []
-    for number, (middle, width) in enumerate(net.crossings):
-        ends = middle[[0, -1]]
-        result.append(
-            Crosswalk(
-                crosswalk_id=FIRST_CROSSWALK_ID + number,
-                edge1=at_height_zero(offset_line(ends, width / 2)),
-                edge2=at_height_zero(offset_line(ends, -width / 2)),
-            )
-        )
-    return tuple(result)

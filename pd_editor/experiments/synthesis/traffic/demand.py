@@ -208,7 +208,7 @@ def _add_halt(
         vehicle,
         "stop",
         {
-            "lane": lanes[0].lane_id,
+            "lane": lanes[0].sumo_id,
             "endPos": f"{random.uniform(30.0, edge.length_m - 15.0):.1f}",
             "duration": f"{duration_s:.1f}",
         },

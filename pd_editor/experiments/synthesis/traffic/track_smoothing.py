@@ -7,12 +7,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.experiments.synthesis.sumo.floating_car_data import (
-    RawTracks,
-    center_of_front,
-)
+from pd_editor.experiments.synthesis.sumo.floating_car_data import RawTracks
 from pd_editor.experiments.synthesis.traffic.vehicle_types import SampledType
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.sumo_net import center_of_front
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.thresholds import STANDING_MPS
 

@@ -8,11 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.sumo.floating_car_data import (
-    center_of_front,
-    heading_of_sumo,
-    read_raw_tracks,
-)
+from pd_editor.experiments.synthesis.sumo.floating_car_data import read_raw_tracks
+from pd_editor.scene.formats.sumo_net import center_of_front, heading_of_sumo
 
 
 def test_headings_turn_from_clockwise_north_to_counterclockwise_east():

@@ -3,10 +3,9 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from pd_editor.experiments.synthesis.sumo.sumo_net import SumoLane, SumoNet
 from pd_editor.experiments.synthesis.sumo_to_av2.kerb_lanes import with_wide_kerb_lanes
+from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
 from pd_editor.scene.geometry.polyline import offset_line
-from pd_editor.scene.road_map import LaneKind
 
 
 def street_of(num_lanes: int) -> SumoNet:
@@ -21,8 +20,9 @@ def street_of(num_lanes: int) -> SumoNet:
             index=index,
             shape_m=middle,
             width_m=width,
-            kind=LaneKind.VEHICLE if index > 1 else None,
-            is_parking=index == 1,
+            admitted=frozenset([("pedestrian",), (), ("passenger",)][min(index, 2)]),
+            length_m=60.0,
+            speed_mps=13.0,
         )
         right_y += width
     return SumoNet(
@@ -72,7 +72,7 @@ def test_single_lanes_are_wide_more_often() -> None:
 def test_a_strip_beyond_a_bike_lane_stays() -> None:
     net = street_of(2)
     lanes = dict(net.lanes)
-    lanes["e_2"] = replace(lanes["e_2"], kind=None)
+    lanes["e_2"] = replace(lanes["e_2"], admitted=frozenset({"tram"}))
     net = replace(net, lanes=lanes)
     for seed in range(20):
         after = with_wide_kerb_lanes(net, np.random.default_rng(seed))

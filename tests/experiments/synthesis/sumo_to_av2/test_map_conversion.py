@@ -9,8 +9,8 @@ import shapely
 from shapely.geometry import LineString, Polygon
 
 from pd_editor.experiments.synthesis.road_network.generator import FAMILIES
-from pd_editor.experiments.synthesis.sumo.sumo_net import read_sumo_net
 from pd_editor.scene.av2_io.map_file import map_bytes, read_map
+from pd_editor.scene.formats.sumo_net import read_sumo_net
 from pd_editor.scene.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.road_map import LaneMark, RoadMap
 from tests.experiments.synthesis.networks import network

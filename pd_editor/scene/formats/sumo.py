@@ -1,0 +1,247 @@
+"""SUMO networks (.net.xml), and floating-car data (.fcd.xml) beside them."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
+
+from pd_editor.base.plain_text import one_line
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.sumo_net import (
+    SumoNet,
+    center_of_front,
+    heading_of_sumo,
+    sumo_net,
+)
+from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
+from pd_editor.scene.geometry.angles import left_of, unit_vector
+from pd_editor.scene.geometry.polyline import at_height_zero, without_repeats
+from pd_editor.scene.geometry.wide_line import wide_line, with_end_normals
+from pd_editor.scene.road_map import Lane, LaneMark
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
+
+ENDINGS: Final = (".net.xml", ".net.xml.gz")
+_CLASSES: Final = {
+    "pedestrian": (AgentKind.PEDESTRIAN, 0.215),
+    "bicycle": (AgentKind.CYCLIST, 1.6),
+    "bike": (AgentKind.CYCLIST, 1.6),
+    "moped": (AgentKind.MOTORCYCLIST, 2.1),
+    "motorcycle": (AgentKind.MOTORCYCLIST, 2.2),
+    "bus": (AgentKind.BUS, 12.0),
+    "coach": (AgentKind.BUS, 14.0),
+    "tram": (AgentKind.BUS, 22.0),
+    "trailer": (AgentKind.VEHICLE, 16.5),
+    "truck": (AgentKind.VEHICLE, 7.1),
+    "delivery": (AgentKind.VEHICLE, 6.5),
+    "emergency": (AgentKind.VEHICLE, 6.5),
+    "passenger": (AgentKind.VEHICLE, 5.0),
+}
+"""Kind and SUMO's length of vehicle classes; others are as ``passenger``. Types have such names."""
+_USUAL: Final = "passenger"
+_PERSON: Final = "pedestrian"
+_SAME_POINT_M: Final = 0.01
+
+
+def read(path: Path) -> Scenario:
+    """Read a network, and the vehicles and persons in the floating-car data beside it.
+
+    ``NAME.fcd.xml`` has the states, ``NAME.rou.xml`` and ``NAME.add.xml`` the sizes of
+    ``NAME.net.xml``'s vehicles; each may be gzipped. Signals are left out.
+
+    Raises:
+        FormatError: a file is damaged, or has no edges.
+    """
+    element, data = parse_xml(path, "net")
+    net = sumo_net(Place(path, element))
+    name = path.name
+    for ending in (".gz", ".xml", ".net"):
+        name = name.removesuffix(ending)
+    beside = {
+        part: found
+        for part in ("fcd", "rou", "add")
+        for ending in (".xml.gz", ".xml")
+        if (found := path.with_name(f"{name}.{part}{ending}")).is_file()
+    }
+    roots = {
+        part: parse_xml(one, root)[0]
+        for part, root in (("rou", "routes"), ("add", "additional"))
+        if (one := beside.get(part)) is not None
+    }
+    tracks: tuple[FileTrack, ...] = ()
+    if "fcd" in beside:
+        root, more = parse_xml(beside["fcd"], "fcd-export")
+        types = {
+            one.get("id"): one for part in roots.values() for one in part.iter("vType")
+        }
+        tracks, data = _tracks(Place(beside["fcd"], root), types), data + more
+    return FileScene(
+        path=path,
+        name=name,
+        lanes=_lanes(net),
+        crosswalks=net.crosswalks(1),
+        more_paved=net.paved_beside_lanes(),
+        tracks=tracks,
+        current_s=_current_s(tracks),
+        notes=("Traffic lights are left out.",) if net.has_signals else (),
+    ).scenario(data)
+
+
+def _current_s(tracks: tuple[FileTrack, ...]) -> float:
+    """As far after the beginning as in Argoverse 2, in short recordings the middle."""
+    if not tracks:
+        return 0.0
+    first = min(float(one.time_s[0]) for one in tracks)
+    last = max(float(one.time_s[-1]) for one in tracks)
+    axis = TimeAxis()
+    half = int((last - first) / 2 / axis.step_s + 1e-6)
+    return first + axis.step_s * min(axis.current_step, half)
+
+
+def _lanes(net: SumoNet) -> tuple[Lane, ...]:
+    """All lanes for traffic, those through junctions among them, with their own lines."""
+    lines = {
+        name: wide_line(points, np.full(len(points), lane.width_m))
+        for name, lane in net.lanes.items()
+        if lane.kind is not None
+        and len(points := without_repeats(lane.shape_m, _SAME_POINT_M)) > 1
+    }
+    number = {name: row for row, name in enumerate(lines, start=1)}
+    after: dict[str, list[str]] = {name: [] for name in net.lanes}
+    before: dict[str, list[str]] = {name: [] for name in net.lanes}
+    for start, end in net.links:
+        after[start].append(end)
+        before[end].append(start)
+    lanes = []
+    for name, own in lines.items():
+        lane, line = net.lanes[name], own
+        ahead, behind = (
+            list(dict.fromkeys(_next(name, links, net, number)))
+            for links in (after, before)
+        )
+        if lane.is_internal and ahead and behind:
+            ends = lines[behind[0]].normal[-1], lines[ahead[0]].normal[0]
+            line = with_end_normals(own, *ends)
+        kerb, inner = (
+            number.get(f"{lane.edge}_{lane.index + step}")
+            if not lane.is_internal
+            else None
+            for step in (-1, 1)
+        )
+        left, right = (kerb, inner) if net.drives_left else (inner, kerb)
+        assert lane.kind is not None, "it is driven on"
+        lanes.append(
+            Lane(
+                lane_id=number[name],
+                kind=lane.kind,
+                is_intersection=(
+                    lane.is_internal and lane.junction in net.crossed_junctions
+                ),
+                centerline=at_height_zero(line.points_m),
+                left=at_height_zero(line.left_m()),
+                right=at_height_zero(line.right_m()),
+                left_mark=LaneMark.UNKNOWN,
+                right_mark=LaneMark.UNKNOWN,
+                successors=tuple(number[one] for one in ahead),
+                predecessors=tuple(number[one] for one in behind),
+                left_neighbor=left,
+                right_neighbor=right,
+            )
+        )
+    return tuple(lanes)
+
+
+def _next(
+    name: str, links: Mapping[str, list[str]], net: SumoNet, known: Mapping[str, int]
+) -> Iterator[str]:
+    """Known lanes that are linked to one, directly or by lanes of one point."""
+    seen, rest = {name}, list(links[name])
+    while rest:
+        one = rest.pop(0)
+        if one in known:
+            yield one
+        elif net.lanes[one].kind is not None and one not in seen:
+            seen.add(one)
+            rest = [*links[one], *rest]
+
+
+def _tracks(
+    root: Place, types: Mapping[str | None, etree._Element]
+) -> tuple[FileTrack, ...]:
+    """Tracks of vehicles and persons, in the order in which they appear."""
+    rows: dict[str, list[tuple[float, ...]]] = {}
+    first: dict[str, Place] = {}
+    times = []
+    for step in root.children("timestep"):
+        times.append(step.number("time"))
+        for tag in ("vehicle", "person"):
+            for place in step.children(tag):
+                name = place.attribute("id")
+                first.setdefault(name, place)
+                numbers = map(place.number, ("x", "y", "angle", "speed"))
+                aside = place.element.get("speedLat") and place.number("speedLat")
+                rows.setdefault(name, []).append(
+                    (times[-1], *numbers, float(aside or 0.0))
+                )
+    steps = np.diff(times)
+    step_s = float(np.median(steps)) if len(steps) else 0.0
+    return tuple(
+        _track(first[name], types, np.array(one), step_s) for name, one in rows.items()
+    )
+
+
+def _track(
+    place: Place,
+    types: Mapping[str | None, etree._Element],
+    table: Float[np.ndarray, "N 6"],
+    step_s: float,
+) -> FileTrack:
+    is_person = place.element.tag == "person"
+    type_id = place.element.get("type") or ""
+    found = types.get(type_id)
+    told = None if found is None else found.get("vClass", _USUAL)
+    guess = next((one for one in _CLASSES if one in type_id.lower()), _USUAL)
+    kind, length = _CLASSES.get(
+        _PERSON if is_person else told or guess, _CLASSES[_USUAL]
+    )
+    size = None
+    if found is not None and {"length", "width"} <= set(found.keys()):
+        about = Place(place.path, found)
+        size = about.number("length"), about.number("width")
+        length = size[0]
+    time_s, x, y, angle, speed, aside = table.T
+    heading = heading_of_sumo(angle)
+    ahead = unit_vector(heading)
+    # The position of a person is the middle, as it is of nobody else.
+    back = np.full(len(table), 0.0 if is_person else length)
+    return FileTrack(
+        track_id=one_line(place.attribute("id")),
+        kind=kind,
+        size_m=size,
+        time_s=time_s,
+        position_m=center_of_front(np.stack([x, y], axis=-1), heading, back),
+        heading_rad=heading,
+        velocity_mps=speed[:, None] * ahead + aside[:, None] * left_of(ahead),
+        longest_gap_s=1.5 * step_s,
+    )
+
+
+def _recognises(path: Path) -> bool:
+    name = path.name.lower()
+    return name.endswith(ENDINGS) or (
+        name.endswith(".xml") and b"<net " in head_of(path)
+    )
+
+
+SUMO: Final = SceneFormat(
+    name="sumo",
+    title="SUMO",
+    endings=ENDINGS,
+    recognises=_recognises,
+    read=read,
+)

@@ -1,0 +1,349 @@
+"""What SUMO net files say of lanes, junctions and footways."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from pd_editor.scene.formats.xml_file import Place, parse_xml
+from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.geometry.paved_area import valid_area
+from pd_editor.scene.geometry.polyline import at_height_zero, offset_line
+from pd_editor.scene.road_map import Crosswalk, LaneKind
+
+_KIND_OF: Final = {
+    "passenger": LaneKind.VEHICLE,
+    "bus": LaneKind.BUS,
+    "bicycle": LaneKind.BIKE,
+    "delivery": LaneKind.VEHICLE,
+    "truck": LaneKind.VEHICLE,
+}
+"""Kind of a lane by the first of these that may use it."""
+_CLASSES: Final = frozenset(
+    [
+        "private",
+        "emergency",
+        "authority",
+        "army",
+        "vip",
+        "pedestrian",
+        "passenger",
+        "hov",
+        "taxi",
+        "bus",
+        "coach",
+        "delivery",
+        "truck",
+        "trailer",
+        "motorcycle",
+        "moped",
+        "bicycle",
+        "evehicle",
+        "tram",
+        "rail_urban",
+        "rail",
+        "rail_electric",
+        "rail_fast",
+        "ship",
+        "container",
+        "cable_car",
+        "subway",
+        "aircraft",
+        "wheelchair",
+        "scooter",
+        "drone",
+        "custom1",
+        "custom2",
+    ]
+)
+"""All classes of vehicles."""
+USUAL_WIDTH_M: Final = 3.2
+_MAX_LEGS_OF_PASSAGE: Final = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SumoLane:
+    """A lane of a SUMO net."""
+
+    sumo_id: str
+    edge: str
+    index: int
+    """Index counted from the kerb."""
+    shape_m: Float[np.ndarray, "N 2"]
+    width_m: float
+    admitted: frozenset[str]
+    """Vehicle classes that may use it."""
+    length_m: float
+    speed_mps: float
+
+    @property
+    def is_internal(self) -> bool:
+        """Whether it is within a junction."""
+        return self.edge.startswith(":")
+
+    @property
+    def junction(self) -> str:
+        """Junction of an internal lane."""
+        return self.edge[1:].rpartition("_")[0]
+
+    @cached_property
+    def kind(self) -> LaneKind | None:
+        """Kind of the lane; None for sidewalks, rails and parking strips."""
+        kinds = (kind for name, kind in _KIND_OF.items() if name in self.admitted)
+        return next(kinds, None)
+
+    @property
+    def is_parking(self) -> bool:
+        """Whether it is a parking strip, which nobody may drive on."""
+        return not self.admitted and not self.is_internal
+
+    @property
+    def is_sidewalk(self) -> bool:
+        """Whether only pedestrians may use the lane."""
+        return self.admitted == {"pedestrian"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turn:
+    """Connection from a lane of an edge to one of the next edge."""
+
+    start: str
+    end: str
+    """SUMO ids of the lanes."""
+    direction: str
+    """SUMO's letter: s straight, l and r turns, L and R slight ones, t U-turn."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SumoNet:
+    """Contents of a net that a road map needs."""
+
+    lanes: Mapping[str, SumoLane]
+    """Lanes by SUMO id, in the order of the file."""
+    links: tuple[tuple[str, str], ...]
+    """Pairs of consecutive lanes, including internal lanes of junctions."""
+    junction_of: Mapping[str, tuple[str, str]]
+    """Junctions at the start and end of each normal edge."""
+    num_legs: Mapping[str, int]
+    """Number of roads at each junction; a road with two directions counts once."""
+    junction_areas_m: Mapping[str, Float[np.ndarray, "_ 2"]]
+    walking_areas_m: tuple[Float[np.ndarray, "_ 2"], ...]
+    crossings: tuple[tuple[Float[np.ndarray, "_ 2"], float], ...]
+    """Centre line and width of each pedestrian crossing."""
+    has_signals: bool
+    turns: tuple[Turn, ...] = ()
+    """Connections between lanes of normal edges, junctions left out."""
+    drives_left: bool = False
+
+    @cached_property
+    def lanes_of_edge(self) -> dict[str, list[SumoLane]]:
+        """Lanes of each edge, from the kerb to the left."""
+        result: dict[str, list[SumoLane]] = {}
+        for lane in self.lanes.values():
+            result.setdefault(lane.edge, []).append(lane)
+        return result
+
+    @cached_property
+    def crossed_junctions(self) -> set[str]:
+        """Junctions with crossing connections, not only forks or merges."""
+        ways: dict[str, set[tuple[str, str]]] = {}
+        for start, end in self.links:
+            first = self.lanes[start]
+            if first.is_internal:
+                continue
+            ways.setdefault(self.junction_of[first.edge][1], set()).add(
+                (first.edge, end)
+            )
+        target = {
+            a: self.lanes[b].edge for a, b in self.links if self.lanes[a].is_internal
+        }
+        found = set()
+        for junction, pairs in ways.items():
+            if self.num_legs[junction] <= _MAX_LEGS_OF_PASSAGE:
+                continue
+            roads = {(start, self._road_after(via, target)) for start, via in pairs}
+            if any(a[0] != b[0] and a[1] != b[1] for a in roads for b in roads):
+                found.add(junction)
+        return found
+
+    def _road_after(self, via: str, target: Mapping[str, str]) -> str:
+        edge = self.lanes[via].edge
+        while edge.startswith(":"):
+            edge = target.get(f"{edge}_{via.rpartition('_')[2]}", edge.lstrip(":"))
+        return edge
+
+    def crosswalks(self, first_id: int) -> tuple[Crosswalk, ...]:
+        """Pedestrian crossings, numbered from ``first_id``."""
+        return tuple(
+            Crosswalk(
+                crosswalk_id=number,
+                edge1=at_height_zero(offset_line(middle[[0, -1]], width / 2)),
+                edge2=at_height_zero(offset_line(middle[[0, -1]], -width / 2)),
+            )
+            for number, (middle, width) in enumerate(self.crossings, start=first_id)
+        )
+
+    def paved_beside_lanes(self) -> list[BaseGeometry]:
+        """Parking strips and junctions, without sidewalks."""
+        strips = [
+            shapely.LineString(lane.shape_m).buffer(lane.width_m / 2, cap_style="flat")
+            for lane in self.lanes.values()
+            if lane.is_parking
+        ]
+        junctions, pavements = (
+            shapely.union_all([valid_area(area) for area in areas if len(area) > 2])
+            for areas in (self.junction_areas_m.values(), self.walking_areas_m)
+        )
+        return [*strips, junctions.difference(pavements)]
+
+
+def heading_of_sumo(angle_deg: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P"]:
+    """Convert angles clockwise from north to headings counter-clockwise from +x."""
+    return wrap_angle(np.deg2rad(90.0 - angle_deg))
+
+
+def center_of_front(
+    front_m: Float[np.ndarray, "P 2"],
+    heading_rad: Float[np.ndarray, "P"],
+    length_m: Float[np.ndarray, "P"],
+) -> Float[np.ndarray, "P 2"]:
+    """Box centres of vehicles, given the centres of their front bumpers."""
+    return front_m - length_m[:, None] / 2 * unit_vector(heading_rad)
+
+
+def read_sumo_net(net_file: Path) -> SumoNet:
+    """What a road map needs of the net in a file.
+
+    Raises:
+        FormatError: the file is missing or no SUMO net.
+    """
+    return sumo_net(Place(net_file, parse_xml(net_file, "net")[0]))
+
+
+def sumo_net(root: Place) -> SumoNet:
+    """What a road map needs of a net, given its root element.
+
+    Raises:
+        FormatError: it lacks edges, or is damaged.
+    """
+    normal, internal, afoot = [], [], {"walkingarea": [], "crossing": []}
+    for edge in root.children("edge"):
+        function = edge.element.get("function") or ""
+        if function in afoot:
+            afoot[function].append(edge.child("lane"))
+        else:
+            (internal if function == "internal" else normal).append(edge)
+    if not normal:
+        raise root.error("has no edges; expected a SUMO net.")
+    lanes: dict[str, SumoLane] = {}
+    for edge in root.children("edge"):
+        if edge.element.get("function") not in afoot:
+            edge.child("lane")
+            for index, place in enumerate(edge.children("lane")):
+                lane = _lane(place, edge.attribute("id"), index)
+                if lane.sumo_id in lanes:
+                    raise place.error("comes twice; expected ids that are unique.")
+                lanes[lane.sumo_id] = lane
+    ends = {
+        edge.attribute("id"): (edge.attribute("from"), edge.attribute("to"))
+        for edge in normal
+    }
+    connections = list(_connections(root, lanes))
+    return SumoNet(
+        lanes=lanes,
+        links=tuple(
+            (start, via if via in lanes else end)
+            for start, via, end, _ in connections
+            if via in lanes or end in lanes
+        ),
+        junction_of=ends,
+        num_legs=_num_legs(ends),
+        junction_areas_m={
+            one.attribute("id"): points_of(one)
+            for one in root.children("junction")
+            if one.element.get("shape") and one.element.get("type") != "internal"
+        },
+        walking_areas_m=tuple(map(points_of, afoot["walkingarea"])),
+        crossings=tuple((points_of(one), _width_m(one)) for one in afoot["crossing"]),
+        has_signals=bool(root.children("tlLogic")),
+        turns=tuple(
+            Turn(start=start, end=end, direction=direction)
+            for start, _, end, direction in connections
+            if end in lanes and not lanes[start].is_internal
+        ),
+        drives_left=root.element.get("lefthand") in ("true", "1"),
+    )
+
+
+def points_of(place: Place) -> Float[np.ndarray, "N 2"]:
+    """Points of the attribute ``shape``: of a lane its middle line, else an outline.
+
+    Raises:
+        FormatError: they are not numbers.
+    """
+    text = place.attribute("shape")
+    try:
+        points = [one.split(",") for one in text.split()]
+        found = np.array([(float(x), float(y)) for x, y, *_ in points])
+    except ValueError as error:
+        raise place.error(f"has no points as its shape: {text[:40]!r}.") from error
+    if not len(found) or not np.isfinite(found).all():
+        raise place.error("has no points as its shape.")
+    return found
+
+
+def _lane(place: Place, edge: str, index: int) -> SumoLane:
+    allow = place.element.get("allow")
+    disallow = place.element.get("disallow") or ""
+    if allow and allow != "all":
+        admitted = frozenset(allow.split())
+    else:
+        barred = frozenset() if allow else frozenset(disallow.split())
+        admitted = frozenset() if "all" in barred else _CLASSES - barred
+    return SumoLane(
+        sumo_id=place.attribute("id"),
+        edge=edge,
+        index=index,
+        shape_m=points_of(place),
+        width_m=_width_m(place),
+        admitted=admitted,
+        length_m=place.number("length"),
+        speed_mps=place.number("speed"),
+    )
+
+
+def _width_m(lane: Place) -> float:
+    width = lane.number("width") if "width" in lane.element.attrib else USUAL_WIDTH_M
+    return width if width > 0 else USUAL_WIDTH_M
+
+
+def _connections(
+    root: Place, lanes: Mapping[str, SumoLane]
+) -> Iterator[tuple[str, str | None, str, str]]:
+    """Lane, internal lane, next lane and direction; roads first, in the order of lanes."""
+    rank = {name: (lane.is_internal, n) for n, (name, lane) in enumerate(lanes.items())}
+    found = []
+    for one in root.children("connection"):
+        start, end = (
+            f"{one.attribute(edge)}_{one.attribute(lane)}"
+            for edge, lane in (("from", "fromLane"), ("to", "toLane"))
+        )
+        if start in lanes:
+            found.append(
+                (start, one.element.get("via"), end, one.element.get("dir") or "s")
+            )
+    yield from sorted(found, key=lambda one: rank[one[0]])
+
+
+def _num_legs(ends: Mapping[str, tuple[str, str]]) -> dict[str, int]:
+    others: dict[str, set[str]] = {}
+    for start, end in ends.values():
+        others.setdefault(start, set()).add(end)
+        others.setdefault(end, set()).add(start)
+    return {junction: len(there) for junction, there in others.items()}
