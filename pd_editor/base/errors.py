@@ -5,6 +5,7 @@ PdEditorError
 │   ├── ScenarioFileError   tracks (parquet)
 │   ├── MapFileError        map (JSON)
 │   ├── FormatError         scene of another format than Argoverse 2
+│   │   └── LargeMapError   larger than scenes may be, but a part of it can be opened
 │   └── ArchiveError        zip upload
 ├── EditError               an edit is not valid for its scenario
 │   └── LockedAgentError    it would change what a lock keeps
@@ -18,6 +19,8 @@ PdEditorError
 
 Each message is one sentence for the user: what was wrong, where, what was expected.
 """
+
+from typing import Any
 
 from pd_editor.base.plain_text import one_line
 
@@ -44,6 +47,15 @@ class MapFileError(InputError):
 
 class FormatError(InputError):
     """A scene file of a format other than Argoverse 2 cannot be used."""
+
+
+class LargeMapError(FormatError):
+    """A scene is larger than scenes may be; a part of its map can be opened."""
+
+    def __init__(self, message: str, scene: Any, data: bytes) -> None:
+        """Make the error; ``scene`` is the ``FileScene``, ``data`` are the file's bytes."""
+        super().__init__(message)
+        self.scene, self.data = scene, data
 
 
 class ArchiveError(InputError):

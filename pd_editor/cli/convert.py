@@ -5,11 +5,14 @@ from pathlib import Path
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
+    AroundOption,
     CurrentOption,
+    DensestOption,
     FolderOption,
     FormatOption,
     NameOption,
     OptionalWorkers,
+    RadiusOption,
     Switch,
     UntilOption,
 )
@@ -29,6 +32,9 @@ def convert(
     out: FolderOption,
     current: CurrentOption = None,
     until: UntilOption = None,
+    around: AroundOption = None,
+    radius: RadiusOption = None,
+    densest: DensestOption = None,  # noqa: ARG001
     name: NameOption = "",
     overwrite: Switch = False,
     engine: EngineName = "local",  # noqa: ARG001
@@ -43,6 +49,9 @@ def convert(
         out: Folder that receives DIR/<name>/.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
+        around: Metres in the file's frame, about which a square of its map is used; for maps beyond the limits of a scene.
+        radius: Half the side of that square.
+        densest: Use the N squares with the greatest length of lanes, each as a scene of its own.
         name: Id of the written scenario, for one scenario only.
         overwrite: Replace what an earlier run wrote.
         engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
@@ -50,7 +59,11 @@ def convert(
         workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
     writer(to)  # A format that cannot be written is refused before files are read.
-    session = EditorSession(open_scenario(scenario, current_s=current, until_s=until))
+    session = EditorSession(
+        open_scenario(
+            scenario, current_s=current, until_s=until, around=around, radius_m=radius
+        )
+    )
     session.describe(described(name))
     folder = write_session(out, session, overwrite=overwrite, format_name=to)
     losses = (folder / LOSSES_NAME).exists()

@@ -10,14 +10,17 @@ import tyro
 
 from pd_editor.base.errors import InputError
 from pd_editor.cli.options.arguments import (
+    AroundOption,
     CurrentOption,
     OptionalFolder,
     OptionalFolders,
+    RadiusOption,
     Switch,
     UntilOption,
     several,
 )
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.map_window import window_of
 
 DEFAULT_DEMO = "signalised-junction"
 
@@ -32,6 +35,8 @@ def edit(
     port: Annotated[int, tyro.conf.arg(metavar="PORT")] = 8080,
     current: CurrentOption = None,
     until: UntilOption = None,
+    around: AroundOption = None,
+    radius: RadiusOption = None,
     data: OptionalFolder = None,
     library: OptionalFolder = None,
     models: OptionalFolders = (),
@@ -47,6 +52,8 @@ def edit(
         port: Port to listen on; the next free one if it is taken.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
+        around: Metres in the file's frame, about which a square of its map is used; the browser can choose it, too.
+        radius: Half the side of that square.
         data: Root of an Argoverse 2 dataset to browse.
         library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
         models: Folders of trained models to offer beside the shipped one, folders of such folders, and generators of your own as package.module:attribute.
@@ -65,7 +72,9 @@ def edit(
 
     app = ViewerApp(
         reference=str(scenario),
-        cut=TimeCut(current_s=current, until_s=until),
+        cut=SceneCut(
+            current_s=current, until_s=until, window=window_of(around, radius)
+        ),
         host=host,
         port=port,
         data_root=data,

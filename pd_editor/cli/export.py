@@ -34,7 +34,7 @@ from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name
 from pd_editor.scene.av2_io.official import check_with_official_loaders
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import zip_folders
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import format_of, writer
@@ -92,7 +92,7 @@ def export(
         raise ExportError("--verify looks at folders; give --zip or --verify.")
     if verify and format != ARGOVERSE2.name:
         raise ExportError(f"--verify is for {ARGOVERSE2.name}; leave it out.")
-    cut = TimeCut(current_s=current, until_s=until)
+    cut = SceneCut(current_s=current, until_s=until)
     sessions = [_session(one, described(name, tags, note), cut) for one in references]
     for session in sessions if focal else ():
         session.apply(SetFocalAgent(agent_id=focal))
@@ -135,7 +135,7 @@ def _verified(folder: Path) -> str:
     )
 
 
-def _session(reference: str, variant: Variant, cut: TimeCut) -> EditorSession:
+def _session(reference: str, variant: Variant, cut: SceneCut) -> EditorSession:
     """Open a session on a scenario, or on the result of a recipe."""
     if not reference.endswith(".json") or format_of(Path(reference)) is not None:
         session = EditorSession(

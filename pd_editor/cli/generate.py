@@ -16,11 +16,14 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
+    AroundOption,
     CurrentOption,
+    DensestOption,
     FocalOption,
     FolderOption,
     NameOption,
     OptionalWorkers,
+    RadiusOption,
     Switch,
     UntilOption,
     several,
@@ -160,6 +163,9 @@ def generate(
     device: DeviceName = "auto",
     current: CurrentOption = None,
     until: UntilOption = None,
+    around: AroundOption = None,
+    radius: RadiusOption = None,
+    densest: DensestOption = None,  # noqa: ARG001
     focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
@@ -199,6 +205,9 @@ def generate(
         device: Where a model computes; auto takes a GPU if there is one.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
+        around: Metres in the file's frame, about which a square of its map is used; for maps beyond the limits of a scene.
+        radius: Half the side of that square.
+        densest: Use the N squares with the greatest length of lanes, each as a scene of its own.
         focal: Id of the agent that becomes the focal one.
         name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.
@@ -207,7 +216,9 @@ def generate(
         workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
     generator = make_generator(model, device=device)
-    opened = open_scenario(scenario, current_s=current, until_s=until)
+    opened = open_scenario(
+        scenario, current_s=current, until_s=until, around=around, radius_m=radius
+    )
     terms = guidance_terms_of((guide,) if isinstance(guide, str) else guide)
     edits = (
         *([SetFocalAgent(agent_id=focal)] if focal else []),

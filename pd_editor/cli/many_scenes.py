@@ -19,14 +19,22 @@ from pd_editor.base.installed_files import ALL_DEMOS, demo_names
 from pd_editor.base.regular_file import check_path
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.editor.scenario_store import foreign_files
+from pd_editor.editor.scenario_store import (
+    foreign_files,
+    lanes_of_file,
+    open_scenario,
+)
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.work_engine import EngineChoice, InThisProcess, run_items
+from pd_editor.scene.map_window import DEFAULT_RADIUS_M, densest_windows
 
 Options = ParamSpec("Options")
 Scenes = str | Path | tuple[str | Path, ...]
 SCENE_FILES: Final = "scenario_*.parquet"
 """Pattern of the file that makes a folder a scene."""
+MOST_WINDOWS: Final = 1000
+_Item = tuple[str, dict[str, Any]]
+"""A scene, and options of its own."""
 
 
 def over_scenes(
@@ -67,9 +75,12 @@ def over_scenes(
             )
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
+            densest = options.pop("densest", None)
+            if densest is not None:
+                return _run_all(name, _windows(found, densest, options), options)
             if len(found) == 1:
                 return command(found[0], *values, **options)
-            return _run_all(name, found, options)
+            return _run_all(name, {one: (one, {}) for one in found}, options)
 
         del run.__wrapped__
         words = tyro.conf.arg(metavar=f"{noun} [...]", help_behavior_hint="(required)")
@@ -114,8 +125,29 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
     return list(map(str, inside))
 
 
-def _run_all(command: str, scenes: list[str], options: dict[str, Any]) -> Outcome:
-    """Call a command on every scene."""
+def _windows(
+    scenes: list[str], count: object, options: dict[str, Any]
+) -> dict[str, _Item]:
+    """The densest parts of each scene, by names that say where they are."""
+    radius = options.pop("radius", None) or DEFAULT_RADIUS_M
+    if options.pop("around", None) is not None:
+        raise InputError("--around and --densest exclude each other.")
+    if not isinstance(count, int) or not 1 <= count <= MOST_WINDOWS:
+        raise InputError(f"--densest is {count}; expected 1 to {MOST_WINDOWS}.")
+    found: dict[str, _Item] = {}
+    for scene in scenes:
+        lanes = lanes_of_file(functools.partial(open_scenario, scene))
+        for one in densest_windows(lanes, count, radius):
+            around = {"around": (one.x_m, one.y_m), "radius": one.radius_m}
+            found[f"{scene} around {one.x_m:g} {one.y_m:g}"] = scene, around
+    return found
+
+
+def _run_all(
+    command: str, items: Mapping[str, _Item], options: dict[str, Any]
+) -> Outcome:
+    """Call a command on every scene, or part of one."""
+    scenes = list(items)
     if options.get("name"):
         raise EditError(
             f"--name is for one scenario; {len(scenes)} were given, which are named by "
@@ -131,7 +163,7 @@ def _run_all(command: str, scenes: list[str], options: dict[str, Any]) -> Outcom
         failures = run_items(
             engine,
             functools.partial(_outcome, command, options),
-            dict(zip(scenes, scenes, strict=True)),
+            items,
             on_value=done.__setitem__,
             on_progress=work_shown("scenes"),
         )
@@ -160,7 +192,9 @@ def _run_all(command: str, scenes: list[str], options: dict[str, Any]) -> Outcom
     )
 
 
-def _outcome(command: str, options: Mapping[str, Any], scene: str) -> Outcome:
+def _outcome(command: str, options: Mapping[str, Any], item: _Item) -> Outcome:
     """Call a command on a scene; scenarios are left out, since they may be many."""
     module = import_module(f"{__package__}.{command}")
-    return replace(getattr(module, command)(scene, **options), scenarios=())
+    scene, own = item
+    made = getattr(module, command)(scene, **options, **own)
+    return replace(made, scenarios=())

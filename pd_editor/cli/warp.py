@@ -10,11 +10,14 @@ from pd_editor.base.errors import EditError
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
+    AroundOption,
     CurrentOption,
+    DensestOption,
     FocalOption,
     FolderOption,
     NameOption,
     OptionalWorkers,
+    RadiusOption,
     Switch,
     UntilOption,
 )
@@ -60,6 +63,9 @@ def warp(
     ] = None,
     current: CurrentOption = None,
     until: UntilOption = None,
+    around: AroundOption = None,
+    radius: RadiusOption = None,
+    densest: DensestOption = None,  # noqa: ARG001
     focal: FocalOption = "",
     name: NameOption = "",
     overwrite: Switch = False,
@@ -81,6 +87,9 @@ def warp(
         friction: Slow agents to the speed that this friction coefficient allows.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
+        around: Metres in the file's frame, about which a square of its map is used; for maps beyond the limits of a scene.
+        radius: Half the side of that square.
+        densest: Use the N squares with the greatest length of lanes, each as a scene of its own.
         focal: Id of the agent that becomes the focal one.
         name: Id of the warped scenario, such as 000c4929-double-turn-p6.
         overwrite: Replace what an earlier run wrote.
@@ -90,7 +99,11 @@ def warp(
     """
     # Numbers are validated before files are read: cheap checks first.
     terms = _terms(kind, power, length, border, exponent)
-    session = EditorSession(open_scenario(scenario, current_s=current, until_s=until))
+    session = EditorSession(
+        open_scenario(
+            scenario, current_s=current, until_s=until, around=around, radius_m=radius
+        )
+    )
     if focal:
         session.apply(SetFocalAgent(agent_id=focal))
     command = SetRoadWarp(

@@ -5,13 +5,19 @@ import dataclasses
 import logging
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from pd_editor.base.errors import ExportError, InputError, PdEditorError, RecipeError
+from pd_editor.base.errors import (
+    ExportError,
+    InputError,
+    LargeMapError,
+    PdEditorError,
+    RecipeError,
+)
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_folder, demo_names
 from pd_editor.base.regular_file import check_path, read_regular
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
@@ -22,10 +28,12 @@ from pd_editor.scene.av2_io.upload import (
     file_in_upload,
     scenario_from_upload,
 )
-from pd_editor.scene.base_reference import BaseReference, TimeCut
+from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import format_of, has_foreign_ending, writer
+from pd_editor.scene.map_window import window_of
+from pd_editor.scene.road_map import Lane
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import cut_scenario
@@ -45,6 +53,8 @@ def open_scenario(
     *,
     current_s: float | None = None,
     until_s: float | None = None,
+    around: tuple[float, float] | None = None,
+    radius_m: float | None = None,
 ) -> Scenario:
     """Open a demo, an Argoverse 2 scenario folder, a zip of one, or another format's file.
 
@@ -53,13 +63,58 @@ def open_scenario(
         current_s: seconds of the recording that count as observed; the last of their
             steps becomes the current one. None: as the file has it.
         until_s: seconds after the current step that are kept; None keeps all.
+        around: x and y in metres of the file's frame, about which a square of the map is
+            kept; None keeps all.
+        radius_m: half the side of that square; None: 150 m.
 
     Raises:
         InputError: there is no such demo or folder, or it cannot be read.
+        LargeMapError: it is larger than scenes may be; a part of it can be opened.
     """
-    opened = _opened(reference)
-    cut = TimeCut(current_s=current_s, until_s=until_s)
-    return opened if cut == TimeCut() else cut_scenario(opened, cut)
+    window = window_of(around, radius_m)
+    cut = SceneCut(current_s=current_s, until_s=until_s, window=window)
+    return open_part(reference, cut)
+
+
+def open_part(reference: str | Path, cut: SceneCut) -> Scenario:
+    """Open a scenario, and keep what a cut keeps; raises as ``open_scenario`` does."""
+    return cut_when_read(lambda: _opened(reference), cut)
+
+
+def cut_when_read(read: Callable[[], Scenario], cut: SceneCut) -> Scenario:
+    """Read a scenario and cut it, also one that is too large as a whole.
+
+    Raises:
+        InputError: it cannot be read, or cut.
+        LargeMapError: what would be left is larger than scenes may be.
+    """
+    try:
+        opened = read()
+    except LargeMapError as error:
+        if cut.window is None:
+            raise
+        part = error.scene.within(cut.window)
+        if not part.lanes:
+            raise InputError(
+                f"There is no lane within {cut.window.radius_m:g} m of "
+                f"{cut.window.x_m:g}, {cut.window.y_m:g}: {error}"
+            ) from error
+        opened = part.scenario(error.data)
+    return opened if cut == SceneCut() else cut_scenario(opened, cut)
+
+
+def lanes_of_file(read: Callable[[], Scenario]) -> tuple[Lane, ...]:
+    """All lanes of what is read, in the file's frame, also where they are too many.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        opened = read()
+    except LargeMapError as error:
+        return error.scene.lanes
+    origin = opened.origin_city_m
+    return opened.road_map.moved(lambda points: points + origin).lanes
 
 
 def open_base(base: BaseReference, source: str | Path = "") -> Scenario:
@@ -68,10 +123,7 @@ def open_base(base: BaseReference, source: str | Path = "") -> Scenario:
     Raises:
         InputError: it is not there, or cannot be read.
     """
-    cut = base.cut or TimeCut()
-    return open_scenario(
-        source or base.source, current_s=cut.current_s, until_s=cut.until_s
-    )
+    return open_part(source or base.source, base.cut or SceneCut())
 
 
 def _opened(reference: str | Path) -> Scenario:
@@ -188,7 +240,8 @@ def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
             scenario = kind.read(path)
         except InputError as error:
             told = str(error).replace(str(path), name)
-            raise type(error)(told) from error
+            error.args = (told, *error.args[1:])
+            raise
     provenance = dataclasses.replace(scenario.provenance, source="")
     return dataclasses.replace(scenario, provenance=provenance)
 

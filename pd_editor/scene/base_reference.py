@@ -6,14 +6,32 @@ from pd_editor.base.errors import RecipeError
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimeCut:
-    """What is used of a recording."""
+class MapWindow:
+    """A square along the axes of a file's frame, in metres."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+    """Half of its side."""
+
+    @property
+    def bounds_m(self) -> tuple[float, float, float, float]:
+        """Least x and y, largest x and y."""
+        reach = self.radius_m
+        return self.x_m - reach, self.y_m - reach, self.x_m + reach, self.y_m + reach
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneCut:
+    """What is used of a recording and its map."""
 
     current_s: float | None = None
     """Seconds that count as observed; the last of their steps becomes the current one.
     None: as the file has it."""
     until_s: float | None = None
     """Seconds after the current step that are kept; None keeps all."""
+    window: MapWindow | None = field(default=None, metadata={"omit_none": True})
+    """Part of the map that is kept; None: all of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +51,7 @@ class BaseReference:
     """Ids of its agents that were generated or edited already."""
     current_step: int | None = None
     """Its current step; None: as the file has it."""
-    cut: TimeCut | None = field(default=None, metadata={"omit_none": True})
+    cut: SceneCut | None = field(default=None, metadata={"omit_none": True})
     """What is used of the source; None: all of it."""
 
     @property

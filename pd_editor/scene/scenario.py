@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.activity import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.base_reference import BaseReference, TimeCut
+from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without
 from pd_editor.scene.locks import Lock, kept_steps
 from pd_editor.scene.road_map import RoadMap
@@ -42,7 +42,7 @@ class Provenance:
     """Warps of an export's road in the order of application, in the city frame."""
     friction_coefficient: float | None = None
     """Friction coefficient mu that agents of an export were slowed to."""
-    cut: TimeCut | None = None
+    cut: SceneCut | None = None
     """What is used of the source; None: all of it."""
 
     def is_recorded(self, agent_ids: Collection[str]) -> bool:

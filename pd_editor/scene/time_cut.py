@@ -1,4 +1,4 @@
-"""Cuts a recording to the past and the future that are asked for."""
+"""Cuts a recording to the part of the map and the time that are asked for."""
 
 import hashlib
 import math
@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from pd_editor.base.errors import InputError
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.map_window import within_window
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
@@ -26,17 +27,23 @@ def is_long(scenario: Scenario) -> bool:
 
 def without_late_future(scenario: Scenario) -> Scenario:
     """Leave out what is later than ``FUTURE_S`` after the current step."""
-    return cut_scenario(scenario, TimeCut(until_s=FUTURE_S))
+    return cut_scenario(scenario, SceneCut(until_s=FUTURE_S))
 
 
-def cut_scenario(scenario: Scenario, cut: TimeCut) -> Scenario:
-    """Give a scenario another current step, and leave out what is later than asked.
+def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
+    """Keep a part of the map; make another step current, leave out what is later.
 
     Agents that are only there later are left out.
 
     Raises:
-        InputError: the recording is shorter, or a number is not positive.
+        InputError: the recording is shorter, a number is not positive, or the part of
+            the map is empty.
     """
+    if cut.window is not None:
+        scenario = within_window(scenario, cut.window)
+        # The part of the map alone, unless times are cut below.
+        origin = replace(scenario.provenance, cut=SceneCut(window=cut.window))
+        scenario = replace(scenario, provenance=origin)
     for name, value in (("current", cut.current_s), ("until", cut.until_s)):
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"--{name} is {value:g}; expected seconds above 0.")

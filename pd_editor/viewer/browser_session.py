@@ -9,10 +9,12 @@ import numpy as np
 import viser
 
 from pd_editor.analysis.findings.finding import Finding
-from pd_editor.base.errors import LockedAgentError, PdEditorError
+from pd_editor.base.errors import LargeMapError, LockedAgentError, PdEditorError
 from pd_editor.editor.cures import Cure
 from pd_editor.editor.session import SessionState
 from pd_editor.generation.generators import GeneratorCatalogue
+from pd_editor.scene.base_reference import MapWindow
+from pd_editor.scene.road_map import Lane
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.interaction.context_menu import ContextMenu
@@ -26,6 +28,7 @@ from pd_editor.viewer.overlay.agent_list import AgentList
 from pd_editor.viewer.overlay.banner import OFFER, Banner
 from pd_editor.viewer.overlay.hints import Hints
 from pd_editor.viewer.overlay.key_sheet import KeySheet
+from pd_editor.viewer.overlay.map_window import MapWindowCard
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.overlay.press_order import PressOrder
 from pd_editor.viewer.overlay.scorecard_drawer import ScorecardActions, ScorecardDrawer
@@ -215,6 +218,7 @@ class BrowserSession:
         overlay.on("fan", self._fan_pointed)
         overlay.on("theme", self._theme_asked)
         self._hints = Hints(overlay)
+        self._map_window = MapWindowCard(overlay)
         self._key_sheet = KeySheet(overlay)
         self.pointer.set_plain_drag_selects(self._viewpoint.is_top)
         self._viewpoint.restore()
@@ -257,6 +261,9 @@ class BrowserSession:
         )
         self._toolbar = Toolbar(overlay, tools)
         self._build_status_chip()
+        self.panels.scenario.on_part = lambda: self._ask_part(
+            self._workspace.lanes_of_file(), "The map"
+        )
         menu = PictureMenu(
             ui=ui,
             poses=lambda: self.picture.poses,
@@ -494,8 +501,18 @@ class BrowserSession:
     def _request_check(self) -> None:
         self._checks_future_at = time.monotonic() + FUTURE_CHECK_DELAY_S
 
+    def _ask_part(self, lanes: tuple[Lane, ...], about: str) -> None:
+        def open_part(window: MapWindow) -> None:
+            self._ui.commit_gesture()
+            self._workspace.open_window(window)
+
+        title = f"{about} has {len(lanes)} lanes: drag a square, or click its middle."
+        self._map_window.ask(lanes, title, open_part)
+
     def _report(self, error: Exception) -> None:
-        if isinstance(error, LockedAgentError) and self._is_built:
+        if isinstance(error, LargeMapError) and self._is_built:
+            self._ask_part(error.scene.lanes, error.scene.name)
+        elif isinstance(error, LockedAgentError) and self._is_built:
             self.panels.agent.locks.offer(error)
         else:
             self._ui.report(error)

@@ -7,16 +7,18 @@ import os
 import secrets
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import viser
 
-from pd_editor.base.errors import PdEditorError
-from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.base.errors import LargeMapError, PdEditorError
+from pd_editor.editor.scenario_store import open_part
 from pd_editor.generation.generators import catalogue_with
 from pd_editor.scene.av2_io.dataset import DatasetIndex
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.map_window import densest_windows
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import (
     TOKEN_FIELD,
@@ -56,7 +58,7 @@ class ViewerApp:
         self,
         *,
         reference: str,
-        cut: TimeCut | None = None,
+        cut: SceneCut | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
         data_root: Path | None = None,
@@ -77,10 +79,13 @@ class ViewerApp:
             InputError: the scenario or the dataset root cannot be opened.
         """
         self._generators = catalogue_with(models)
-        self._cut = cut or TimeCut()
-        self._scenario = open_scenario(
-            reference, current_s=self._cut.current_s, until_s=self._cut.until_s
-        )
+        self._cut = cut or SceneCut()
+        try:
+            self._scenario = open_part(reference, self._cut)
+        except LargeMapError as error:
+            # The page offers other parts.
+            (window,) = densest_windows(error.scene.lanes, 1)
+            self._scenario = open_part(reference, replace(self._cut, window=window))
         self._dataset = None if data_root is None else DatasetIndex(data_root)
         self._library = library or default_library()
         self._shelves: dict[str, SessionShelf] = {}
@@ -187,7 +192,7 @@ class ViewerApp:
                         if "guidance" in offer.supports
                     },
                 )
-                self._workspaces[key].cut = self._cut
+                self._workspaces[key].cut = replace(self._cut, window=None)
             workspace = self._workspaces[key]
             tab = BrowserSession(
                 client, workspace, self._generators, is_debug=self._is_debug

@@ -5,10 +5,12 @@ import zipfile
 import numpy as np
 import pytest
 
+from pd_editor.scene import scene_limits
 from pd_editor.viewer.interaction.camera import projected
 from tests.browser.test_files_and_sessions import notice, upload
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import LINE, lane, road, section, write
+from tests.scene.test_map_window import city
 
 pytestmark = pytest.mark.browser
 
@@ -40,3 +42,41 @@ def test_a_commonroad_scene_is_downloaded_as_commonroad(open_editor, tmp_path):
         editor.press("Download zip")
     files = zipfile.ZipFile(download.value.path()).namelist()
     assert f"{name}/{name}.xml" in files
+
+
+def test_a_part_of_a_large_map_is_chosen_on_its_outline(
+    open_editor, tmp_path, monkeypatch
+):
+    editor = open_editor()
+    monkeypatch.setattr(scene_limits, "MAX_LANES", 100)
+    upload(editor, "city.xodr", city(tmp_path).read_bytes())
+    card = editor.page.get_by_role("dialog", name="Choose a part of the map")
+    card.wait_for()
+    notice(editor, "has 144 lanes")
+    canvas = card.locator("svg")
+    box = canvas.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    mouse = editor.page.mouse
+    mouse.move(x - 100, y - 100)
+    mouse.down()
+    mouse.move(x + 20, y + 10, steps=4)
+    mouse.up()
+    editor.screenshot("40_part_of_a_map")
+    card.get_by_role("button", name="Open this part").click()
+    editor.until(
+        lambda: editor.session.scenario.scenario_id.startswith("city-x"), "the part"
+    )
+    window = editor.session.base.provenance.cut.window
+    lanes = len(editor.session.scenario.road_map.lanes)
+    assert 0 < lanes < 100
+    # The same file again, through a click with a size.
+    editor.press("Choose a part of the map")
+    card.wait_for()
+    card.get_by_label("Half side (m)").fill("40")
+    mouse.click(x, y)
+    card.get_by_text("80 \u00d7 80 m").wait_for()
+    card.get_by_role("button", name="Open this part").click()
+    editor.until(
+        lambda: editor.session.base.provenance.cut.window.radius_m == 40, "another part"
+    )
+    assert editor.session.base.provenance.cut.window != window

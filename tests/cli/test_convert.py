@@ -17,6 +17,7 @@ from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road
 from tests.scene.formats.test_recordings import as_gpudrive
+from tests.scene.test_map_window import city
 
 
 @pytest.fixture
@@ -119,3 +120,20 @@ def test_a_json_of_another_format_is_exported_and_not_replayed(
     path.write_text(json.dumps(as_gpudrive()))
     result = shell.run("export", path, "--out", tmp_path / "out")
     assert (result.code, result.lines) == (0, [str(tmp_path / "out" / "one")])
+
+
+def test_the_densest_parts_of_a_map_become_scenes_of_their_own(
+    shell: Shell, tmp_path: Path
+):
+    out = tmp_path / "out"
+    result = shell.run(
+        "convert", city(tmp_path, 3), "--to", "tables", "--densest", "2",
+        "--radius", "60", "--out", out,
+    )  # fmt: skip
+    names = sorted(one.name for one in out.iterdir()) if out.exists() else []
+    assert (result.code, len(names)) == (0, 2), result
+    told = shell.refused("convert", "roundabout", "--to", "av2", "--out", out,
+                         "--densest", "2", "--around", "0", "0")  # fmt: skip
+    assert told == "--around and --densest exclude each other."
+    told = shell.refused("convert", "roundabout", "--to", "av2", "--out", out, "--radius", "3")  # fmt: skip
+    assert "--around" in told

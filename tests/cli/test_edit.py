@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.viewer import viewer_app
 from tests.cli.shell import JUNCTION, ROOT, Shell
 
@@ -68,7 +68,7 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         "models": (),
         "debug": False,
         "token": None,
-        "cut": TimeCut(),
+        "cut": SceneCut(),
     }
 
 

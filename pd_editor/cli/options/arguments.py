@@ -40,6 +40,16 @@ CurrentOption = Annotated[
 UntilOption = Annotated[
     float | None, tyro.conf.arg(metavar="S", help_behavior_hint="(default: all)")
 ]
+AroundOption = Annotated[
+    tuple[float, float] | None,
+    tyro.conf.arg(metavar="X Y", help_behavior_hint="(default: the whole map)"),
+]
+RadiusOption = Annotated[
+    float | None, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 150)")
+]
+DensestOption = Annotated[
+    int | None, tyro.conf.arg(metavar="N", help_behavior_hint="(optional)")
+]
 Switch = Annotated[
     bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(help_behavior_hint="")
 ]

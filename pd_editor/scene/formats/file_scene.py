@@ -13,13 +13,15 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from pd_editor.base.errors import FormatError
+from pd_editor.base.errors import FormatError, LargeMapError
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, one_line
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.map_window import crosswalks_within, lanes_within
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap, areas_of
 from pd_editor.scene.roles.focal_agent import next_focal_row, with_focal_category
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
@@ -85,9 +87,10 @@ class FileScene:
         """The scene at 10 Hz around the current step; ``data`` are the file's bytes.
 
         Raises:
-            FormatError: it has no lane, or is larger than scenes may be.
+            FormatError: it has no lane.
+            LargeMapError: it is larger than scenes may be.
         """
-        self._check()
+        self._check(data)
         axis = self._time_axis()
         agents = self._agents(axis)
         row = self._focal_row(agents, axis)
@@ -97,11 +100,8 @@ class FileScene:
             agents, position_m=np.where(there, agents.position_m - origin, 0.0)
         )
         road_map = self._road_map().moved(lambda points: points - origin)
-        excess = road_excess(road_map) or (
-            agents_excess(agents, road_map) if len(agents) else None
-        )
-        if excess is not None:
-            raise FormatError(f"{self.path}: {excess[:1].lower()}{excess[1:]}")
+        excess = agents_excess(agents, road_map) if len(agents) else None
+        self._raise_for(road_excess(road_map) or excess, data)
         focal_id = "" if row is None else agents.ids[row]
         return Scenario(
             scenario_id=_as_id(self.name),
@@ -118,7 +118,35 @@ class FileScene:
             ),
         )
 
-    def _check(self) -> None:
+    def within(self, window: MapWindow) -> "FileScene":
+        """The lanes that meet a square, and the tracks that are in it at some time."""
+        square = shapely.box(*window.bounds_m)
+
+        def is_inside(track: FileTrack) -> bool:
+            away = np.abs(track.position_m - (window.x_m, window.y_m)).max(axis=1)
+            return bool((away <= window.radius_m).any())
+
+        return replace(
+            self,
+            lanes=lanes_within(self.lanes, window),
+            crosswalks=crosswalks_within(self.crosswalks, window),
+            more_paved=[one for one in self.more_paved if one.intersects(square)],
+            tracks=tuple(filter(is_inside, self.tracks)),
+        )
+
+    def _raise_for(self, excess: str | None, data: bytes) -> None:
+        if excess is None:
+            return
+        low, high = RoadMap(lanes=self.lanes).bounds_m
+        raise LargeMapError(
+            f"{self.path}: {excess[:1].lower()}{excess[1:]} Open a part of it: --around X "
+            f"Y --radius R, where its lanes span x {low[0]:.0f} to {high[0]:.0f}, y "
+            f"{low[1]:.0f} to {high[1]:.0f} (metres), or --densest 1.",
+            self,
+            data,
+        )
+
+    def _check(self, data: bytes) -> None:
         """Raise for what no scene can be, before anything is computed of it."""
 
         def wrong(what: str) -> FormatError:
@@ -130,13 +158,6 @@ class FileScene:
         for points in lines.polylines:
             if not (np.abs(points) <= MAX_COORDINATE_M).all():
                 raise wrong("has lines without a place; expected finite coordinates.")
-        excess = road_excess(lines)
-        if excess is not None:
-            raise wrong(excess)
-        if len(self.tracks) > MAX_AGENTS:
-            raise wrong(
-                f"it has {len(self.tracks)} tracks; at most {MAX_AGENTS} are opened."
-            )
         seen: set[str] = set()
         for one in self.tracks:
             name = EGO_ID if one.track_id == self.ego_id else one.track_id
@@ -150,6 +171,12 @@ class FileScene:
                 raise wrong(f"its track {name} has states without a place or a time.")
             if not (np.diff(one.time_s) > 0).all():
                 raise wrong(f"its track {name} has times that do not increase.")
+        excess = road_excess(lines)
+        if excess is None and len(self.tracks) > MAX_AGENTS:
+            excess = (
+                f"it has {len(self.tracks)} tracks; at most {MAX_AGENTS} are opened."
+            )
+        self._raise_for(excess, data)
 
     def _time_axis(self) -> TimeAxis:
         """Steps of 0.1 s that cover all tracks, and the usual past and future."""

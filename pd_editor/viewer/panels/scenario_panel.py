@@ -51,6 +51,12 @@ class ScenarioPanel:
         self._card = FixedText(gui, CARD_LINES)
         self._cut = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._cut, self._workspace.open_cut)
+        self.on_part: Callable[[], None] = lambda: None
+        """Lets the user choose a part of the map."""
+        self._part = gui.add_button(
+            "Choose a part of the map", color="gray", icon=viser.Icon.MARQUEE_2
+        )
+        ui.on_click(self._part, self._choose_part)
         with gui.add_folder("Open"):
             self._demo = gui.add_dropdown("Demo", (NO_DEMO, *demo_names()))
             self._shows = FixedText(gui, 2)
@@ -93,6 +99,7 @@ class ScenarioPanel:
             self._tell_demo(name)
             self._ui.post(self._offer_continuation)
             self._offer_cut(self._base)
+            set_property(self._part, "visible", self._workspace.can_open_again)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
         parts = scenario.city, f"{len(agents)} agents", f"{len(road.lanes)} lanes"
@@ -103,6 +110,9 @@ class ScenarioPanel:
         notes = list(reversed(scenario.provenance.notes))
         card = (scenario.scenario_id, size, *notes)
         self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
+
+    def _choose_part(self) -> None:
+        self.on_part()
 
     def _offer_cut(self, base: Scenario) -> None:
         """A button for recordings that are longer than models sample."""

@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,11 +16,14 @@ from pd_editor.editor.basket.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (
     RECIPE_NAME,
+    cut_when_read,
     export_into,
     exported_files,
     has_same_content,
+    lanes_of_file,
     made_by,
     open_base,
+    open_part,
     open_scenario,
     recipe_of_export,
     scenario_and_recipe,
@@ -34,11 +38,12 @@ from pd_editor.editor.variant import (
     short_id,
 )
 from pd_editor.scene.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.exporters.bundle import zip_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_cut import FUTURE_S, cut_scenario, is_long
+from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.server_folders import ServerFolders
@@ -137,33 +142,39 @@ class Workspace:
         """Whether a generation was cancelled because its page had gone."""
         self.guided_runs = GuidedRuns(obeying)
         self.dataset = dataset
-        self.cut = TimeCut()
+        self.cut = SceneCut()
         """What is used of each recording that is opened."""
         self._opened: tuple[Scenario, Path] | None = None
         """Base of the scenario that was opened from the dataset last, and its folder."""
+        self.open_window: Callable[[MapWindow], None] = lambda _window: None
+        """Opens a part of what was opened, or was to be opened, last."""
         self._uploaded: tuple[Scenario, Mapping[str, bytes]] | None = None
         """Base of the scenario that was uploaded last, and its files."""
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
-    def open_reference(self, reference: str) -> None:
-        """Open a demo or a scenario folder.
+    def open_reference(self, reference: str, window: MapWindow | None = None) -> None:
+        """Open a demo or a scenario folder, or what a window of its map holds.
 
         Raises:
             InputError: it cannot be read; what was open stays open.
+            LargeMapError: it is too large; ``open_window`` opens a part of it.
         """
-        scenario = open_scenario(
-            reference, current_s=self.cut.current_s, until_s=self.cut.until_s
-        )
+        self.open_window = partial(self.open_reference, reference)
+        scenario = open_part(reference, replace(self.cut, window=window))
         self._open(scenario)
         self._offer(recipe_of_export(Path(scenario.provenance.source)))
 
-    def open_upload(self, files: Mapping[str, bytes]) -> None:
+    def open_upload(
+        self, files: Mapping[str, bytes], window: MapWindow | None = None
+    ) -> None:
         """Open uploaded files; their bytes are kept beside the journal.
 
         Raises:
             InputError: they cannot be read; what was open stays open.
+            LargeMapError: they are too large; ``open_window`` opens a part of them.
         """
-        scenario, recipe = _from_upload(files, self.cut)
+        self.open_window = partial(self.open_upload, files)
+        scenario, recipe = _from_upload(files, replace(self.cut, window=window))
         self._uploaded = scenario, files
         self._open(scenario, files)
         self._offer(recipe)
@@ -172,12 +183,39 @@ class Workspace:
     def can_cut(self) -> bool:
         """Whether the open recording is longer than models sample, or was cut to that."""
         base = self.session.base
-        is_cut = base.provenance.cut == replace(self.cut, until_s=FUTURE_S)
-        is_there = base.provenance.source or self._is_uploaded(base)
-        return bool((is_cut or is_long(base)) and is_there)
+        cut = replace(self.cut, until_s=FUTURE_S, window=self._window)
+        is_cut = base.provenance.cut == cut
+        return (is_cut or is_long(base)) and self.can_open_again
 
-    def _is_uploaded(self, base: Scenario) -> bool:
-        return self._uploaded is not None and is_same_base(self._uploaded[0], base)
+    @property
+    def can_open_again(self) -> bool:
+        """Whether the files of the open scene are at hand."""
+        return bool(self.session.base.provenance.source or self._files_of_base)
+
+    @property
+    def _files_of_base(self) -> Mapping[str, bytes] | None:
+        """Files of the open scene, if it was uploaded last."""
+        if self._uploaded and is_same_base(self._uploaded[0], self.session.base):
+            return self._uploaded[1]
+        return None
+
+    @property
+    def _window(self) -> MapWindow | None:
+        cut = self.session.base.provenance.cut
+        return None if cut is None else cut.window
+
+    def lanes_of_file(self) -> tuple[Lane, ...]:
+        """All lanes of the file of the open scene; ``open_window`` opens a part of them.
+
+        Raises:
+            InputError: it cannot be read any more.
+        """
+        files, source = self._files_of_base, self.session.base.provenance.source
+        if files is not None:
+            self.open_window = partial(self.open_upload, files)
+            return lanes_of_file(lambda: scenario_and_recipe(files)[0])
+        self.open_window = partial(self.open_reference, source)
+        return lanes_of_file(lambda: open_scenario(source))
 
     def open_cut(self) -> None:
         """Open a long recording again, cut to what models sample; or a cut one whole.
@@ -190,10 +228,10 @@ class Workspace:
         base = self.session.base
         until_s = FUTURE_S if is_long(base) else None
         self.cut = replace(self.cut, until_s=until_s)
-        if self._uploaded is not None and self._is_uploaded(base):
-            self.open_upload(self._uploaded[1])
+        if (files := self._files_of_base) is not None:
+            self.open_upload(files, self._window)
         else:
-            self.open_reference(base.provenance.source)
+            self.open_reference(base.provenance.source, self._window)
 
     def open_edits(self, content: bytes) -> None:
         """Open the base of a recipe, with the recipe's edits as its history.
@@ -537,16 +575,21 @@ def base_of(work: UnfinishedWork) -> Scenario:
         raise InputError(
             f"The uploaded files of {work.scenario_id} are gone."
         ) from error
-    return _from_upload(files, work.base.cut or TimeCut())[0]
+    return _from_upload(files, work.base.cut or SceneCut())[0]
 
 
 def _from_upload(
-    files: Mapping[str, bytes], cut: TimeCut
+    files: Mapping[str, bytes], cut: SceneCut
 ) -> tuple[Scenario, Recipe | None]:
     """The scenario in an upload, cut, and the recipe that made it if it is an export."""
-    scenario, recipe = scenario_and_recipe(files)
-    made = scenario if recipe is None else made_by(scenario, recipe)
-    return made if cut == TimeCut() else cut_scenario(made, cut), recipe
+    recipe: Recipe | None = None
+
+    def read() -> Scenario:
+        nonlocal recipe
+        scenario, recipe = scenario_and_recipe(files)
+        return scenario if recipe is None else made_by(scenario, recipe)
+
+    return cut_when_read(read, cut), recipe
 
 
 def _edits(count: int) -> str:

@@ -15,7 +15,7 @@ from pd_editor.scene.av2_io.tracks_file import (
     read_tracks,
 )
 from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.scene.time_cut import cut_scenario
@@ -241,7 +241,7 @@ def test_whole_numbers_of_nanoseconds_are_written_as_they_were() -> None:
     assert axis.step_s == 0.1
     scenario = replace(SCENARIO, time_axis=axis)
     assert reread(scenario).time_axis == axis
-    cut = cut_scenario(scenario, TimeCut(until_s=0.1)).time_axis
+    cut = cut_scenario(scenario, SceneCut(until_s=0.1)).time_axis
     assert isinstance(cut.end_timestamp_ns, int)
 
 

@@ -16,7 +16,7 @@ from pd_editor.editor.unfinished_work import find_unfinished
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.base_reference import TimeCut
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.viewer.state import session_shelf
@@ -415,7 +415,7 @@ def test_long_recordings_are_opened_cut_and_go_on_after_a_restart(root: Path):
     """``edit --until 6``: what is opened, and opened again, is cut alike."""
     write_files(scenario_files(long_recording()), root / "long", forbidden=None)
     first = run_of(root)
-    first.cut = TimeCut(until_s=6.0)
+    first.cut = SceneCut(until_s=6.0)
     first.open_reference(str(root / "long"))
     axis = first.session.base.time_axis
     assert axis.num_future_steps == 60

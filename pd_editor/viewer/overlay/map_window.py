@@ -1,0 +1,64 @@
+"""The card with the outline of a map, of which a part is chosen and opened."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import shapely
+
+from pd_editor.base.errors import InputError
+from pd_editor.scene.base_reference import MapWindow
+from pd_editor.scene.map_window import densest_windows, window_of
+from pd_editor.scene.road_map import Lane
+from pd_editor.viewer.overlay.overlay import Overlay
+
+_FINEST: Final = 1500
+"""Details smaller than this share of the map's extent are left out."""
+
+
+class MapWindowCard:
+    """A card over the picture, open while a part of a map is chosen."""
+
+    def __init__(self, overlay: Overlay) -> None:
+        """Show nothing yet."""
+        self._overlay = overlay
+        self._on_choice: Callable[[MapWindow], None] = lambda _window: None
+        overlay.on("mapWindow", self._heard)
+
+    def ask(
+        self,
+        lanes: tuple[Lane, ...],
+        title: str,
+        on_choice: Callable[[MapWindow], None],
+    ) -> None:
+        """Show the lanes, in the file's frame; the fullest square is chosen at first."""
+        self._on_choice = on_choice
+        lines = [shapely.LineString(one.centerline_m) for one in lanes]
+        west, south, east, north = shapely.total_bounds(lines)
+        span = max(east - west, north - south)
+        margin = 0.02 * span
+        (first,) = densest_windows(lanes, 1)
+        road = "".join(
+            "M" + "L".join(f"{x:.1f} {-y:.1f}" for x, y in shapely.get_coordinates(one))
+            for one in shapely.simplify(lines, span / _FINEST)
+        )
+        view = west - margin, -north - margin, east - west, north - south
+        state = {
+            "title": title,
+            "road": road,
+            "square": [first.x_m, first.y_m, first.radius_m],
+            "view": "{:.1f} {:.1f}".format(*view[:2])
+            + "".join(f" {side + 2 * margin:.1f}" for side in view[2:]),
+        }
+        self._overlay.show("mapWindow", state)
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        self._overlay.show("mapWindow", {"road": ""})
+        if event.get("kind") != "open":
+            return
+        try:
+            x, y, radius = (round(float(one), 1) for one in event["square"])
+        except (KeyError, TypeError, ValueError):
+            raise InputError("The page named no square of the map.") from None
+        window = window_of((x, y), radius)
+        assert window is not None, "it is around a place"
+        self._on_choice(window)
