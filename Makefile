@@ -6,7 +6,13 @@ INSTALLED := $(VENV)/.installed
 # one index for small CPU builds and one for each CUDA version.
 TORCH_INDEX ?=
 
+<<<<<<< HEAD
 .PHONY: run test verify check install bench variants docs clean
+=======
+PROCESSES := --numprocesses 2 --dist loadscope --no-loadscope-reorder
+
+.PHONY: run test check install bench variants docs clean
+>>>>>>> d745811 (Tests: shapes are checked in quick unit tests; browser, shell and slow tests run without)
 
 run: install
 	@$(BIN)/python app.py $(ARGS)
@@ -29,7 +35,8 @@ check: install
 	$(BIN)/python .ci/ratchet.py
 
 test: check
-	$(BIN)/pytest --numprocesses 2 --dist loadscope --no-loadscope-reorder $(if $(SLOW),-m '',)
+	$(BIN)/pytest $(PROCESSES) --shapes only
+	$(BIN)/pytest $(PROCESSES) --shapes none $(if $(SLOW),-m '',)
 
 # All loaders and checkers that are not ours, in environments under build/oracles.
 verify: install

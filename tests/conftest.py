@@ -1,4 +1,4 @@
-"""Checks array shapes at run time in every test, and finds the real data."""
+"""Checks array shapes at run time in unit tests, and finds the real data."""
 
 import os
 import signal
@@ -15,9 +15,6 @@ import tests.shape_checker  # noqa: F401  (named by the hook below)
 from tests.oracles.environment import NoOracleError, Oracle
 from tests.oracles.environment import oracle as made_oracle
 
-_hook = install_import_hook("pd_editor", "tests.shape_checker.check")
-_hook.__enter__()
-
 # Times are for benchmarks; a busy machine is no fault of the code.
 settings.register_profile("without-deadline", deadline=None)
 settings.load_profile("without-deadline")
@@ -26,18 +23,47 @@ settings.load_profile("without-deadline")
 BROWSER_TESTS = "tests/browser/"
 
 
-def pytest_configure() -> None:
-    """Let programs that tests start heed Ctrl-C, even where tests run in the background.
+UNIT_TESTS = ("base", "scene", "analysis", "generation", "editor", "experiments")
+"""Folders whose quick tests check the shapes of all arrays; that doubles their time."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the choice of tests by whether they check shapes."""
+    parser.addoption(
+        "--shapes",
+        choices=("all", "only", "none"),
+        default="all",
+        help="check shapes in all tests, run only those that do, or only all others",
+    )
+
+
+def checks_shapes(item: pytest.Item) -> bool:
+    """Whether a test is a quick unit test."""
+    in_units = item.nodeid.split("/")[1] in UNIT_TESTS
+    return in_units and item.get_closest_marker("slow") is None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Check shapes from here on; let programs that tests start heed Ctrl-C.
 
     A shell without job control lets background commands ignore it, and their children
     inherit that.
     """
+    if config.getoption("--shapes") != "none":
+        install_import_hook("pd_editor", "tests.shape_checker.check").__enter__()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tests in a browser, which take longest together."""
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> None:
+    """Select by shapes; begin with the tests in a browser, which take longest together."""
+    wanted = config.getoption("--shapes")
+    if wanted != "all":
+        leaves = [one for one in items if checks_shapes(one) != (wanted == "only")]
+        config.hook.pytest_deselected(items=leaves)
+        items[:] = [one for one in items if checks_shapes(one) == (wanted == "only")]
     items.sort(key=lambda item: scope_of(item.nodeid) != BROWSER_TESTS)
 
 
