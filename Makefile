@@ -6,13 +6,9 @@ INSTALLED := $(VENV)/.installed
 # one index for small CPU builds and one for each CUDA version.
 TORCH_INDEX ?=
 
-<<<<<<< HEAD
-.PHONY: run test verify check install bench variants docs clean
-=======
 PROCESSES := --numprocesses 2 --dist loadscope --no-loadscope-reorder
 
-.PHONY: run test check install bench variants docs clean
->>>>>>> d745811 (Tests: shapes are checked in quick unit tests; browser, shell and slow tests run without)
+.PHONY: run test verify check install bench variants docs clean
 
 run: install
 	@$(BIN)/python app.py $(ARGS)
