@@ -21,13 +21,20 @@ from pd_editor.analysis.metrics.road.surroundings import askew
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
 from pd_editor.generation.features.scene_features import scene_center
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
+from pd_editor.generation.initial_state.kept_paths import KeptPaths
+from pd_editor.generation.initial_state.placement_rules import (
+    PLACEMENT_RULES,
+    ConflictResampling,
+)
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
 HALF_SIDE_M = 62.0
+PAIR_RULES = ("near", "beside", "brakes", "waits", "crossing")
 PLACEMENTS = ("square", "resampled", "fit")
 COLUMNS = (
     "speed, m/s",
@@ -83,6 +90,16 @@ def path_m(
     return mean_m * is_observed.shape[1]
 
 
+def in_conflict(
+    agents: AgentTracks, scenario: Scenario, names: tuple[str, ...]
+) -> Bool[np.ndarray, "A A"]:
+    """Which pairs of agents break some placement rules."""
+    rules = [one for one in PLACEMENT_RULES if one.name in names]
+    search = ConflictSearch(settings=ConflictResampling(), rules=rules)
+    nothing = KeptPaths.of(scenario, scenario.agents.ids)
+    return search.conflicts(agents, scenario, nothing)
+
+
 def vehicle_rows(scenario: Scenario) -> np.ndarray:
     """A row for each vehicle near lanes at the current step; NaN where a column is unknown."""
     view = recorded_traffic(scenario)
@@ -102,9 +119,8 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
     gap = shapely.distance(shapes[:, None], shapes[None])
     np.fill_diagonal(gap, np.inf)
     tracks = scenario.agents.taken(scenario.agents.rows(agents.ids))
-    conflicts, step = ConflictResampling(), scenario.current_step
-    pairs = conflicts.pairs(tracks, step)
-    crossing = conflicts.crossing(tracks, step)
+    pairs = in_conflict(tracks, scenario, PAIR_RULES)
+    crossing = in_conflict(tracks, scenario, ("crossing",))
     near = [
         (gap < 1.0).any(axis=1),
         (gap < 4.0).sum(axis=1) >= 3,

@@ -2,8 +2,8 @@
 
 import threading
 import time
-from collections.abc import Callable, Collection, Generator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Int
 
 from pd_editor.analysis.guidance.report import guidance_reports
-from pd_editor.analysis.metrics.road.off_lane import BEYOND_ROADS_M, ids_near_lanes
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.checkpoints.model_folder import (
     TrainedModel,
@@ -25,66 +24,66 @@ from pd_editor.generation.core.devices import (
     sampling_device,
     threads_for,
 )
-from pd_editor.generation.defaults import NUM_TRIES, DeviceName
+from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.initial_state.attributes import (
-    AttributeRequest,
     attribute_notes,
 )
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
 from pd_editor.generation.initial_state.fitting import (
     colliding_with_kept,
-    limited,
     num_overlapping,
     without_new,
     without_overlapping,
 )
-from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
+    InitialStateOptions,
     SquarePlacement,
     place_in_squares,
     placed_again,
 )
-from pd_editor.generation.initial_state.sampler import InitialStateSamplerConfig
-from pd_editor.generation.initial_state.squares import Placement, placings_of
-from pd_editor.generation.request_check import (
-    MOST_AGENTS,
+from pd_editor.generation.initial_state.placement_rules import (
+    PLACEMENT_RULES,
+    PlacementRule,
+)
+from pd_editor.generation.request_options import (
+    attribute_request,
     check_request,
-    num_present,
+    initial_state_options,
+    near_lanes,
+    requested_placings,
+    trajectory_options,
+    yields,
+)
+from pd_editor.generation.samples import (
+    Sampled,
+    lane_notes,
+    placement_notes,
+    request_notes,
+    samples_of,
 )
 from pd_editor.generation.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
-from pd_editor.generation.trajectory.network.decoding import Motion
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.pipeline import (
-    TrajectoryOptions,
     TrajectorySampling,
     sample_task,
 )
 from pd_editor.generation.trajectory.present_trajectories import PresentTrajectories
 from pd_editor.generation.trajectory.sample_yielding import with_yielding
 from pd_editor.generation.trajectory.task import TrajectoryTask
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.generation import (
-    AVOIDANCE,
     CAPABILITIES,
-    LANE_GUIDANCE,
     MAX_SEED,
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,
-    GuidanceReport,
     TrafficSample,
 )
 from pd_editor.scene.guidance_terms import PairGuidance
 from pd_editor.scene.paths.lasting_tracks import lasting
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.scene_limits import MAX_AGENTS
 
 Preview = Callable[[], tuple[TrafficSample, ...]]
 
-_MOST_NAMED: Final = 6
-"""Number of agents that a note lists."""
 _MOST_PLACINGS: Final = 4
 """How often states of agents that collide with kept ones are sampled at most."""
 _SEED_STEP: Final = 1_000_003
@@ -112,13 +111,17 @@ class PathDiffuser:
         folder: Path,
         name: str = "path-diffuser",
         device: DeviceName = "auto",
+        placement_rules: Sequence[PlacementRule] = PLACEMENT_RULES,
     ) -> None:
         """Make a generator; weights are read on first use.
+
+        Placed agents that break one of ``placement_rules`` are sampled again.
 
         Raises:
             GenerationError: a GPU is requested, and there is none.
         """
         self._folder, self._name = Path(folder), name
+        self._rules = tuple(placement_rules)
         self._device = sampling_device(device)
         self._model: TrainedModel | None = None
         self._present: PresentTrajectories | None = None
@@ -188,7 +191,7 @@ class PathDiffuser:
             model_sha256=model.sha256,
             seed=request.seed,
             elapsed_s=time.perf_counter() - began,
-            notes=(*found.notes, *found.yielding_notes(), *_notes(request)),
+            notes=(*found.notes, *found.yielding_notes(), *request_notes(request)),
             slowed_ids=found.slowed_ids if any(found.slowed_ids) else (),
             guidance=found.reports,
         )
@@ -201,76 +204,58 @@ class PathDiffuser:
 
     def _sampled_states_and_trajectories(
         self, request: GenerationRequest
-    ) -> Generator[GenerationProgress, None, "_Sampled"]:
+    ) -> Generator[GenerationProgress, None, Sampled]:
         stage = self._initial_states()
         model = stage.model
         assert isinstance(model, InitialStateDenoiser)
-        request, far_notes = _near_lanes(request)
-        found = [_placings(stage, request, one) for one in range(request.num_samples)]
-        placings = {index: squares for index, (squares, _) in enumerate(found)}
-        asked = [number for _, number in found]
-        samples: list[_Sampled] = []
+        request, far_notes = near_lanes(request)
+        options = initial_state_options(request, stage, self._rules)
+        count = request.num_samples
+        asked = [requested_placings(stage, request, one) for one in range(count)]
+        placings = {index: squares for index, (squares, _) in enumerate(asked)}
+        samples: list[Sampled] = []
         placed: list[tuple[Scenario, tuple[str, ...]]] = []
         fits: list[tuple[int, int]] = []
-        for first in range(0, request.num_samples, _MOST_PLACED_TOGETHER):
-            batch = range(
-                first, min(first + _MOST_PLACED_TOGETHER, request.num_samples)
-            )
+        for first in range(0, count, _MOST_PLACED_TOGETHER):
+            batch = range(first, min(first + _MOST_PLACED_TOGETHER, count))
             scenes = yield from place_in_squares(
                 model,
                 request.scenario,
                 {index: placings[index] for index in batch},
                 seed=request.scene_seed,
-                sampler=_state_sampler(request, stage),
-                guidance=_state_guidance(request, stage),
-                resampling=_conflict_resampling(request, stage),
+                options=options,
                 generated_ids=request.agent_ids,
-                progress=partial(_placing_progress, batch, request.num_samples),
+                progress=partial(_placing_progress, batch, count),
             )
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
                 fitting, new_ids, driven = yield from self._driven_states(
                     request,
-                    stage,
+                    options,
                     scenario,
                     placings[index],
                     index,
-                    partial(_driving_progress, batch, number, request.num_samples),
+                    partial(_driving_progress, batch, number, count),
                 )
                 placed.append((fitting, (*request.resampled_state_ids, *new_ids)))
-                fits.append((len(new_ids), asked[index]))
+                fits.append((len(new_ids), asked[index][1]))
                 samples.append(driven)
-        notes = list(attribute_notes(placed, _attribute_request(request)))
-        notes += [*_fit_notes(fits), *far_notes]
         crowded = max(num_overlapping(scenario, ids) for scenario, ids in placed)
-        if crowded and request.refines_states:
-            notes.append(
-                f"There is no room for {crowded} placed agents, which overlap others; "
-                "resample fewer, or in a region with more road."
-            )
-        num_empty = sum(not number for _, number in fits)
-        if num_empty and not request.resampled_state_ids:
-            notes.append(
-                f"No agent was placed in {num_empty} of {len(placed)} samples: there are "
-                "as many road users as suit the road."
-            )
-        return _Sampled(
-            samples=tuple(one for driven in samples for one in driven.samples),
-            slowed_ids=tuple(one for driven in samples for one in driven.slowed_ids),
-            notes=tuple(notes),
-            reports=tuple(one for driven in samples for one in driven.reports),
-        )
+        notes = [
+            *attribute_notes(placed, attribute_request(request)),
+            *placement_notes(request, fits, crowded),
+            *far_notes,
+        ]
+        return Sampled.joined(samples, notes)
 
     def _driven_states(
         self,
         request: GenerationRequest,
-        stage: TrainedStage,
+        options: InitialStateOptions,
         scenario: Scenario,
         squares: tuple[SquarePlacement, ...],
         index: int,
         progress: Callable[[float, Preview], DenoisingProgress],
-    ) -> Generator[
-        GenerationProgress, None, tuple[Scenario, tuple[str, ...], "_Sampled"]
-    ]:
+    ) -> Generator[GenerationProgress, None, tuple[Scenario, tuple[str, ...], Sampled]]:
         """Trajectories from placed states, of which those in the way are placed again.
 
         Where a placed agent will drive is not known when states are sampled, so it may
@@ -278,10 +263,10 @@ class PathDiffuser:
         Returns the scenario with the states that were used, the new agents in it, and the
         trajectories.
         """
-        model = stage.model
+        model = self._initial_states().model
         assert isinstance(model, InitialStateDenoiser)
         wanted = tuple(name for one in squares for name in one.new_ids)
-        tries = _MOST_PLACINGS if request.refines_states and _yields(request) else 1
+        tries = _MOST_PLACINGS if request.refines_states and yields(request) else 1
         best: _Placed | None = None
         for attempt in range(tries):
             if best is not None:
@@ -290,32 +275,16 @@ class PathDiffuser:
                     best.scenario,
                     {index: placed_again(squares, best.in_the_way)},
                     seed=(request.scene_seed + attempt * _SEED_STEP) % MAX_SEED,
-                    sampler=_state_sampler(request, stage),
-                    guidance=_state_guidance(request, stage),
-                    resampling=_conflict_resampling(request, stage),
+                    options=options,
                     generated_ids=request.agent_ids + best.new_ids,
                     progress=lambda _share: progress(1.0, tuple),
                 )
-            new_ids = tuple(n for n in wanted if n in scenario.agents.row_of)
-            if request.refines_states:
-                scenario, new_ids = without_overlapping(scenario, new_ids)
-            sampled = yield from self._sampled_trajectories(
+            found = yield from self._driven_once(
                 request,
                 scenario,
-                request.agent_ids + new_ids,
-                range(index, index + 1),
+                tuple(name for name in wanted if name in scenario.agents.row_of),
+                index,
                 progress if best is None else lambda _share, one: progress(1.0, one),
-            )
-            found = _Placed(
-                scenario=scenario,
-                new_ids=new_ids,
-                sampled=sampled,
-                in_the_way=colliding_with_kept(
-                    scenario,
-                    sampled.samples[0],
-                    request.resampled_state_ids + new_ids,
-                    new_ids,
-                ),
             )
             if best is None or len(found.in_the_way) < len(best.in_the_way):
                 best = found
@@ -328,6 +297,34 @@ class PathDiffuser:
         gone = frozenset(best.new_ids).difference(new_ids)
         return fitting, new_ids, best.sampled.without(gone) if gone else best.sampled
 
+    def _driven_once(
+        self,
+        request: GenerationRequest,
+        scenario: Scenario,
+        new_ids: tuple[str, ...],
+        index: int,
+        progress: Callable[[float, Preview], DenoisingProgress],
+    ) -> Generator[GenerationProgress, None, "_Placed"]:
+        """Trajectories from placed states, and who collides with kept agents."""
+        if request.refines_states:
+            scenario, new_ids = without_overlapping(scenario, new_ids)
+        sampled = yield from self._sampled_trajectories(
+            request,
+            scenario,
+            request.agent_ids + new_ids,
+            range(index, index + 1),
+            progress,
+        )
+        placed_ids = request.resampled_state_ids + new_ids
+        return _Placed(
+            scenario=scenario,
+            new_ids=new_ids,
+            sampled=sampled,
+            in_the_way=colliding_with_kept(
+                scenario, sampled.samples[0], placed_ids, new_ids
+            ),
+        )
+
     def _sampled_trajectories(
         self,
         request: GenerationRequest,
@@ -335,7 +332,7 @@ class PathDiffuser:
         ids: tuple[str, ...],
         indices: range,
         progress: Callable[[float, Preview], DenoisingProgress],
-    ) -> Generator[DenoisingProgress, None, "_Sampled"]:
+    ) -> Generator[DenoisingProgress, None, Sampled]:
         stage = self._trajectories()
         model = stage.model
         assert isinstance(model, TrajectoryDenoiser)
@@ -343,7 +340,7 @@ class PathDiffuser:
         kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
         known = lasting(scenario, kept.difference(ids))
         task = self._task(known, rows, model, sees_all=bool(request.terms))
-        options = _options(request, stage)
+        options = trajectory_options(request, stage)
         continuation = None
         if request.before_edit is not None:
             present = self._present_trajectories(request.before_edit, ids, model)
@@ -352,25 +349,21 @@ class PathDiffuser:
             TrajectorySampling(model=model, task=task, options=options),
             indices,
             lambda share, predicted: progress(
-                share, lambda: _samples(task, rows, predicted())
+                share, lambda: samples_of(task, rows, predicted())
             ),
             continuation,
         )
-        notes: list[str] = []
-        if sampled.lane_cost_m[0] > 0:
-            before, after = sampled.lane_cost_m
-            notes.append(
-                f"Distance to lanes: {before:.1f} -> {after:.1f} m by guidance."
-            )
-        yields = _yields(request)
+        is_yielding = yields(request)
         samples = [
-            with_yielding(scenario, rows, one, request.terms) if yields else (one, ())
-            for one in _samples(task, rows, sampled.motion)
+            with_yielding(scenario, rows, one, request.terms)
+            if is_yielding
+            else (one, ())
+            for one in samples_of(task, rows, sampled.motion)
         ]
         unguided = ()
         if sampled.unguided is not None:
-            unguided = _samples(task, rows, sampled.unguided)
-        if yields:
+            unguided = samples_of(task, rows, sampled.unguided)
+        if is_yielding:
             unguided = tuple(with_yielding(scenario, rows, one)[0] for one in unguided)
         reports = ()
         if request.terms and request.before_edit is None:
@@ -381,10 +374,10 @@ class PathDiffuser:
                 unguided,
                 [slowed for _, slowed in samples],
             )
-        return _Sampled(
+        return Sampled(
             samples=tuple(sample for sample, _ in samples),
             slowed_ids=tuple(slowed for _, slowed in samples),
-            notes=tuple(notes),
+            notes=lane_notes(sampled.lane_cost_m),
             reports=reports,
         )
 
@@ -426,57 +419,12 @@ class PathDiffuser:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Sampled:
-    """Samples with the slowed agents of each, and notes for the user."""
-
-    samples: tuple[TrafficSample, ...]
-    slowed_ids: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...]
-    reports: tuple[GuidanceReport, ...] = ()
-
-    def without(self, gone: Collection[str]) -> "_Sampled":
-        """The same without some agents."""
-        return replace(
-            self,
-            samples=tuple(one.without(gone) for one in self.samples),
-            slowed_ids=tuple(
-                tuple(name for name in ids if name not in gone)
-                for ids in self.slowed_ids
-            ),
-            reports=tuple(
-                one
-                if one.unguided is None
-                else replace(one, unguided=one.unguided.without(gone))
-                for one in self.reports
-            ),
-        )
-
-    def yielding_notes(self) -> list[str]:
-        """Note on the agents that were slowed."""
-        count = sum(map(len, self.slowed_ids))
-        if not count:
-            return []
-        agents = "agent" if count == 1 else "agents"
-        if len(self.samples) > 1:  # whose agents have the same ids
-            return [
-                f"{count} {agents} in {len(self.samples)} samples slowed down to avoid "
-                "a collision."
-            ]
-        (names,) = self.slowed_ids
-        names_listed = ", ".join(names[:_MOST_NAMED])
-        more = f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED)
-        return [
-            f"{count} {agents} slowed down to avoid a collision: {names_listed}{more}."
-        ]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Placed:
     """Placed states and the trajectories sampled from them."""
 
     scenario: Scenario
     new_ids: tuple[str, ...]
-    sampled: _Sampled
+    sampled: Sampled
     in_the_way: tuple[str, ...]
     """Placed agents that collide with kept ones."""
 
@@ -509,196 +457,3 @@ def _named(batch: range, num_samples: int) -> str:
 
 def _progress(label: str, share: float, preview: Preview) -> DenoisingProgress:
     return DenoisingProgress(fraction=share, message=label, preview=preview)
-
-
-def _placings(
-    stage: TrainedStage, request: GenerationRequest, sample: int
-) -> tuple[tuple[SquarePlacement, ...], int]:
-    """Agents to place in a sample, and the number of new ones that was asked for.
-
-    Each sample may have another number of agents, at most as many as the model takes.
-    """
-    assert isinstance(stage.model, InitialStateDenoiser)
-    placement = Placement(
-        resampled_ids=request.resampled_state_ids,
-        num_new_agents=request.num_new_agents,
-        samples_num_agents=request.samples_num_agents,
-        density=stage.sampling["sampler"].fit_density,
-        region=request.region,
-        attributes=_attribute_request(request),
-    )
-    random = np.random.default_rng([request.scene_seed, sample])
-    placings = placings_of(stage.model, request.scenario, placement, random)
-    number = sum(len(one.new_ids) for one in placings)
-    room = min(
-        MOST_AGENTS - num_present(request.scenario),
-        MAX_AGENTS - len(request.scenario.agents),
-    )
-    fitting = limited(placings, room, random)
-    return tuple(
-        replace(one, repairs=request.refines_states) for one in fitting
-    ), number
-
-
-def _near_lanes(
-    request: GenerationRequest,
-) -> tuple[GenerationRequest, tuple[str, ...]]:
-    """The request without resampling of agents beyond the mapped roads, and a note.
-
-    If there are no others they are resampled, and with a region wherever they are.
-    """
-    ids = request.resampled_state_ids
-    near = ids if request.region else ids_near_lanes(request.scenario, ids)
-    count = len(ids) - len(near)
-    if not count or not near:
-        return request, ()
-    keep = "keeps its state" if count == 1 else "keep their states"
-    note = (
-        f"{count} of {len(ids)} agents, more than {BEYOND_ROADS_M:g} m from all mapped "
-        f"lanes, {keep}."
-    )
-    return replace(request, resampled_state_ids=near), (note,)
-
-
-def _state_guidance(
-    request: GenerationRequest, stage: TrainedStage
-) -> InitialStateGuidance:
-    guidance = stage.sampling["guidance"]
-    return guidance if request.refines_states else guidance.at_no_level()
-
-
-def _conflict_resampling(
-    request: GenerationRequest, stage: TrainedStage
-) -> ConflictResampling | None:
-    if not request.refines_states:
-        return None
-    resampling = stage.sampling["conflicts"]
-    if request.quality == "high":
-        versions = resampling.num_high_quality_versions
-        return replace(resampling, num_versions=versions)
-    return resampling
-
-
-def _fit_notes(fits: Sequence[tuple[int, int]]) -> list[str]:
-    """Notes on samples in which fewer new agents fit than were asked for."""
-    short = [
-        (sample, number, asked)
-        for sample, (number, asked) in enumerate(fits, start=1)
-        if number < asked
-    ]
-    notes = [
-        (f"Sample {sample}: " if len(fits) > 1 else "")
-        + f"{number} of {asked} new agents were placed; no free place was found for "
-        f"{asked - number}."
-        for sample, number, asked in short[:_MOST_NAMED]
-    ]
-    if len(short) > _MOST_NAMED:
-        notes.append(f"So it is in {len(short) - _MOST_NAMED} more samples.")
-    return notes
-
-
-def _state_sampler(
-    request: GenerationRequest, stage: TrainedStage
-) -> InitialStateSamplerConfig:
-    sampler = stage.sampling["sampler"]
-    if request.quality == "high":
-        return replace(sampler, num_steps=sampler.num_high_quality_steps)
-    return sampler
-
-
-def _attribute_request(request: GenerationRequest) -> AttributeRequest:
-    return AttributeRequest(
-        moving_share=request.moving_share, only_on_road=request.only_on_road
-    )
-
-
-def _num_tries(request: GenerationRequest) -> int:
-    """Number of tries per trajectory; 0 if collisions are not avoided."""
-    avoids = [term for term in request.settings if term.name == AVOIDANCE]
-    if not avoids:
-        return NUM_TRIES
-    wanted = int(avoids[-1].parameters.get("tries", NUM_TRIES))
-    return max(wanted, 0) if avoids[-1].weight > 0 else 0
-
-
-def _yields(request: GenerationRequest) -> bool:
-    """Whether agents that would collide yield."""
-    avoids = [term for term in request.settings if term.name == AVOIDANCE]
-    wanted = avoids[-1].parameters.get("yields", 1.0) if avoids else 1.0
-    return bool(_num_tries(request)) and wanted > 0
-
-
-def _options(request: GenerationRequest, stage: TrainedStage) -> TrajectoryOptions:
-    sampler, guidance = stage.sampling["sampler"], stage.sampling["guidance"]
-    if request.num_denoising_steps is not None:
-        sampler = replace(sampler, num_steps=request.num_denoising_steps)
-    lanes = [term for term in request.settings if term.name == LANE_GUIDANCE]
-    if lanes:
-        strength = lanes[-1].weight
-        guidance = replace(guidance, weight=strength, warped_weight=strength)
-    return TrajectoryOptions(
-        sampler=sampler,
-        guidance=guidance,
-        lane_agent_ids=lanes[-1].agent_ids if lanes else (),
-        terms=request.terms,
-        term_guidance=stage.sampling["terms"],
-        avoids=all(one.weight > 0 for one in request.settings if one.name == AVOIDANCE),
-        samples_unguided=request.reports_cost,
-        num_tries=max(_num_tries(request), 1),
-        seed=request.scene_seed,
-    )
-
-
-def _samples(
-    task: TrajectoryTask, rows: Int[np.ndarray, "G"], motion: Motion
-) -> tuple[TrafficSample, ...]:
-    """Samples of a motion; static objects keep their velocity."""
-    agents, axis = task.scenario.agents, task.scenario.time_axis
-    now = task.scenario.current_step
-    place = {int(row): index for index, row in enumerate(task.features.agent_row)}
-    sampled = np.array([place.get(int(row), -1) for row in rows], int)
-    time_s = axis.step_s * np.arange(axis.num_future_steps + 1)
-    velocity = agents.velocity_mps[rows, now][:, None].repeat(len(time_s), axis=1)
-    position = agents.position_m[rows, now][:, None] + velocity * time_s[:, None]
-    heading = agents.heading_rad[rows, now][:, None].repeat(len(time_s), axis=1)
-    has = sampled >= 0
-    known = agents.activity[rows]
-    activity = tuple(Activity(int(one)) for one in known) if known.any() else ()
-    samples: list[TrafficSample] = []
-    for index in range(len(motion.position_m)):
-        here = [one.copy() for one in (position, heading, velocity)]
-        for table, values in zip(
-            here,
-            (motion.position_m, motion.heading_rad, motion.velocity_mps),
-            strict=True,
-        ):
-            table[has] = values[index, sampled[has]]
-        samples.append(
-            TrafficSample(
-                ids=tuple(agents.ids[row] for row in rows),
-                kinds=tuple(agents.kinds[row] for row in rows),
-                size_m=agents.size_m[rows],
-                position_m=here[0],
-                heading_rad=here[1],
-                velocity_mps=here[2],
-                activity=activity,
-            )
-        )
-    return tuple(samples)
-
-
-def _notes(request: GenerationRequest) -> list[str]:
-    known = {LANE_GUIDANCE, AVOIDANCE}
-    other = [term.name for term in request.settings if term.name not in known]
-    notes = [f"The model takes no guidance {name!r}." for name in other]
-    agents = request.scenario.agents
-    static_objects = [
-        name
-        for name in request.agent_ids
-        if agents.kinds[agents.row_of[name]] not in ROAD_USER_KINDS
-    ]
-    if static_objects:
-        notes.append(
-            f"{', '.join(static_objects)}: no road users, so they keep their velocity."
-        )
-    return notes

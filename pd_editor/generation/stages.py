@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import Final
 
 from pd_editor.generation.checkpoints.model_folder import StageKind
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
+from pd_editor.generation.initial_state.placement_rules import ConflictResampling
 from pd_editor.generation.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     TrajectoryGuidance,

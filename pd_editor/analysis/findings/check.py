@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.analysis.findings.collisions import collisions, near_passes
+from pd_editor.analysis.findings.collisions import collisions, near_passes, short_times
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.analysis.findings.friction import friction_problems
 from pd_editor.analysis.findings.motion import (
@@ -17,7 +17,6 @@ from pd_editor.analysis.findings.motion import (
 )
 from pd_editor.analysis.findings.road_departures import road_departures
 from pd_editor.analysis.findings.road_shape import road_problems
-from pd_editor.analysis.findings.short_times import short_times
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario

@@ -7,6 +7,7 @@ Overlaps that are frequent in recordings and that no edit can resolve are left o
 - later overlaps of two stationary agents, which only come into view.
 """
 
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -17,14 +18,20 @@ from pd_editor.analysis.findings.finding import (
     agent_name,
     at_time,
     capitalised,
+    finding_of_agent,
 )
 from pd_editor.analysis.metrics.collisions.box_tests import (
     MIN_OVERLAP_M2,
     overlaps_of_pairs,
     pairs_that_meet,
 )
-from pd_editor.analysis.metrics.collisions.safety import box_gap_m
+from pd_editor.analysis.metrics.collisions.safety import (
+    CRITICAL_S,
+    box_gap_m,
+    least_times_s,
+)
 from pd_editor.analysis.metrics.step_spans import spans_of
+from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.geometry.oriented_box import BoxStates, overlap_area
@@ -211,3 +218,34 @@ def _pairs_matter(
     a, b = pairs[:, 0], pairs[:, 1]
     pushes = (bicycle[a] & (walks | rides)[b]) | (bicycle[b] & (walks | rides)[a])
     return (uses_road[a] | uses_road[b]) & ~(walks[a] & walks[b]) & ~pushes
+
+
+def short_times(view: TrafficView, others: Iterable[Finding]) -> list[Finding]:
+    """Find agents whose shortest time to collision is critical, at its step.
+
+    Pairs that collide, as the other findings tell, are left out.
+    """
+    scenario, found = view.scenario, []
+    row_of = view.everyone.row_of
+    told = np.zeros((len(row_of), len(row_of)), bool)
+    for one in others:
+        if one.kind in ("collision", "later-collision"):
+            pair = [row_of[name] for name in one.agent_ids if name in row_of]
+            told[pair, pair[::-1]] = True
+    least, at = least_times_s(view, told)
+    for row in np.flatnonzero(least < CRITICAL_S).tolist():
+        step = scenario.current_step + int(at[row])
+        words = f"time to collision {least[row]:.1f} s"
+        found.append(
+            finding_of_agent(
+                scenario,
+                "short-time",
+                scenario.agents.row_of[view.agents.ids[row]],
+                np.array([step]),
+                value=float(least[row]),
+                limit=CRITICAL_S,
+                words=f" {words}",
+                message=f"would hit another agent at constant speed: {words}.",
+            )
+        )
+    return found

@@ -33,7 +33,7 @@ from pd_editor.generation.initial_state.attributes import (
     with_attributes,
     with_attributes_of,
 )
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.agent_count_prior import (
@@ -43,6 +43,7 @@ from pd_editor.generation.initial_state.network.agent_count_prior import (
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
     REACH_M,
+    Conditioning,
     only_agents,
     sampling_conditioning,
 )
@@ -91,6 +92,18 @@ _VERSION_STEP: Final = 1_000_003
 """Difference of the sample indices of the versions of a sample."""
 _ROUND_SEED_STEP: Final = 1_000_033
 """Difference of the seeds of rounds; each round has random numbers of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialStateOptions:
+    """Options of the sampling of initial states."""
+
+    sampler: InitialStateSamplerConfig = field(
+        default_factory=InitialStateSamplerConfig
+    )
+    guidance: InitialStateGuidance = field(default_factory=InitialStateGuidance)
+    conflicts: ConflictSearch | None = None
+    """Which placed agents are sampled again; None leaves all as they are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,31 +268,29 @@ def place_in_squares(
     placings: Mapping[int, Sequence[SquarePlacement]],
     *,
     seed: int,
-    sampler: InitialStateSamplerConfig | None = None,
-    guidance: InitialStateGuidance | None = None,
-    resampling: ConflictResampling | None = None,
+    options: InitialStateOptions | None = None,
     generated_ids: Sequence[str] = (),
     progress: Callable[[float], _Progress] = lambda share: share,
 ) -> Generator[_Progress, None, list[Scenario]]:
     """Sample initial states square by square; returns each sample's scenario.
 
     All samples of a square are denoised in one batch. Each square is conditioned on the
-    agents of the sample that were placed before. Then agents that conflict with a
-    neighbour are sampled again, in several versions of which the best is taken, given all
-    others; ``resampling`` None leaves them. So it is with agents in the way of others, but
-    not of those whose trajectories are to be generated. Placed agents exist at the current
-    step only.
+    agents of the sample that were placed before. Then agents that break a placement rule
+    are sampled again, in several versions of which the best is taken, given all others;
+    those whose trajectories are to be generated keep no path that others must leave free.
+    Placed agents exist at the current step only.
     Yields ``progress`` of the share that is done.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
     """
-    sampler = InitialStateSamplerConfig() if sampler is None else sampler
-    num_rounds = 0 if resampling is None else resampling.num_rounds
+    options = InitialStateOptions() if options is None else options
+    sampler, conflicts = options.sampler, options.conflicts
+    num_rounds = 0 if conflicts is None else conflicts.settings.num_rounds
     # The number of rounds is not known ahead, so each counts half of what remains.
     ends = 1 - 0.5 ** np.arange(1, num_rounds + 2)
     ends[-1] = 1.0
-    place = partial(_place_once, model, maps={}, guidance=guidance)
+    place = partial(_place_once, model, maps={}, guidance=options.guidance)
     found = yield from place(
         dict.fromkeys(placings, scenario),
         placings,
@@ -292,36 +303,48 @@ def place_in_squares(
         scenario, [n for n in scenario.agents.ids if n in own.union(generated_ids)]
     )
     for index, (begin, end) in enumerate(pairwise(ends)):
-        assert resampling is not None, "without it there are no rounds"
+        assert conflicts is not None, "without it there are no rounds"
         again: dict[int, tuple[str, ...]] = {}
         for sample, squares in placings.items():
             ids = [name for one in squares for name in one.ids]
             random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
-            again[sample] = resampling.conflicting(found[sample], ids, random, kept)
-        versions = {
-            sample: [sample + n * _VERSION_STEP for n in range(resampling.num_versions)]
-            for sample, ids in again.items()
-            if ids
-        }
-        if not versions:
+            if ids := conflicts.conflicting(found[sample], ids, random, kept):
+                again[sample] = ids
+        if not again:
             break
-        tasks = {one: placed_again(placings[one], again[one]) for one in versions}
-        placed = yield from place(
-            {key: found[sample] for sample, keys in versions.items() for key in keys},
-            {key: tasks[sample] for sample, keys in versions.items() for key in keys},
-            seed=(seed + (index + 1) * _ROUND_SEED_STEP) % MAX_SEED,
-            sampler=replace(
-                sampler, num_steps=min(sampler.num_steps, resampling.num_steps)
+        num_steps = min(sampler.num_steps, conflicts.settings.num_steps)
+        versions = yield from _versions(
+            partial(
+                place,
+                seed=(seed + (index + 1) * _ROUND_SEED_STEP) % MAX_SEED,
+                sampler=replace(sampler, num_steps=num_steps),
+                progress=lambda part, low=begin, high=end: progress(
+                    low + (high - low) * part
+                ),
             ),
-            progress=lambda part, low=begin, high=end: progress(
-                low + (high - low) * part
-            ),
+            found,
+            {key: placed_again(placings[key], ids) for key, ids in again.items()},
+            conflicts.settings.num_versions,
         )
-        for sample, keys in versions.items():
-            found[sample] = resampling.best_of(
-                [placed[key] for key in keys], again[sample], kept
-            )
+        for sample, ids in again.items():
+            found[sample] = conflicts.best_of(versions[sample], ids, kept)
     return [_slowed(found[sample], squares) for sample, squares in placings.items()]
+
+
+def _versions(
+    place: Callable[..., Generator[_Progress, None, dict[int, Scenario]]],
+    scenes: Mapping[int, Scenario],
+    placings: Mapping[int, Sequence[SquarePlacement]],
+    count: int,
+) -> Generator[_Progress, None, dict[int, list[Scenario]]]:
+    """Some versions of each sample, all in one batch, each with its own random numbers."""
+    keys = {one: [one + n * _VERSION_STEP for n in range(count)] for one in placings}
+    sample_of = {key: sample for sample, own in keys.items() for key in own}
+    placed = yield from place(
+        {key: scenes[sample] for key, sample in sample_of.items()},
+        {key: placings[sample] for key, sample in sample_of.items()},
+    )
+    return {sample: [placed[key] for key in own] for sample, own in keys.items()}
 
 
 def _place_once(
@@ -436,32 +459,16 @@ def place_agents(
         GenerationError: there is no road where agents are to be placed.
     """
     placing = tasks[0].placing
-    center, half_side = _square(placing.region)
     device = model.get_buffer("counted").device
     scenes_of_square = batch_of([one.packed() for one in tasks], pads_single=True)
     # The tokens of the map, which all samples share, are encoded once.
     scene = scenes_of_square.with_one_map().to(device)
-    row = torch.arange(scene.has_agent.shape[1], device=device)
-    num_given = torch.tensor([one.num_given for one in tasks], device=device)
-    task = sampling_conditioning(
-        scene,
-        row < num_given[:, None],
-        scene.agent_speed.new_full((len(tasks),), half_side),
-        within_kinds=not model.config.orders_all_kinds,
-    )
     further = [placing.square] if placing.square else []
     randoms = [
         np.random.default_rng([seed, one.sample, _ATTRIBUTES_KEY, *further])
         for one in tasks
     ]
-    if placing.traits != AttributeRequest():
-        task = (
-            with_attributes_of(task, scene, [(one.kept, one.placed) for one in tasks])
-            if placing.is_again
-            else with_attributes(
-                task, scene, model.agent_counts, randoms, placing.traits
-            )
-        )
+    task = _conditioning(model, scene, tasks, randoms)
     maps = {} if maps is None else maps
     if placing.square not in maps:
         with sampling_mode(scene.has_agent.numel()):
@@ -492,6 +499,42 @@ def place_agents(
         clean = step.clean
         yield progress((step.index + 1) / step.num_steps)
     assert clean is not None, "there is at least one step"
+    return _placed(tasks, scene, task, clean)
+
+
+def _conditioning(
+    model: InitialStateDenoiser,
+    scene: SceneTensors,
+    tasks: Sequence[SquareTask],
+    randoms: Sequence[np.random.Generator],
+) -> Conditioning:
+    """What the network is told of the agents to place."""
+    placing = tasks[0].placing
+    _, half_side = _square(placing.region)
+    device = scene.has_agent.device
+    row = torch.arange(scene.has_agent.shape[1], device=device)
+    num_given = torch.tensor([one.num_given for one in tasks], device=device)
+    task = sampling_conditioning(
+        scene,
+        row < num_given[:, None],
+        scene.agent_speed.new_full((len(tasks),), half_side),
+        within_kinds=not model.config.orders_all_kinds,
+    )
+    if placing.traits == AttributeRequest():
+        return task
+    if placing.is_again:
+        kept = [(one.kept, one.placed) for one in tasks]
+        return with_attributes_of(task, scene, kept)
+    return with_attributes(task, scene, model.agent_counts, randoms, placing.traits)
+
+
+def _placed(
+    tasks: Sequence[SquareTask],
+    scene: SceneTensors,
+    task: Conditioning,
+    clean: Float[torch.Tensor, "S B A P"],
+) -> list[Scenario]:
+    """Scenarios with sampled states, repaired where that is wanted."""
     states = finished_states(scene, task, clean)[0].double().cpu().numpy()
     activity = finished_activity(scene, task, clean)[0].cpu().numpy()
     on_road = task.on_road.cpu().numpy()
@@ -502,7 +545,7 @@ def place_agents(
             one.placed,
             states[index, own],
             activity[index, own],
-            center,
+            _square(one.placing.region)[0],
             one.kept.current_step,
         )
         result = one.kept.with_agents(one.kept.agents.joined(tracks))

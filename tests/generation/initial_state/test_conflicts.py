@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pd_editor.generation.initial_state import pipeline
 from pd_editor.generation.initial_state.attributes import with_attributes_of
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
@@ -21,8 +21,14 @@ from pd_editor.generation.initial_state.network.conditioning import (
 )
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
+    InitialStateOptions,
     SquarePlacement,
     placed_again,
+)
+from pd_editor.generation.initial_state.placement_rules import (
+    PLACEMENT_RULES,
+    ConflictResampling,
+    PlacedTraffic,
 )
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.generation.stages import INITIAL_STATES
@@ -36,16 +42,27 @@ from tests.analysis.repair.scenes import Crowd, boxes, crowds
 from tests.builders import scenario_with, straight_drivers
 from tests.generation.initial_state.scenes import placed_states, scene_batch
 
-RESAMPLING = ConflictResampling()
+SETTINGS = ConflictResampling()
+SEARCH = ConflictSearch(settings=SETTINGS)
 
 
 def nothing_kept(scenario: Scenario) -> KeptPaths:
     return KeptPaths.of(scenario, scenario.agents.ids)
 
 
+def offenders(
+    scenario: Scenario, *names: str, settings: ConflictResampling = SETTINGS
+) -> np.ndarray:
+    """Who breaks some rules, in either order."""
+    rules = [one for one in PLACEMENT_RULES if one.name in names]
+    assert len(rules) == len(names)
+    search = ConflictSearch(settings=settings, rules=rules)
+    return search.conflicts(scenario.agents, scenario, nothing_kept(scenario))
+
+
 def in_conflict(states: list[tuple[float, float, float, float]]) -> bool:
-    agents = straight_drivers(states)
-    pairs = RESAMPLING.pairs(agents, scenario_with(agents).current_step)
+    scenario = scenario_with(straight_drivers(states))
+    pairs = offenders(scenario, "near", "beside", "brakes", "waits", "crossing")
     assert (pairs == pairs.T).all()
     return bool(pairs[0, 1])
 
@@ -94,13 +111,13 @@ def test_boxes_nearer_than_the_gap_conflict(crowd: Crowd):
     agents = straight_drivers([(x, y, turn, 0.0) for x, y, turn, _ in states])
     scenario = scenario_with(agents)
     step = scenario.current_step
-    pairs = replace(RESAMPLING, side_gap_m=0.0).pairs(agents, step)
+    pairs = offenders(scenario, "near")
     shapes = np.array(boxes(scenario, step))
     apart = shapely.distance(shapes[:, None], shapes[None])
     np.fill_diagonal(apart, np.inf)
     # A box that grows on all sides has corners, so it reaches a little further.
-    assert pairs[apart < RESAMPLING.gap_m - 1e-9].all()
-    assert not pairs[apart > RESAMPLING.gap_m * 2**0.5 + 1e-9].any()
+    assert pairs[apart < SETTINGS.gap_m - 1e-9].all()
+    assert not pairs[apart > SETTINGS.gap_m * 2**0.5 + 1e-9].any()
 
 
 @pytest.mark.parametrize(
@@ -117,10 +134,10 @@ def test_agents_in_a_lane_that_leads_the_other_way_conflict_with_the_road(
 ):
     away = (90.0, 60.0, 0.0, 0.0)
     scenario = scenario_with(straight_drivers([state, away]))
-    ids, step = scenario.agents.ids, scenario.current_step
-    found = RESAMPLING.wrong_way(scenario.agents, scenario.road_map, step)
+    ids = scenario.agents.ids
+    found = offenders(scenario, "wrong way").diagonal()
     assert found.tolist() == [expected, False]
-    chosen = RESAMPLING.conflicting(
+    chosen = SEARCH.conflicting(
         scenario, ids, np.random.default_rng(0), nothing_kept(scenario)
     )
     assert chosen == (ids[:1] if expected else ())
@@ -142,9 +159,9 @@ def test_vehicles_askew_beside_a_road_conflict_with_it(
     state: tuple[float, float, float, float], expected: bool
 ):
     scenario = scenario_with(straight_drivers([state, (90.0, 60.0, 0.0, 0.0)]))
-    found = RESAMPLING.askew_off_road(scenario.agents, scenario)
+    found = offenders(scenario, "askew off road").diagonal()
     assert found.tolist() == [expected, False]
-    conflicts = RESAMPLING.conflicts(scenario.agents, scenario, nothing_kept(scenario))
+    conflicts = SEARCH.conflicts(scenario.agents, scenario, nothing_kept(scenario))
     assert conflicts.diagonal().tolist() == [expected, False]
 
 
@@ -160,17 +177,33 @@ def test_the_road_beside_which_vehicles_stand_may_be_warped(
     term = WarpTerm(kind="smooth-turn", power=3.0, length_m=40.0)
     bent = warp_scenario(scenario, RoadWarp(anchor=anchor, terms=(term,)))
     moved_m = np.linalg.norm(bent.agents.position_m - scenario.agents.position_m)
-    assert moved_m > RESAMPLING.beside_road_m
-    assert RESAMPLING.askew_off_road(bent.agents, bent).tolist() == [expected]
+    assert moved_m > SETTINGS.beside_road_m
+    assert offenders(bent, "askew off road").diagonal().tolist() == [expected]
 
 
 def test_an_agent_gets_its_state_of_the_version_along_the_lane():
     ahead, back = (20.0, 0.0, 0.0, 8.0), (20.0, 0.0, np.pi, 8.0)
     versions = [scenario_with(straight_drivers([one])) for one in (back, ahead)]
-    best = RESAMPLING.best_of(
-        versions, versions[0].agents.ids, nothing_kept(versions[0])
-    )
+    best = SEARCH.best_of(versions, versions[0].agents.ids, nothing_kept(versions[0]))
     assert best.agents.heading_rad[0, best.current_step] == 0.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(crowd=crowds(), data=st.data())
+def test_rules_are_independent_of_each_other(crowd: Crowd, data: st.DataObject):
+    """What several rules find is what each of them finds alone, in any order."""
+    states, kinds = crowd
+    scenario = scenario_with(straight_drivers(states, kinds=kinds))
+    traffic = PlacedTraffic(
+        agents=scenario.agents, scenario=scenario, kept=nothing_kept(scenario)
+    )
+    some = data.draw(st.lists(st.sampled_from(PLACEMENT_RULES), unique=True))
+    alone = np.zeros((len(scenario.agents),) * 2, bool)
+    for rule in reversed(some):
+        alone |= rule.offenders(traffic, SETTINGS)
+    together = ConflictSearch(settings=SETTINGS, rules=some)
+    found = together.conflicts(scenario.agents, scenario, nothing_kept(scenario))
+    assert np.array_equal(found, alone | alone.T)
 
 
 @settings(max_examples=60, deadline=None)
@@ -180,11 +213,11 @@ def test_without_the_chosen_agents_no_placed_one_conflicts(crowd: Crowd):
     scenario = scenario_with(straight_drivers(states, kinds=kinds))
     placed = scenario.agents.ids[1::2]
     random = np.random.default_rng(0)
-    chosen = RESAMPLING.conflicting(scenario, placed, random, nothing_kept(scenario))
+    chosen = SEARCH.conflicting(scenario, placed, random, nothing_kept(scenario))
     assert set(chosen) <= set(placed)
     assert len(set(chosen)) == len(chosen)
     rest = scenario.without_agents(chosen)
-    assert not RESAMPLING.conflicting(
+    assert not SEARCH.conflicting(
         rest,
         [name for name in placed if name not in chosen],
         random,
@@ -207,12 +240,12 @@ def test_the_best_of_some_versions_has_no_more_conflicts_than_each(
     for version in range(number):
         place = base.agents.position_m[rows] + (0.0, 3.0 * version * turn)
         versions.append(base.with_agents(base.agents.with_rows(rows, position_m=place)))
-    best = RESAMPLING.best_of(versions, ids, nothing_kept(versions[0]))
+    best = SEARCH.best_of(versions, ids, nothing_kept(versions[0]))
 
     def conflicts(scenario: Scenario) -> int:
         agents = scenario.agents
         counts = agents.is_valid[:, step] & agents.kind_mask(LANE_FOLLOWER_KINDS)
-        found = RESAMPLING.conflicts(agents, scenario, nothing_kept(scenario))
+        found = SEARCH.conflicts(agents, scenario, nothing_kept(scenario))
         return int((found & counts & counts[:, None])[rows].sum())
 
     assert conflicts(best) <= min(map(conflicts, versions))
@@ -231,7 +264,7 @@ def test_an_agent_gets_its_state_of_the_version_without_a_conflict():
     free = [(20.0, 0.0, 0.0, 0.0), (80.0, 0.0, 0.0, 0.0)]
     one = scenario_with(straight_drivers([*stands, free[0], stands[1]]))
     two = scenario_with(straight_drivers([*stands, stands[0], free[1]]))
-    best = RESAMPLING.best_of([one, two], one.agents.ids[2:], nothing_kept(one))
+    best = SEARCH.best_of([one, two], one.agents.ids[2:], nothing_kept(one))
     found = best.agents.position_m[:, best.current_step, 0]
     assert found.tolist() == [0.0, 60.0, 20.0, 80.0]
 
@@ -254,8 +287,14 @@ def placed(
         region=Region(center_m=(0.0, 0.0), half_side_m=62.0),
     )
     (once,), (again,) = (
-        placed_states(model, scenario, {0: [placing]}, seed=0, resampling=resampling)
-        for resampling in (None, RESAMPLING)
+        placed_states(
+            model,
+            scenario,
+            {0: [placing]},
+            seed=0,
+            options=InitialStateOptions(conflicts=conflicts),
+        )
+        for conflicts in (None, SEARCH)
     )
     return once, again
 
@@ -267,7 +306,7 @@ def test_only_agents_in_conflict_are_sampled_again(
     step = scenario.current_step
     ids = [name for name in once.agents.ids if name.startswith("new")]
     random = np.random.default_rng(0)
-    first = RESAMPLING.conflicting(once, ids, random, nothing_kept(once))
+    first = SEARCH.conflicting(once, ids, random, nothing_kept(once))
     assert first, "a network with random weights places agents in conflict"
     at = {
         name: scene.agents.position_m[scene.agents.rows(ids), step]
@@ -276,8 +315,8 @@ def test_only_agents_in_conflict_are_sampled_again(
     stayed = (at["once"] == at["again"]).all(axis=1)
     assert stayed.any()
     assert not stayed.all()
-    fewer = RESAMPLING.pairs(again.agents, step).sum()
-    assert fewer < RESAMPLING.pairs(once.agents, step).sum()
+    pairs = [offenders(one, "near", "beside", "brakes").sum() for one in (once, again)]
+    assert pairs[1] < pairs[0]
     assert set(again.agents.ids) == set(once.agents.ids)
 
 

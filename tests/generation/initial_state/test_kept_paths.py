@@ -5,15 +5,16 @@ import pytest
 import shapely
 
 from pd_editor.editor.commands import traffic_command
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
+from pd_editor.generation.initial_state.placement_rules import ConflictResampling
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import GenerationRequest, Region, run_to_end
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 
-RESAMPLING = ConflictResampling()
+SEARCH = ConflictSearch(settings=ConflictResampling())
 
 
 def blocked(state: tuple[float, float, float, float], *, is_kept: bool = True) -> bool:
@@ -23,9 +24,9 @@ def blocked(state: tuple[float, float, float, float], *, is_kept: bool = True) -
     names = agents.ids[1:] if is_kept else agents.ids
     kept = KeptPaths.of(scenario, names)
     random = np.random.default_rng(0)
-    only_pair = RESAMPLING.pairs(agents, scenario.current_step)[0, 1]
-    chosen = RESAMPLING.conflicting(scenario, agents.ids[1:], random, kept)
-    return bool(chosen) and not only_pair
+    only_pair = SEARCH.conflicts(agents, scenario, KeptPaths.of(scenario, agents.ids))
+    chosen = SEARCH.conflicting(scenario, agents.ids[1:], random, kept)
+    return bool(chosen) and not only_pair[0, 1]
 
 
 @pytest.mark.parametrize(

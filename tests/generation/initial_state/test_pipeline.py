@@ -10,7 +10,7 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.generation import path_diffuser
 from pd_editor.generation.initial_state import pipeline
 from pd_editor.generation.initial_state.attributes import AttributeRequest
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
@@ -20,6 +20,7 @@ from pd_editor.generation.initial_state.network.conditioning import (
 )
 from pd_editor.generation.initial_state.sampler import sample_initial_states
 from pd_editor.generation.path_diffuser import PathDiffuser
+from pd_editor.generation.request_options import MOST_AGENTS
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import GenerationRequest, Region, guidance_settings
 from pd_editor.scene.scenario import Scenario
@@ -119,15 +120,15 @@ def test_high_quality_samples_more_versions_of_agents_in_conflict(
     diffuser: PathDiffuser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     numbers: list[int] = []
-    best_of = ConflictResampling.best_of
+    best_of = ConflictSearch.best_of
 
     def counted(
-        self: ConflictResampling, versions: list, ids: tuple, kept: KeptPaths
+        self: ConflictSearch, versions: list, ids: tuple, kept: KeptPaths
     ) -> Scenario:
         numbers.append(len(versions))
         return best_of(self, versions, ids, kept)
 
-    monkeypatch.setattr(ConflictResampling, "best_of", counted)
+    monkeypatch.setattr(ConflictSearch, "best_of", counted)
     crowd = [(8.0 * k, 3.5 * lane, 0.0, 9.0) for k in range(9) for lane in range(2)]
     scenario = scenario_with(straight_drivers(crowd))
     ids = scenario.agents.ids
@@ -290,7 +291,7 @@ def test_a_full_road_gets_no_more_agents(
 
 def test_agents_that_are_not_there_take_no_room(diffuser: PathDiffuser) -> None:
     agents = straight_drivers(
-        [(4.0 * number, 0.0, 0.0, 1.0) for number in range(path_diffuser.MOST_AGENTS)]
+        [(4.0 * number, 0.0, 0.0, 1.0) for number in range(MOST_AGENTS)]
     )
     scenario = scenario_with(agents)
     valid = agents.is_valid.copy()

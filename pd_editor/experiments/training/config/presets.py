@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from pd_editor.experiments.training.config.run_config import Optimisation
-from pd_editor.generation.initial_state.conflicts import ConflictResampling
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.loss import InitialStateLossConfig
 from pd_editor.generation.initial_state.network.denoiser import InitialStateConfig
+from pd_editor.generation.initial_state.placement_rules import ConflictResampling
 from pd_editor.generation.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     TrajectoryGuidance,

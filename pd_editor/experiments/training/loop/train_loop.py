@@ -1,5 +1,6 @@
 """Training loop of both stages, on a CPU or on one or several GPUs."""
 
+import copy
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Set
@@ -10,6 +11,7 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.training.config.run_config import (
@@ -26,7 +28,6 @@ from pd_editor.experiments.training.loop.training_state import (
     read_state,
     write_state,
 )
-from pd_editor.experiments.training.loop.weight_average import WeightAverage
 
 _STEPS_PER_LINE = 25
 _BETAS = (0.9, 0.99)
@@ -352,3 +353,25 @@ def learning_rate(optimisation: Optimisation, step: int, fraction: float) -> flo
     warmth = min(1.0, max(warmed, fraction / _MOST_WARMUP))
     fallen = min(1.0, max(0.0, fraction - constant) / (1 - constant))
     return optimisation.learning_rate * warmth * 0.5 * (1 + math.cos(math.pi * fallen))
+
+
+_FASTEST = 10.0
+"""Warm-up of the average: at step n the decay is at most (1 + n) / (10 + n)."""
+
+
+class WeightAverage:
+    """A copy of a network with the moving average of its weights."""
+
+    def __init__(self, model: nn.Module, decay: float) -> None:
+        self.model = copy.deepcopy(model).requires_grad_(requires_grad=False).eval()
+        """The averaged network."""
+        self._decay = decay
+
+    @torch.no_grad()
+    def update(self, model: nn.Module, step: int) -> None:
+        """Update the average after a step, counted from 0."""
+        decay = min(self._decay, (1 + step) / (_FASTEST + step))
+        averaged: list[Tensor] = list(self.model.parameters())
+        get_ema_multi_avg_fn(decay)(averaged, [*model.parameters()], step)
+        for mine, theirs in zip(self.model.buffers(), model.buffers(), strict=True):
+            mine.copy_(theirs)

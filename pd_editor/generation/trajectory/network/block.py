@@ -1,13 +1,14 @@
 """Block of the trajectory network: attention of agents, then a feed-forward part."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from pd_editor.generation.core.attention import scale_query_rows
+from pd_editor.generation.core.attention import minus_infinity_unless, scale_query_rows
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE
 from pd_editor.generation.trajectory.network.interaction_features import (
     NUM_WAYPOINT_FEATURES,
@@ -157,3 +158,35 @@ class AgentBlock(nn.Module):
             found.append(torch.bmm(weights, tokens.values))
         seen = torch.stack(found).view(len(sets), heads, -1, samples, parts.shape[-1])
         return seen.permute(3, 2, 0, 1, 4).reshape(queries.shape)
+
+
+class TokenEncoder(nn.Module):
+    """Encodes N tokens of each of G agents, once per scene."""
+
+    def __init__(self, size: int, width: int, num_blocks: int, num_heads: int) -> None:
+        super().__init__()
+        self.num_heads = num_heads
+        self.embed = nn.Sequential(
+            nn.Linear(size, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+        )
+        self.null_token = nn.Parameter(torch.zeros(width))
+        self.keys_values = nn.Linear(width, num_blocks * 2 * width)
+
+    def forward(
+        self, tokens: Float[Tensor, "G N F"], exists: Bool[Tensor, "G N"]
+    ) -> Sequence[Tokens]:
+        """Keys and values for each block; the first of the N + 1 is a null token."""
+        # Existing tokens alone are encoded, after the null token, which all have.
+        place = exists.flatten().cumsum(0).view_as(exists) * exists
+        hidden = self.embed(tokens[exists])
+        hidden = torch.cat([self.null_token.to(hidden)[None], hidden])
+        mask = minus_infinity_unless(nn.functional.pad(exists, (1, 0), value=True))
+        mask = mask[:, None].to(hidden).repeat(self.num_heads, 1, 1)
+        # One product for each head, so that nothing is rearranged in memory.
+        parts = (-1, hidden.shape[-1] // self.num_heads)
+        weight = self.keys_values.weight.unflatten(0, parts).mT
+        bias = self.keys_values.bias.unflatten(0, parts)[:, None]
+        encoded = torch.baddbmm(bias, hidden.expand(len(weight), -1, -1), weight)
+        encoded = encoded.index_select(1, nn.functional.pad(place, (1, 0)).flatten())
+        encoded = encoded.view(-1, 2, *mask.shape[::2], parts[1])
+        return [Tokens(keys, values, mask) for keys, values in encoded]

@@ -33,6 +33,7 @@ from pd_editor.generation.trajectory.network.block import (
     AgentBlock,
     BlockContext,
     Masks,
+    TokenEncoder,
     Tokens,
 )
 from pd_editor.generation.trajectory.network.context import (
@@ -59,7 +60,6 @@ from pd_editor.generation.trajectory.network.interaction_features import (
     NUM_WAYPOINT_FEATURES,
     InteractionGeometry,
 )
-from pd_editor.generation.trajectory.network.token_encoder import TokenEncoder
 from pd_editor.scene.activity import Activity
 
 
