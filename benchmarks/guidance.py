@@ -22,6 +22,14 @@ from benchmarks.candidates import full_scenarios
 from benchmarks.figures import load_in_words
 from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.space import StayOnRoad
+from pd_editor.analysis.guidance.kinds.speed import (
+    ComfortLimits,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
 from pd_editor.analysis.guidance.outcomes import SLOWED
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
@@ -32,16 +40,7 @@ from pd_editor.scene.generation import (
     guidance_settings,
     run_to_end,
 )
-from pd_editor.scene.guidance_terms import (
-    ComfortLimits,
-    FollowPath,
-    GoalPoint,
-    GuidanceTerm,
-    SpeedLimit,
-    StayOnRoad,
-    StopAtLine,
-    TargetSpeed,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS

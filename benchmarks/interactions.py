@@ -17,8 +17,9 @@ from typing import Final, get_args
 import numpy as np
 
 from pd_editor.analysis.guidance.feasibility import guidance_problems
-from pd_editor.analysis.guidance.pair_outcomes import shared_places
-from pd_editor.analysis.threats.encounter import Track, encounter
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo, shared_places
+from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
+from pd_editor.analysis.threats.encounter import Approach, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.analysis.threats.threat_outcome import meets
@@ -35,14 +36,7 @@ from pd_editor.scene.generation import (
     run_to_end,
 )
 from pd_editor.scene.guidance_outcome import Realism
-from pd_editor.scene.guidance_terms import (
-    Approach,
-    AvoidCollisions,
-    GuidanceTerm,
-    KeepGap,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.candidates import full_scenarios
 from benchmarks.figures import load_in_words, spread
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.editor.commands import (
     AddGuidance,
     ChangeGuidance,
@@ -36,7 +37,6 @@ from pd_editor.scene.generation import (
     run_to_end,
 )
 from pd_editor.scene.geometry.angles import unit_vector
-from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids

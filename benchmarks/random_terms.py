@@ -14,15 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
 from pd_editor.analysis.guidance.possible_encounters import (
     endangered_id,
     possible_encounters,
 )
+from pd_editor.analysis.threats.encounter import Approach
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.guidance_outcome import TermOutcome
-from pd_editor.scene.guidance_terms import Approach, GuidanceTerm, Threaten, YieldTo
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

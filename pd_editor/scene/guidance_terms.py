@@ -2,51 +2,70 @@
 
 Terms are part of a scenario, or of one request. Points are in the scene frame, times
 are seconds after the current step. Strengths of different terms compare through their
-weights; a term that is off is kept but has no effect.
+weights; a term that is off is kept but has no effect. The kinds of terms are entries of
+``pd_editor.analysis.guidance.kinds``; a scenario knows no more of them than is here.
 """
 
-import itertools
 import math
+import typing
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, Final, Literal, TypeVar, get_args
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import is_plain, one_line
-from pd_editor.scene.scene_limits import MAX_POSITION_M
 
 MAX_TERMS: Final = 200
 """Largest number of terms of a scenario or of a request."""
 MAX_WEIGHT: Final = 10.0
-MAX_PATH_POINTS: Final = 1_000
-MAX_TARGET_SPEED_MPS: Final = 60.0
-MAX_TIME_S: Final = 60.0
 
 Point = tuple[float, float]
 Motion = Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
 """A motion of the plane, such as a warp."""
-Side = Literal["left", "right"]
-Approach = Literal["rear", "cut-in", "side", "head-on", "brakes", "pulls-out"]
-APPROACH_WORDS: Final[Mapping[Approach, str]] = {
-    "rear": "from behind",
-    "cut-in": "cuts in",
-    "side": "crosses",
-    "head-on": "head-on",
-    "brakes": "brakes in front",
-    "pulls-out": "pulls out",
-}
-"""What an agent that threatens does, wherever a person reads it."""
-IN_FRONT: Final[tuple[Approach, ...]] = ("cut-in", "brakes", "pulls-out")
-"""Approaches that end in front of the threatened agent, in its path."""
-_Term = TypeVar("_Term", bound="GuidanceBase")
+_Term = TypeVar("_Term", bound="GuidanceTerm")
 _Many = TypeVar("_Many", bound="AgentsGuidance")
 
 
+@dataclass(frozen=True)
+class Form:
+    """How a user gives one value of a term: a number within bounds, or a choice.
+
+    Annotates a field: its bounds are checked, and it has an input in lists of terms.
+    """
+
+    label: str
+    """Name beside the input."""
+    noun: str
+    """Name in sentences."""
+    unit: str = ""
+    least: float = 0.0
+    most: float = 0.0
+    step: float = 0.5
+    first: float | None = None
+    """Least number that the input offers; None: the least one."""
+    empty: str = ""
+    """Meaning of None as a number; empty text: a number is needed."""
+    choices: Mapping[Any, str] = field(default_factory=dict, hash=False)
+    """Values to choose among, with their words; empty for a number."""
+
+
+@cache
+def forms_of(term_type: "type[GuidanceTerm]") -> Mapping[str, Form]:
+    """Forms of the fields that have one, by their names."""
+    hints = typing.get_type_hints(term_type, include_extras=True)
+    return {
+        name: one
+        for name, hint in hints.items()
+        for one in getattr(hint, "__metadata__", ())
+    }
+
+
 @dataclass(frozen=True, kw_only=True)
-class GuidanceBase:
+class GuidanceTerm:
     """What all terms have: a weight and a switch."""
 
     kind: ClassVar[str] = ""
@@ -60,16 +79,36 @@ class GuidanceBase:
 
     def __post_init__(self) -> None:
         self._check("weight", self.weight, 0.0, MAX_WEIGHT)
+        for name, form in forms_of(type(self)).items():
+            value = getattr(self, name)
+            if form.choices and value not in form.choices:
+                names = ", ".join(str(one) for one in form.choices if one is not None)
+                raise EditError(
+                    f"The {form.noun} of a {self.name} is {value!r}; expected one of "
+                    f"{names}."
+                )
+            if not form.choices and not (form.empty and value is None):
+                self._check(form.noun, value, form.least, form.most)
 
     @property
     def named_ids(self) -> tuple[str, ...]:
         """Ids of all agents that the term names; empty: all generated agents."""
-        raise NotImplementedError
+        return ()
 
     @property
     def guided_ids(self) -> tuple[str, ...]:
         """Ids of the agents whose trajectories it changes; empty: all generated ones."""
         return self.named_ids
+
+    @property
+    def is_in_force(self) -> bool:
+        """Whether it has an effect."""
+        return self.is_on and self.weight > 0
+
+    @property
+    def place(self) -> tuple[str, ...]:
+        """What two terms share of which the later one replaces the other."""
+        return self.kind, *self.guided_ids
 
     @property
     def name(self) -> str:
@@ -79,7 +118,7 @@ class GuidanceBase:
     @property
     def in_words(self) -> str:
         """Name of the term with its agents, such as "goal point of agent 12"."""
-        return f"{self.name} of {_agents_in_words(self.guided_ids)}"
+        return f"{self.name} of {agents_in_words(self.guided_ids)}"
 
     def moved(self: _Term, motion: Motion) -> _Term:  # noqa: ARG002
         """The term after a motion of the plane."""
@@ -104,19 +143,9 @@ class GuidanceBase:
                     "expected the id of an agent."
                 )
 
-    def _check_points(self, points_m: tuple[Point, ...]) -> None:
-        for point in points_m:
-            if not all(
-                math.isfinite(value) and abs(value) <= MAX_POSITION_M for value in point
-            ):
-                raise EditError(
-                    f"A point of a {self.name} is ({point[0]:g}, {point[1]:g}) m; "
-                    f"expected at most {MAX_POSITION_M:g} m from the scene's origin."
-                )
-
 
 @dataclass(frozen=True, kw_only=True)
-class AgentGuidance(GuidanceBase):
+class AgentGuidance(GuidanceTerm):
     """A term of one agent."""
 
     agent_id: str
@@ -132,7 +161,7 @@ class AgentGuidance(GuidanceBase):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AgentsGuidance(GuidanceBase):
+class AgentsGuidance(GuidanceTerm):
     """A term of several agents, or of all generated ones."""
 
     agent_ids: tuple[str, ...] = ()
@@ -184,245 +213,6 @@ class PairGuidance(AgentGuidance):
         return (self.agent_id,)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FollowPath(AgentGuidance):
-    """Drive along a path, at a speed that the model chooses."""
-
-    kind: ClassVar[str] = "follow-path"
-    noun: ClassVar[str] = "path"
-
-    points_m: tuple[Point, ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 2 <= len(self.points_m) <= MAX_PATH_POINTS:
-            raise EditError(
-                f"A path to follow has {len(self.points_m)} points; expected 2 to "
-                f"{MAX_PATH_POINTS}."
-            )
-        self._check_points(self.points_m)
-        if _length_m(self.points_m) < 1.0:
-            raise EditError("A path to follow is shorter than 1 m; draw a longer one.")
-
-    def moved(self, motion: Motion) -> "FollowPath":
-        """The term with moved points."""
-        return replace(self, points_m=_moved(self.points_m, motion))
-
-
-@dataclass(frozen=True, kw_only=True)
-class FollowLane(AgentGuidance):
-    """Drive along the centre lines of lanes, one after another."""
-
-    kind: ClassVar[str] = "follow-lane"
-    noun: ClassVar[str] = "lane route"
-
-    lane_ids: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= len(self.lane_ids) <= MAX_PATH_POINTS:
-            raise EditError(
-                f"A lane to follow is made of {len(self.lane_ids)} lanes; expected 1 "
-                f"to {MAX_PATH_POINTS}."
-            )
-
-
-@dataclass(frozen=True, kw_only=True)
-class GoalPoint(AgentGuidance):
-    """Be at a point at a time."""
-
-    kind: ClassVar[str] = "goal-point"
-
-    point_m: Point
-    at_s: float | None = None
-    """None: at the last generated step."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_points((self.point_m,))
-        if self.at_s is not None:
-            self._check("time", self.at_s, 0.1, MAX_TIME_S)
-
-    def moved(self, motion: Motion) -> "GoalPoint":
-        """The term with a moved point."""
-        return replace(self, point_m=_moved((self.point_m,), motion)[0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class StopAtLine(AgentGuidance):
-    """Stop in front of a line that is given by its two ends."""
-
-    kind: ClassVar[str] = "stop-at-line"
-    noun: ClassVar[str] = "stop line"
-
-    line_m: tuple[Point, Point]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_points(self.line_m)
-        if not 0.5 <= _length_m(self.line_m) <= 100.0:
-            raise EditError(
-                f"A stop line is {_length_m(self.line_m):g} m long; expected 0.5 to "
-                "100 m."
-            )
-
-    def moved(self, motion: Motion) -> "StopAtLine":
-        """The term with moved ends."""
-        first, last = _moved(self.line_m, motion)
-        return replace(self, line_m=(first, last))
-
-
-@dataclass(frozen=True, kw_only=True)
-class TargetSpeed(AgentsGuidance):
-    """Reach and keep a speed, within comfortable accelerations."""
-
-    kind: ClassVar[str] = "target-speed"
-
-    speed_mps: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("speed", self.speed_mps, 0.0, MAX_TARGET_SPEED_MPS)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpeedLimit(AgentsGuidance):
-    """Do not exceed a speed."""
-
-    kind: ClassVar[str] = "speed-limit"
-
-    speed_mps: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("speed", self.speed_mps, 0.5, MAX_TARGET_SPEED_MPS)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComfortLimits(AgentsGuidance):
-    """Do not exceed accelerations forwards, backwards and to the sides."""
-
-    kind: ClassVar[str] = "comfort-limits"
-    noun: ClassVar[str] = "comfort limit"
-
-    max_acceleration_mps2: float = 2.5
-    max_braking_mps2: float = 3.5
-    max_lateral_mps2: float = 3.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for what, value in (
-            ("acceleration", self.max_acceleration_mps2),
-            ("braking", self.max_braking_mps2),
-            ("lateral acceleration", self.max_lateral_mps2),
-        ):
-            self._check(what, value, 0.2, 12.0)
-
-    @property
-    def in_words(self) -> str:
-        """Name of the term with its agents."""
-        return f"comfort limits of {_agents_in_words(self.agent_ids)}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class StayOnRoad(AgentsGuidance):
-    """Keep boxes on the drivable area."""
-
-    kind: ClassVar[str] = "stay-on-road"
-    noun: ClassVar[str] = "stay on the road"
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeepGap(AgentsGuidance):
-    """Keep a distance between bumpers to the agent ahead."""
-
-    kind: ClassVar[str] = "keep-gap"
-    noun: ClassVar[str] = "gap"
-
-    gap_m: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("distance", self.gap_m, 0.5, 200.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AvoidCollisions(AgentsGuidance):
-    """Keep boxes apart, by swerves to a side if one is given."""
-
-    kind: ClassVar[str] = "avoid-collisions"
-    noun: ClassVar[str] = "collision avoidance"
-
-    side: Side | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.side is not None and self.side not in get_args(Side):
-            raise EditError(
-                f"The side of a swerve is {self.side!r}; expected left or right."
-            )
-
-
-@dataclass(frozen=True, kw_only=True)
-class YieldTo(PairGuidance):
-    """Let another agent pass first."""
-
-    kind: ClassVar[str] = "yield-to"
-    noun: ClassVar[str] = "yielding"
-
-    @property
-    def in_words(self) -> str:
-        """Name of the term with both agents."""
-        return f"yielding of agent {self.agent_id} to {self.other_id}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Threaten(PairGuidance):
-    """Come dangerously close to another agent, which is left unchanged."""
-
-    kind: ClassVar[str] = "threaten"
-    noun: ClassVar[str] = "threat"
-
-    severity: float = 1.0
-    """0: a tight gap, 1: contact."""
-    approach: Approach = "rear"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("severity", self.severity, 0.0, 1.0)
-        if self.approach not in get_args(Approach):
-            raise EditError(
-                f"The approach of a threat is {self.approach!r}; expected one of "
-                f"{', '.join(get_args(Approach))}."
-            )
-
-    @property
-    def in_words(self) -> str:
-        """Name of the term with both agents."""
-        how = APPROACH_WORDS[self.approach]
-        return f"threat of agent {self.agent_id} to {self.other_id} ({how})"
-
-
-GuidanceTerm = (
-    FollowPath
-    | FollowLane
-    | GoalPoint
-    | TargetSpeed
-    | SpeedLimit
-    | ComfortLimits
-    | StopAtLine
-    | StayOnRoad
-    | KeepGap
-    | AvoidCollisions
-    | YieldTo
-    | Threaten
-)
-GUIDANCE_KINDS: Final[dict[str, type[GuidanceTerm]]] = {
-    term.kind: term for term in get_args(GuidanceTerm)
-}
-"""All kinds of terms by their names in JSON and on the shell."""
-
-
 def terms_without(
     terms: tuple[GuidanceTerm, ...], agent_ids: Collection[str]
 ) -> tuple[GuidanceTerm, ...]:
@@ -431,23 +221,8 @@ def terms_without(
     return tuple(term for term in left if term is not None)
 
 
-def moved_terms(
-    terms: tuple[GuidanceTerm, ...], motion: Motion
-) -> tuple[GuidanceTerm, ...]:
-    """Terms after a motion of the plane."""
-    return tuple(term.moved(motion) for term in terms)
-
-
-def _moved(points_m: tuple[Point, ...], motion: Motion) -> tuple[Point, ...]:
-    moved = motion(np.array(points_m, float).reshape(-1, 2))
-    return tuple((float(x), float(y)) for x, y in moved)
-
-
-def _length_m(points_m: tuple[Point, ...]) -> float:
-    return sum(itertools.starmap(math.dist, itertools.pairwise(points_m)))
-
-
-def _agents_in_words(agent_ids: tuple[str, ...]) -> str:
+def agents_in_words(agent_ids: tuple[str, ...]) -> str:
+    """Agents that a term guides."""
     if not agent_ids:
         return "all agents"
     if len(agent_ids) == 1:

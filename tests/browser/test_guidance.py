@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.speed import StopAtLine, TargetSpeed
 from pd_editor.editor.recipe import Recipe
-from pd_editor.scene.guidance_terms import (
-    FollowPath,
-    GoalPoint,
-    StopAtLine,
-    TargetSpeed,
-    Threaten,
-    YieldTo,
-)
 from pd_editor.viewer.guidance.term_marks import OFFER
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

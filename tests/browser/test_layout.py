@@ -3,8 +3,8 @@
 import pytest
 from playwright.sync_api import expect
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.editor.commands import AddGuidance, DuplicateAgents
-from pd_editor.scene.guidance_terms import GoalPoint
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.scene.guidance_terms import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

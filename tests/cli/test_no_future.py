@@ -7,13 +7,13 @@ import pytest
 
 import pd_editor
 from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers
 from pd_editor.editor.scenario_store import export_into
 from pd_editor.editor.session import EditorSession
 from pd_editor.generation.generators import GENERATORS
 from pd_editor.scene.generation import GenerationRequest
-from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import straight_drivers, two_agents_that_collide

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.speed import SpeedLimit
 from pd_editor.editor.commands import (
     AddGuidance,
     AdoptTrajectory,
@@ -42,7 +44,7 @@ from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
 from pd_editor.scene.generation import GuidanceSetting, TrafficSample
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, SpeedLimit
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario

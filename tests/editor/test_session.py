@@ -15,6 +15,7 @@ from hypothesis.stateful import (
     rule,
 )
 
+from pd_editor.analysis.guidance.kinds.speed import SpeedLimit
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     AddGuidance,
@@ -32,7 +33,6 @@ from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import SpeedLimit
 from pd_editor.scene.scenario import Scenario
 from tests.editor.command_strategies import (
     ON_TRAFFIC,

@@ -5,22 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from pd_editor.base.errors import EditError
-from pd_editor.scene.guidance_terms import (
-    GUIDANCE_KINDS,
+from pd_editor.analysis.guidance.kinds import KINDS
+from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.space import KeepGap
+from pd_editor.analysis.guidance.kinds.speed import (
     ComfortLimits,
-    FollowLane,
-    FollowPath,
-    GoalPoint,
-    KeepGap,
     SpeedLimit,
     StopAtLine,
     TargetSpeed,
-    Threaten,
-    YieldTo,
-    moved_terms,
-    terms_without,
 )
+from pd_editor.base.errors import EditError
+from pd_editor.scene.guidance_terms import terms_without
 
 GOAL = GoalPoint(agent_id="7", point_m=(3.0, 4.0))
 PATH = FollowPath(agent_id="7", points_m=((0.0, 0.0), (5.0, 0.0)))
@@ -28,8 +24,8 @@ LINE = StopAtLine(agent_id="7", line_m=((0.0, -2.0), (0.0, 2.0)))
 
 
 def test_each_kind_has_a_name_of_its_own():
-    assert len(GUIDANCE_KINDS) == 12
-    assert all(name == kind.kind for name, kind in GUIDANCE_KINDS.items())
+    assert len(KINDS) == 12
+    assert all(name == kind.value.kind for name, kind in KINDS.items())
 
 
 def test_names_are_nouns_that_sentences_can_hold():
@@ -39,8 +35,8 @@ def test_names_are_nouns_that_sentences_can_hold():
     with pytest.raises(EditError, match="The distance of a gap is 0; expected"):
         KeepGap(gap_m=0.0)
     verbs = {"follow", "stop", "keep", "avoid", "threaten"}
-    for kind in GUIDANCE_KINDS.values():
-        words = (kind.noun or kind.kind.replace("-", " ")).split()
+    for kind in KINDS.values():
+        words = (kind.value.noun or kind.value.kind.replace("-", " ")).split()
         assert verbs.isdisjoint(words) or words == ["stop", "line"]
         assert words[-1] != "to"
 
@@ -77,7 +73,7 @@ def test_points_move_with_the_plane_and_other_terms_stay():
     def shift(points: np.ndarray) -> np.ndarray:
         return points + np.array([1.0, 2.0])
 
-    goal, path, line, same = moved_terms((GOAL, PATH, LINE, speed), shift)
+    goal, path, line, same = (one.moved(shift) for one in (GOAL, PATH, LINE, speed))
     assert goal == GoalPoint(agent_id="7", point_m=(4.0, 6.0))
     assert path == FollowPath(agent_id="7", points_m=((1.0, 2.0), (6.0, 2.0)))
     assert line == StopAtLine(agent_id="7", line_m=((1.0, 0.0), (1.0, 4.0)))

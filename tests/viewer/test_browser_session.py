@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.base.errors import EditError, InputError
 from pd_editor.editor.commands import (
     AddGuidance,
@@ -19,7 +20,6 @@ from pd_editor.editor.commands import (
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
-from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.viewer.state import ui_context as ui_module
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until

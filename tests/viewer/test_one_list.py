@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.findings.scorecard import TOTALS
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.space import StayOnRoad
+from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.basket.index_table import index_csv
 from pd_editor.editor.commands import AddGuidance, SetRoadWarp, traffic_command
@@ -19,7 +22,6 @@ from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.scenario_store import exported_files, made_by
 from pd_editor.scene.av2_io.upload import scenario_from_upload
 from pd_editor.scene.generation import GenerationRequest, run_to_end
-from pd_editor.scene.guidance_terms import GoalPoint, StayOnRoad, TargetSpeed
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.overlay.sample_strip import SampleCards, SampleSet, card_lines

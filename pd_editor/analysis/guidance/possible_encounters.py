@@ -8,15 +8,20 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.agent_now import AgentNow
-from pd_editor.analysis.guidance.pair_checks import driven_paths_m, yield_problems
-from pd_editor.analysis.threats.encounter import Track
+from pd_editor.analysis.guidance.guidance_kind import Plan
+from pd_editor.analysis.guidance.kinds.pairs import (
+    Threaten,
+    YieldTo,
+    driven_paths_m,
+    yield_problems,
+)
+from pd_editor.analysis.threats.encounter import APPROACH_WORDS, Approach, Track
 from pd_editor.analysis.threats.threat_feasibility import (
     recorded_track,
     tracks_in_the_way,
 )
 from pd_editor.analysis.threats.threat_plans import ThreatAim, threat_plans
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.guidance_terms import APPROACH_WORDS, Approach, Threaten, YieldTo
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
@@ -161,7 +166,7 @@ def _yields(
         moved = np.linalg.norm(theirs[step] - theirs[0]) > _MEETS_M
         along = _CROSSING_COS * np.linalg.norm(mine) * np.linalg.norm(other)
         if moved and mine @ other < along:
-            if not any(yield_problems(term, scenario, None)):
+            if not any(yield_problems(term, Plan(scenario=scenario))):
                 yield PossibleEncounter(
                     term=term,
                     at_s=step * scenario.time_axis.step_s,

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from pd_editor.analysis.findings.collisions import later_collisions
 from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasible_terms
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.analysis.metrics.motion.kinematics import kinematics
 from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
@@ -18,7 +19,7 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.generation import GuidanceReport, TrafficSample
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism
-from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -1,5 +1,6 @@
 """Encounter of two agents: gap, time to collision, relative speed, side of contact."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -14,8 +15,19 @@ from pd_editor.analysis.metrics.collisions.safety import (
 )
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import Boxes
-from pd_editor.scene.guidance_terms import IN_FRONT, Approach
 
+Approach = Literal["rear", "cut-in", "side", "head-on", "brakes", "pulls-out"]
+APPROACH_WORDS: Final[Mapping[Approach, str]] = {
+    "rear": "from behind",
+    "cut-in": "cuts in",
+    "side": "crosses",
+    "head-on": "head-on",
+    "brakes": "brakes in front",
+    "pulls-out": "pulls out",
+}
+"""What an agent that threatens does, wherever a person reads it."""
+IN_FRONT: Final[tuple[Approach, ...]] = ("cut-in", "brakes", "pulls-out")
+"""Approaches that end in front of the threatened agent, in its path."""
 _BRAKING_STEPS: Final = 5
 BoxSide = Literal["front", "rear", "left", "right"]
 

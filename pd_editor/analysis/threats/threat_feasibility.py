@@ -11,7 +11,6 @@ from pd_editor.analysis.threats.threat_plans import (
     ThreatObstacle,
     threat_plans,
 )
-from pd_editor.scene.guidance_terms import Threaten
 from pd_editor.scene.paths.lasting_tracks import lasting
 from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.scenario import Scenario
@@ -88,18 +87,18 @@ def tracks_in_the_way(
 
 def threat_obstacle(
     scenario: Scenario,
-    term: Threaten,
+    agent_ids: Sequence[str],
+    aim: ThreatAim,
     tracks: Sequence[Track] = (),
     generated_ids: Collection[str] = (),
 ) -> ThreatObstacle | None:
-    """What is in the way of a threat; None if it is feasible.
+    """What is in the way of a threat of one agent to another; None if it is feasible.
 
     It is if most of the trajectories that the threatened agent may have, by default the
     one that it has, can be reached, past agents that do not make way. Both agents have
     to be there at the current step.
     """
-    row, other = scenario.agents.rows((term.agent_id, term.other_id)).tolist()
-    aim = ThreatAim.of(term.approach, term.severity)
+    row, other = scenario.agents.rows(agent_ids).tolist()
     tracks = tracks or (recorded_track(scenario, other),)
     kept = tracks_in_the_way(scenario, (row, other), generated_ids)
     obstacles = [

@@ -6,14 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.analysis.threats.encounter import Encounter
+from pd_editor.analysis.threats.encounter import Approach, Encounter
 from pd_editor.analysis.threats.threat_plans import (
     GAP_TOLERANCE_M,
     HARD_BRAKING_MPS2,
     ThreatAim,
     ThreatObstacle,
 )
-from pd_editor.scene.guidance_terms import Approach
 
 _FAR_M: Final = 1e3
 """Stands for a gap that was never counted."""

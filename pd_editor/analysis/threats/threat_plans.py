@@ -19,6 +19,8 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.threats.encounter import (
+    IN_FRONT,
+    Approach,
     Track,
     counted_gaps_m,
     gaps_m,
@@ -26,7 +28,6 @@ from pd_editor.analysis.threats.encounter import (
 )
 from pd_editor.analysis.threats.motion_limits import MotionLimits, exertion, limits_of
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
-from pd_editor.scene.guidance_terms import IN_FRONT, Approach
 from pd_editor.scene.paths.driving_paths import velocity_of
 from pd_editor.scene.paths.motion_primitives import candidate_positions
 from pd_editor.scene.scenario import Scenario

@@ -11,20 +11,14 @@ from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final
 
+from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.plain_text import one_line
 from pd_editor.base.regular_file import read_regular
 from pd_editor.editor.commands.json_values import from_json
-from pd_editor.scene.guidance_terms import (
-    GUIDANCE_KINDS,
-    MAX_TERMS,
-    Approach,
-    GuidanceTerm,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm, PairGuidance
 
 MAX_FILE_BYTES: Final = 2**20
 _UNITS: Final = ("_mps2", "_mps", "_m", "_s", "_id")
@@ -46,7 +40,7 @@ def guidance_terms_of(texts: Sequence[str]) -> tuple[GuidanceTerm, ...]:
     return tuple(terms)
 
 
-def text_of(term: Threaten | YieldTo) -> str:
+def text_of(term: PairGuidance) -> str:
     """The text of a term on two agents; values by default are left out."""
     told = [
         f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
@@ -59,7 +53,7 @@ def text_of(term: Threaten | YieldTo) -> str:
 def field_names(kind: str) -> dict[str, Any]:
     """Fields of a kind by their names on the shell."""
     found: dict[str, Any] = {}
-    for one in fields(GUIDANCE_KINDS[kind]):
+    for one in fields(KINDS[kind].value):
         if one.name not in _HIDDEN:
             name = _OWN_NAMES.get(one.name, one.name)
             for unit in _UNITS:
@@ -84,13 +78,13 @@ def _of_file(path: Path) -> list[GuidanceTerm]:
 
 def _of_text(text: str) -> GuidanceTerm:
     kind, _, rest = text.partition(":")
-    if kind not in GUIDANCE_KINDS:
+    if kind not in KINDS:
         raise InputError(
             f"--guide: there is no kind {one_line(kind)!r}; "
-            f"{_nearest(kind, list(GUIDANCE_KINDS))}."
+            f"{_nearest(kind, list(KINDS))}."
         )
     names = field_names(kind)
-    hints = typing.get_type_hints(GUIDANCE_KINDS[kind])
+    hints = typing.get_type_hints(KINDS[kind].value)
     data: dict[str, Any] = {"kind": kind}
     for part in rest.split(",") if rest else ():
         name, equals, value = part.partition("=")
@@ -102,7 +96,7 @@ def _of_text(text: str) -> GuidanceTerm:
         field = names[name]
         if not equals or not value:
             raise InputError(
-                f"--guide {kind}: {name} lacks its value; expected {_form(name)}."
+                f"--guide {kind}: {name} lacks its value; expected {_form(name, hints[field.name])}."
             )
         if field.name in data:
             raise InputError(
@@ -112,7 +106,9 @@ def _of_text(text: str) -> GuidanceTerm:
     for name, field in names.items():
         is_needed = field.default is MISSING and field.default_factory is MISSING
         if is_needed and field.name not in data:
-            raise InputError(f"--guide {kind}: give {_form(name)} as well.")
+            raise InputError(
+                f"--guide {kind}: give {_form(name, hints[field.name])} as well."
+            )
     return _built(data, f"--guide {kind}")
 
 
@@ -167,17 +163,16 @@ def _nearest(name: str, names: list[str]) -> str:
     return f"expected one of {', '.join(names)}"
 
 
-def _form(name: str) -> str:
+def _form(name: str, hint: Any) -> str:
     """How a field is written."""
-    forms = {
-        "agent": "agent=ID",
-        "other": "other=ID",
-        "agents": "agents=ID+ID",
-        "lanes": "lanes=ID+ID",
-        "point": "point=X/Y",
-        "points": "points=X/Y+X/Y",
-        "line": "line=X/Y+X/Y",
-        "side": "side=left or right",
-        "approach": f"approach={', '.join(get_args(Approach))}",
-    }
-    return forms.get(name, f"{name}=NUMBER")
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return _form(name, args[0])
+    if origin is typing.Literal:
+        return f"{name}={' or '.join(args)}"
+    if origin is not tuple:
+        return f"{name}={'ID' if hint is str else 'NUMBER'}"
+    if args == (float, float):
+        return f"{name}=X/Y"
+    one = "X/Y" if typing.get_origin(args[0]) is tuple else "ID"
+    return f"{name}={one}+{one}"

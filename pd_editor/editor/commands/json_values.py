@@ -14,8 +14,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import PdEditorError, RecipeError
 from pd_editor.base.plain_text import MAX_TEXT_CHARACTERS, is_note
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scene_limits import MAX_STATES
 
 _MAX_ARRAY_VALUES: Final = 2 * MAX_STATES
@@ -63,8 +65,8 @@ def from_json(hint: Any, data: Any, where: str) -> Any:
         RecipeError: ``data`` does not fit; the sentence starts with ``where``.
     """
     origin, args = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        return _union_from_json(args, data, where)
+    if origin in (typing.Union, types.UnionType) or hint is GuidanceTerm:
+        return _union_from_json(args or (hint,), data, where)
     if origin is typing.Literal:
         if not any(type(data) is type(arg) and data == arg for arg in args):
             raise _misfit(where, f"one of {', '.join(map(str, args))}", data)
@@ -102,7 +104,10 @@ def _union_from_json(args: tuple[Any, ...], data: Any, where: str) -> Any:
     if data is None and type(None) in args:
         return None
     by_kind = {_kind(arg): arg for arg in args if _kind(arg)}
-    others = [arg for arg in args if arg is not type(None) and not _kind(arg)]
+    if GuidanceTerm in args:
+        by_kind |= {name: one.value for name, one in KINDS.items()}
+    known = (type(None), GuidanceTerm, *by_kind.values())
+    others = [arg for arg in args if arg not in known]
     tag = data.get(_TAG) if isinstance(data, dict) else None
     if others and not (by_kind and tag is not None):
         return from_json(others[0], data, where)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.generation.core.noise_schedule import even_levels
 from pd_editor.generation.trajectory.continuation import Continuation
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
@@ -40,7 +41,7 @@ from pd_editor.generation.trajectory.sampler import (
     sample_trajectories,
 )
 from pd_editor.generation.trajectory.task import TrajectoryTask
-from pd_editor.scene.guidance_terms import GuidanceTerm, Threaten
+from pd_editor.scene.guidance_terms import GuidanceTerm
 
 _MOST_AT_ONCE: Final = 24
 """Largest number of trajectories of an agent that are denoised together."""

@@ -6,16 +6,13 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.speed import ComfortLimits, StopAtLine
 from pd_editor.analysis.repair import yield_to_others
 from pd_editor.generation.trajectory.guidance.threat_run import threats_in_force
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import (
-    ComfortLimits,
-    GoalPoint,
-    GuidanceTerm,
-    StopAtLine,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 
@@ -86,7 +83,7 @@ def _comfort_limits(
         if kind in LANE_FOLLOWER_KINDS
     )
     for term in terms:
-        if isinstance(term, ComfortLimits) and term.is_on and term.weight > 0:
+        if isinstance(term, ComfortLimits) and term.is_in_force:
             for name in set(term.agent_ids or drivers) & set(sample.ids):
                 most, hardest = found.get(name, (np.inf, np.inf))
                 found[name] = (

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from pd_editor.scene.agent_tracks import AgentTracks, same_motion
-from pd_editor.scene.guidance_terms import GuidanceTerm, moved_terms
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.perturbation.friction_slowdown import slowed_to_friction_limit
 from pd_editor.scene.perturbation.warped_agents import warped_agents
 from pd_editor.scene.road_map import RoadMap
@@ -37,7 +37,7 @@ def warp_scenario(
             guidance=guidance,
             applied_warp=None,
         )
-    warped_guidance = moved_terms(guidance, warp.apply)
+    warped_guidance = tuple(term.moved(warp.apply) for term in guidance)
     warped = warped_agents(agents, warp)
     if friction_coefficient is not None:
         warped = slowed_to_friction_limit(

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from pd_editor.analysis.guidance.kinds import KINDS
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import AddGuidance, ChangeGuidance, Command
-from pd_editor.scene.guidance_terms import GoalPoint, StopAtLine
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.guidance.drawn_terms import goal_term, stop_term
 from pd_editor.viewer.guidance.encounters import Encounters
-from pd_editor.viewer.guidance.guiding import like
+from pd_editor.viewer.guidance.guiding import drawn, like
 from pd_editor.viewer.guidance.term_marks import (
     OFFER,
     marks_of,
@@ -192,14 +192,11 @@ class GuidanceHandles:
 
 def _command(grab: _Grab, point_m: np.ndarray) -> Command | None:
     """The command that moves the held mark to a point; None if it does not move."""
-    scenario = grab.scenario
+    scenario, points_m = grab.scenario, point_m[None]
     if grab.index == OFFER:
-        return AddGuidance(term=goal_term(scenario, grab.agent_id, point_m))
+        return AddGuidance(term=GoalPoint.drawn(scenario, grab.agent_id, points_m))
     former = scenario.guidance[grab.index]
-    if isinstance(former, GoalPoint):
-        term = like(goal_term(scenario, grab.agent_id, point_m), former)
-    elif isinstance(former, StopAtLine):
-        term = like(stop_term(scenario, grab.agent_id, point_m), former)
-    else:
+    if KINDS[former.kind].shape not in ("flag", "line"):
         return None
-    return ChangeGuidance(index=grab.index, term=term)
+    term = drawn(former.kind, scenario, grab.agent_id, points_m)
+    return ChangeGuidance(index=grab.index, term=like(term, former))

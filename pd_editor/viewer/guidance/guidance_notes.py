@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, approach_obstacles
 from pd_editor.analysis.guidance.outcomes import SLOWED
-from pd_editor.analysis.guidance.pair_checks import approach_obstacles
+from pd_editor.analysis.threats.encounter import APPROACH_WORDS
 from pd_editor.editor.edit_findings import scene_outcomes, unrun_terms
 from pd_editor.scene.generation import GuidanceReport
 from pd_editor.scene.guidance_outcome import (
@@ -14,7 +15,7 @@ from pd_editor.scene.guidance_outcome import (
     Realism,
     TermOutcome,
 )
-from pd_editor.scene.guidance_terms import APPROACH_WORDS, GuidanceTerm, Threaten
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.ui_context import UiContext
 

@@ -1,9 +1,10 @@
 """The guidance panel: tools to add terms, and the list of terms."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import (
     AddGuidance,
@@ -11,24 +12,13 @@ from pd_editor.editor.commands import (
     Command,
     RemoveGuidance,
 )
-from pd_editor.scene.guidance_terms import (
-    AvoidCollisions,
-    ComfortLimits,
-    GuidanceTerm,
-    KeepGap,
-    SpeedLimit,
-    StayOnRoad,
-    TargetSpeed,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.guidance.drawn_terms import usual_term
 from pd_editor.viewer.guidance.encounters import Encounters
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
 from pd_editor.viewer.guidance.guiding import TOOLS, Guiding, replaced_index
 from pd_editor.viewer.guidance.term_rows import (
-    SHORT_TITLES,
-    TITLES,
     WEIGHTS,
     agents_of,
     inputs_of,
@@ -40,28 +30,6 @@ from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.ui_context import UiContext
 
 HOST: Final = '<div data-pd-host="guidance"></div>'
-FORM_KINDS: Final = (
-    TargetSpeed.kind,
-    SpeedLimit.kind,
-    KeepGap.kind,
-    AvoidCollisions.kind,
-    StayOnRoad.kind,
-    ComfortLimits.kind,
-)
-HINTS: Final[Mapping[str, str]] = {
-    "goal-point": "Click where the agent should drive to (T)",
-    "follow-path": "Draw or click the path that the agent should follow (D)",
-    "follow-lane": "Click the lane that the agent should reach",
-    "stop-at-line": "Click the lane where the agent should stop (B)",
-    "yield-to": "Click the agent that passes first (Y)",
-    "threaten": "Click the agent that is threatened (X)",
-    "target-speed": "Reach and keep a speed",
-    "speed-limit": "Do not exceed a speed",
-    "keep-gap": "Keep a distance to the agent ahead",
-    "avoid-collisions": "Keep apart from other agents",
-    "stay-on-road": "Keep to the drivable area",
-    "comfort-limits": "Limit the accelerations",
-}
 NEEDS_ONE: Final = "Select one agent first"
 
 
@@ -157,14 +125,13 @@ class GuidancePanel:
 
     def _tools(self, selection: tuple[str, ...]) -> list[dict[str, Any]]:
         tools = []
-        for kind, hint in HINTS.items():
-            is_drawn = kind in TOOLS
-            is_enabled = not is_drawn or len(selection) == 1
+        for kind, one in KINDS.items():
+            is_enabled = one.tool is None or len(selection) == 1
             tools.append(
                 {
                     "kind": kind,
-                    "title": SHORT_TITLES[kind],
-                    "hint": hint if is_enabled else f"{NEEDS_ONE}. {hint}",
+                    "title": one.short,
+                    "hint": one.hint if is_enabled else f"{NEEDS_ONE}. {one.hint}",
                     "isActive": self._guiding.tool == kind,
                     "isEnabled": is_enabled,
                 }
@@ -184,7 +151,7 @@ class GuidancePanel:
             "isChosen": index == self._chosen,
             "stop": weight_stop(term.weight),
             "inputs": [
-                asdict(one) | {"notes": self._notes.of_options(index, one.name)}
+                one | {"notes": self._notes.of_options(index, one["name"])}
                 for one in inputs_of(term)
             ],
             "notes": [
@@ -231,16 +198,16 @@ class GuidancePanel:
     def _use_tool(self, kind: str) -> None:
         """Begin to draw a term, or add one with usual values."""
         if kind in TOOLS:
-            self._report_refused(TOOLS[kind].title, lambda: self._guiding.toggle(kind))
-        elif kind in FORM_KINDS:
+            title = KINDS[kind].short
+            self._report_refused(title, lambda: self._guiding.toggle(kind))
+        elif kind in KINDS:
             self._guiding.stop()
-            self._report_refused(TITLES[kind], lambda: self._add(kind))
+            self._report_refused(KINDS[kind].title, lambda: self._add(kind))
 
     def _add(self, kind: str) -> None:
         """Add a term of a kind for the selection, or choose the one that is there."""
         session = self._ui.session
-        term = usual_term(kind, session.scenario, session.selection)
-        assert term is not None
+        term = KINDS[kind].usual_term(session.scenario, session.selection)
         index = replaced_index(session.scenario.guidance, term)
         if index is None:
             index = len(session.scenario.guidance)
@@ -262,7 +229,7 @@ class GuidancePanel:
             self._weigh(index, term, event)
         elif kind == "input":
             self._report_refused(
-                TITLES[term.kind],
+                KINDS[term.kind].title,
                 lambda: self._ui.apply(
                     ChangeGuidance(
                         index=index,

@@ -1,31 +1,17 @@
 """The mode in which a guidance term is drawn on the road or an agent is picked for it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
+from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import EditError, PdEditorError
 from pd_editor.editor.commands import AddGuidance, ChangeGuidance
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, ROAD_USER_KINDS
-from pd_editor.scene.guidance_terms import (
-    FollowLane,
-    FollowPath,
-    GoalPoint,
-    GuidanceTerm,
-    StopAtLine,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance, forms_of
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.guidance.drawn_terms import (
-    goal_term,
-    lane_term,
-    path_term,
-    stop_term,
-)
-from pd_editor.viewer.guidance.term_marks import lanes_line_m
 from pd_editor.viewer.interaction.picking import PointerRay, agent_under, point_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.banner import MODE, Banner
@@ -36,41 +22,8 @@ MAX_DRAWN_POINTS: Final = 2_000
 ONE_AGENT: Final = "Select one agent first; its guidance is drawn on the road."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tool:
-    """One kind of term that is drawn or picked on the picture."""
-
-    title: str
-    banner: str
-    """What to do, after the agent's name."""
-    gesture: str
-    """What the page does: "click" the road, "draw" a line, or "pick" an agent."""
-
-
-TOOLS: Final[Mapping[str, Tool]] = {
-    GoalPoint.kind: Tool(
-        title="Goal", banner="click where it should drive to.", gesture="click"
-    ),
-    FollowPath.kind: Tool(
-        title="Path",
-        banner="click its points and double click the last, or drag along the path.",
-        gesture="draw",
-    ),
-    FollowLane.kind: Tool(
-        title="Lanes", banner="click the lane that it should reach.", gesture="click"
-    ),
-    StopAtLine.kind: Tool(
-        title="Stop line",
-        banner="click the lane where it should stop.",
-        gesture="click",
-    ),
-    YieldTo.kind: Tool(
-        title="Yield to", banner="click the agent that passes first.", gesture="pick"
-    ),
-    Threaten.kind: Tool(
-        title="Threaten", banner="click the agent that it threatens.", gesture="pick"
-    ),
-}
+TOOLS: Final = {kind: one.tool for kind, one in KINDS.items() if one.tool is not None}
+"""Kinds of terms that are drawn or picked on the picture."""
 
 
 class Guiding:
@@ -132,34 +85,17 @@ class Guiding:
         if self.is_active and self.agent_id not in self._ui.session.scenario.agents.ids:
             self.stop()
 
-    def drive_to(self, agent_id: str, point_m: np.ndarray) -> None:
-        """Set an agent's goal at a point.
+    def put(self, kind: str, agent_id: str, points_m: Any = ()) -> None:
+        """Let an agent have a term of a kind, which is drawn at points of the road.
 
         Raises:
-            EditError: the point is off the map.
+            EditError: it cannot be there.
         """
-        self._put(goal_term(self._ui.session.scenario, agent_id, point_m))
-
-    def stop_at(self, agent_id: str, point_m: np.ndarray) -> None:
-        """Set an agent's stop line across the lane at a point.
-
-        Raises:
-            EditError: no lane is near.
-        """
-        self._put(stop_term(self._ui.session.scenario, agent_id, point_m))
-
-    def follow_path(self, agent_id: str, points_m: np.ndarray) -> None:
-        """Let an agent follow a path.
-
-        Raises:
-            EditError: the path is too short, or leaves the map.
-        """
-        self._put(path_term(self._ui.session.scenario, agent_id, points_m))
+        self._put(drawn(kind, self._ui.session.scenario, agent_id, points_m))
 
     def pair(self, kind: str, agent_id: str, other_id: str) -> None:
         """Let an agent yield to another one, or threaten it."""
-        pair = YieldTo if kind == YieldTo.kind else Threaten
-        self._put(pair(agent_id=agent_id, other_id=other_id))
+        self._put(KINDS[kind].value(agent_id=agent_id, other_id=other_id))
 
     def pick(self, agent_id: str) -> bool:
         """Take an agent that was chosen elsewhere than in the picture, such as in a list.
@@ -175,8 +111,8 @@ class Guiding:
     def _pair_with(self, other_id: str) -> GuidanceTerm:
         if other_id == self.agent_id:
             raise EditError(f"That is {other_id} itself; choose another agent.")
-        pair = YieldTo if self.tool == YieldTo.kind else Threaten
-        return pair(agent_id=self.agent_id, other_id=other_id)
+        kind = KINDS[str(self.tool)]
+        return kind.value(agent_id=self.agent_id, other_id=other_id)
 
     def _put(self, term: GuidanceTerm) -> None:
         """Add a term, or replace the agent's term of the same kind."""
@@ -198,7 +134,7 @@ class Guiding:
             tool = TOOLS[self.tool]
             self._banner.show(
                 "guiding",
-                f"{tool.title}: {kind} {self.agent_id}: {tool.banner}",
+                f"{KINDS[self.tool].short}: {kind} {self.agent_id}: {tool.banner}",
                 button="Cancel (Esc)",
                 on_press=self.stop,
                 priority=MODE,
@@ -241,14 +177,12 @@ class Guiding:
             self._finish(lambda: self._clicked(ray))
         elif what == "drawn":
             points = _points(event.get("points"))
-            self._finish(
-                lambda: path_term(self._ui.session.scenario, self.agent_id, points)
-            )
+            self._finish(lambda: self._drawn(points))
 
     def _finish(self, make: Callable[[], GuidanceTerm]) -> None:
         """Put the term and end the mode; a refused one leaves the mode on."""
         assert self.tool is not None
-        title = TOOLS[self.tool].title
+        title = KINDS[self.tool].short
         try:
             self._put(make())
         except PdEditorError as error:
@@ -258,20 +192,18 @@ class Guiding:
 
     def _clicked(self, ray: PointerRay) -> GuidanceTerm:
         """The term of a click."""
-        scenario, point = self._ui.session.scenario, ray.ground_m
-        if self.tool in (YieldTo.kind, Threaten.kind):
+        if TOOLS[str(self.tool)].gesture == "pick":
             other = self._picked(ray)
             if other is None:
                 raise EditError("No other agent is there; click one.")
             return self._pair_with(other)
-        if point is None:
+        if ray.ground_m is None:
             raise EditError("That is the sky; click the road.")
-        make = {
-            GoalPoint.kind: goal_term,
-            FollowLane.kind: lane_term,
-            StopAtLine.kind: stop_term,
-        }[str(self.tool)]
-        return make(scenario, self.agent_id, point)
+        return self._drawn(ray.ground_m[None])
+
+    def _drawn(self, points_m: np.ndarray) -> GuidanceTerm:
+        scenario = self._ui.session.scenario
+        return drawn(str(self.tool), scenario, self.agent_id, points_m)
 
     def _picked(self, ray: PointerRay) -> str | None:
         """The other agent under the pointer."""
@@ -290,7 +222,7 @@ class Guiding:
             term = self._clicked(ray)
         except PdEditorError as error:
             return {"text": str(error), "isBad": True}
-        if isinstance(term, YieldTo | Threaten):
+        if isinstance(term, PairGuidance):
             poses = self._poses()
             assert poses is not None
             row = scenario.agents.row_of[term.other_id]
@@ -298,12 +230,23 @@ class Guiding:
             height = DEFAULT_HEIGHT_M[scenario.agents.kinds[row]] / 2
             to = [*np.round(poses.position_m[row], 2).tolist(), height]
             return {"text": f"{kind} {term.other_id}", "to": to}
-        if isinstance(term, StopAtLine):
-            return {"points": [list(point) for point in term.line_m]}
-        if isinstance(term, FollowLane):
-            line = lanes_line_m(scenario, term.lane_ids)
-            return {"points": np.round(line, 2).tolist()}
-        return {}
+        kind = KINDS[term.kind]
+        if kind.points_m is None or kind.shape == "flag":
+            return {}
+        return {"points": np.round(kind.points_m(term, scenario), 2).tolist()}
+
+
+def drawn(
+    kind: str, scenario: Scenario, agent_id: str, points_m: np.ndarray
+) -> GuidanceTerm:
+    """Term of a kind that is drawn at points of the road.
+
+    Raises:
+        EditError: it cannot be there.
+    """
+    draw = TOOLS[kind].draw
+    assert draw is not None, f"{kind} is not drawn"
+    return draw(scenario, agent_id, points_m)
 
 
 def one_guided(scenario: Scenario, selection: tuple[str, ...]) -> str:
@@ -328,29 +271,15 @@ def one_guided(scenario: Scenario, selection: tuple[str, ...]) -> str:
 def replaced_index(
     guidance: tuple[GuidanceTerm, ...], term: GuidanceTerm
 ) -> int | None:
-    """Index of the term that a new one replaces: of one kind and the same agents.
-
-    An agent can yield to several others.
-    """
-    ids = (
-        (lambda one: one.named_ids)
-        if isinstance(term, YieldTo)
-        else (lambda one: one.guided_ids)
-    )
-    for index, other in enumerate(guidance):
-        if other.kind == term.kind and ids(other) == ids(term):
-            return index
-    return None
+    """Index of the term that a new one replaces; None if there is none."""
+    places = [other.place for other in guidance]
+    return places.index(term.place) if term.place in places else None
 
 
 def like(term: GuidanceTerm, former: GuidanceTerm) -> GuidanceTerm:
-    """A new term with strength, and time of a goal, of the term that it replaces."""
-    term = replace(term, weight=former.weight, is_on=True)
-    if isinstance(term, GoalPoint) and isinstance(former, GoalPoint):
-        return replace(term, at_s=former.at_s)
-    if isinstance(term, Threaten) and isinstance(former, Threaten):
-        return replace(term, severity=former.severity, approach=former.approach)
-    return term
+    """A new term with strength and values of the term that it replaces."""
+    same = {name: getattr(former, name) for name in forms_of(type(term))}
+    return replace(term, weight=former.weight, is_on=True, **same)
 
 
 def _points(value: Any) -> np.ndarray:

@@ -5,13 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.scene.guidance_terms import (
-    FollowPath,
-    GoalPoint,
-    StopAtLine,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.analysis.guidance.kinds import KINDS
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.speed import StopAtLine
 from pd_editor.viewer.guidance.encounters import Encounters
 from pd_editor.viewer.guidance.guidance_handles import GuidanceHandles
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
@@ -23,12 +20,8 @@ from pd_editor.viewer.overlay.banner import Banner
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.ui_context import UiContext
 
-KEYS: Final = (
-    (GoalPoint.kind, "Set a goal on the road", "T"),
-    (FollowPath.kind, "Draw a path", "D"),
-    (StopAtLine.kind, "Set a stop line", "B"),
-    (YieldTo.kind, "Yield to an agent", "Y"),
-    (Threaten.kind, "Threaten an agent", "X"),
+KEYS: Final = tuple(
+    (kind, tool.label, tool.key) for kind, tool in TOOLS.items() if tool.key
 )
 """Kinds of terms with the label and the hot key of their tool."""
 LOOK: Final = "What could happen to it"
@@ -79,15 +72,13 @@ class Steering:
 
     def add_hotkeys(self) -> None:
         """Register a key for each of the main tools, and commands for the others."""
-        keys = {kind: key for kind, _, key in KEYS}
-        labels = {kind: label for kind, label, _ in KEYS}
         for kind, tool in TOOLS.items():
-            label = labels.get(kind, f"Guidance: {tool.title}")
+            title = KINDS[kind].short
             self._ui.hotkey(
-                label,
+                tool.label or f"Guidance: {title}",
                 lambda kind=kind: self.mode.toggle(kind),
-                keys.get(kind),
-                failure=f"{tool.title}: not set",
+                tool.key,
+                failure=f"{title}: not set",
                 arms=True,
             )
         self._ui.hotkey(LOOK, self.encounters.toggle, "X", "shift")
@@ -142,11 +133,11 @@ class Steering:
         return (
             MenuItem(
                 f"Drive agent {agent_id} here",
-                lambda: self.mode.drive_to(agent_id, point_m),
+                lambda: self.mode.put(GoalPoint.kind, agent_id, point_m[None]),
             ),
             MenuItem(
                 f"Stop agent {agent_id} here",
-                lambda: self.mode.stop_at(agent_id, point_m),
+                lambda: self.mode.put(StopAtLine.kind, agent_id, point_m[None]),
             ),
         )
 

@@ -4,24 +4,16 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
+from pd_editor.analysis.guidance.kinds import KINDS
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
-from pd_editor.scene.guidance_terms import (
-    FollowLane,
-    FollowPath,
-    GoalPoint,
-    GuidanceTerm,
-    StopAtLine,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.term_rows import sentence_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 
-LANE_TOLERANCE_M: Final = 0.2
 LEAST_OFFER_M: Final = 4.0
 """Shortest trajectory whose end is offered as a goal to drag."""
 OFFER: Final = -1
@@ -60,7 +52,7 @@ def marks_of(
         place = _place_of(term, scenario, at)
         if place is not None:
             marks.append({**look, **place})
-        elif place is None and not _is_spatial(term):
+        elif KINDS[term.kind].shape == "badge":
             for agent_id in term.guided_ids:
                 badges.setdefault(agent_id, []).append(look)
     for agent_id, looks in badges.items():
@@ -118,7 +110,7 @@ def offer_mark(
 
 
 def arc_mark(
-    scenario: Scenario, poses: AgentPoses, term: YieldTo | Threaten, index: int
+    scenario: Scenario, poses: AgentPoses, term: PairGuidance, index: int
 ) -> dict[str, Any] | None:
     """Thin arc of a term that could be made; None if an agent is not drawn."""
     place = _place_of(term, scenario, _places(scenario, poses))
@@ -137,49 +129,22 @@ def arc_mark(
     }
 
 
-def _is_spatial(term: GuidanceTerm) -> bool:
-    return isinstance(
-        term, GoalPoint | FollowPath | FollowLane | StopAtLine | YieldTo | Threaten
-    )
-
-
 def _place_of(
     term: GuidanceTerm, scenario: Scenario, at: Callable[[str], Place | None]
 ) -> dict[str, Any] | None:
     """Shape and points of a term; None if it has none, or its agents are not there."""
-    match term:
-        case GoalPoint():
-            return {
-                "shape": "flag",
-                "point": _rounded(np.array(term.point_m)),
-                "from": at(term.agent_id),
-            }
-        case FollowPath():
-            return {"shape": "path", "points": [_rounded(p) for p in term.points_m]}
-        case FollowLane():
-            points = lanes_line_m(scenario, term.lane_ids)
-            return {"shape": "path", "points": [_rounded(p) for p in points]}
-        case StopAtLine():
-            return {"shape": "line", "points": [_rounded(p) for p in term.line_m]}
-        case YieldTo() | Threaten():
-            start, end = at(term.agent_id), at(term.other_id)
-            if start is None or end is None:
-                return None
-            return {"shape": "arrow", "from": start, "to": end}
-        case _:
+    kind = KINDS[term.kind]
+    if isinstance(term, PairGuidance):
+        start, end = at(term.agent_id), at(term.other_id)
+        if start is None or end is None:
             return None
-
-
-def lanes_line_m(
-    scenario: Scenario, lane_ids: tuple[int, ...]
-) -> Float[np.ndarray, "N 2"]:
-    """The centre lines of lanes as one line, simplified."""
-    lanes = scenario.road_map.lane_of
-    lines = [lanes[one].centerline_m for one in lane_ids if one in lanes]
-    if not lines:
-        return np.zeros((0, 2))
-    line = shapely.LineString(np.concatenate(lines))
-    return shapely.get_coordinates(line.simplify(LANE_TOLERANCE_M))
+        return {"shape": kind.shape, "from": start, "to": end}
+    if kind.points_m is None:
+        return None
+    points = [_rounded(point) for point in kind.points_m(term, scenario)]
+    if kind.shape == "flag":
+        return {"shape": "flag", "point": points[0], "from": at(*term.guided_ids)}
+    return {"shape": kind.shape, "points": points}
 
 
 def _places(scenario: Scenario, poses: AgentPoses) -> Callable[[str], Place | None]:

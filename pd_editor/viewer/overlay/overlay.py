@@ -10,6 +10,7 @@ from typing import Any, Final
 import viser
 from viser import _messages
 
+from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.viewer.state.ui_context import UiContext
 
 _LOG = logging.getLogger(__name__)
@@ -98,4 +99,9 @@ def page_script() -> str:
         item.name for item in folder.iterdir() if item.name.endswith(".css")
     )
     style = "\n".join(folder.joinpath(name).read_text("utf-8") for name in styles)
-    return "\n".join([*parts, f"pdOverlay.setStyle({json.dumps(style)});"])
+    icons = {name: kind.icon for name, kind in KINDS.items()}
+    parts += [
+        f"pdOverlay.guidanceIcons = {json.dumps(icons)};",
+        f"pdOverlay.setStyle({json.dumps(style)});",
+    ]
+    return "\n".join(parts)

@@ -1,7 +1,9 @@
 """The control panel of a tab: its panels, by what they work on."""
 
 from collections.abc import Callable
+from functools import partial
 
+from pd_editor.analysis.guidance.kinds.course import FollowPath
 from pd_editor.editor.session import SessionState
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.viewer.interaction.viewpoint import Viewpoint
@@ -77,7 +79,9 @@ class ControlPanel:
             )
         with tabs.add_tab("Drive"):
             self.candidates = CandidatesPanel(
-                ui, picture.candidates, modes.steering.mode.follow_path
+                ui,
+                picture.candidates,
+                partial(modes.steering.mode.put, FollowPath.kind),
             )
             self.generation = GenerationPanel(
                 ui,

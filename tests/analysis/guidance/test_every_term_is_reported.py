@@ -8,25 +8,17 @@ import pytest
 from shapely import Polygon
 
 from pd_editor.analysis.guidance.feasibility import guidance_problems
-from pd_editor.analysis.guidance.measured import Driven
+from pd_editor.analysis.guidance.guidance_kind import Driven
+from pd_editor.analysis.guidance.kinds.course import FollowLane, GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
+from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine
 from pd_editor.analysis.guidance.outcomes import term_outcomes
-from pd_editor.analysis.guidance.pair_outcomes import track_of
-from pd_editor.analysis.threats.encounter import Track
+from pd_editor.analysis.threats.encounter import Approach, Track
 from pd_editor.analysis.threats.threat_feasibility import expected_tracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import (
-    Approach,
-    AvoidCollisions,
-    FollowLane,
-    GoalPoint,
-    GuidanceTerm,
-    KeepGap,
-    SpeedLimit,
-    StopAtLine,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.scenario import Scenario
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
@@ -146,7 +138,7 @@ def test_before_and_after_a_run_the_other_agent_is_assumed_to_move_alike(
         if IDS[row] in sample.ids:
             continue
         (before,) = expected_tracks(scenario, row, is_kept=True)
-        after = track_of(Driven(scenario=scenario, sample=sample), IDS[row])
+        after = Driven(scenario=scenario, sample=sample).track(IDS[row])
         assert after is not None
         assert np.array_equal(before.position_m, after.position_m)
         assert len(before.position_m) == scenario.time_axis.num_future_steps + 1
@@ -159,7 +151,7 @@ def test_before_and_after_a_run_the_other_agent_is_assumed_to_move_alike(
 def met(one: Threaten, scenario: Scenario, sample: TrafficSample) -> bool:
     """By boxes of shapely, without our own encounter."""
     driven = Driven(scenario=scenario, sample=sample)
-    tracks = [track_of(driven, name) for name in one.named_ids]
+    tracks = [driven.track(name) for name in one.named_ids]
     boxes = [polygons(track) for track in tracks if track is not None]
     least = min(a.distance(b) for a, b in zip(boxes[0][1:], boxes[1][1:], strict=True))
     if one.severity == 1:

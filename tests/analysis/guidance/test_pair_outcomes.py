@@ -8,8 +8,10 @@ import pytest
 import torch
 
 from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasible_terms
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap, gaps_ahead
+from pd_editor.analysis.guidance.kinds.speed import StopAtLine
 from pd_editor.analysis.guidance.outcomes import term_outcomes
-from pd_editor.analysis.guidance.pair_outcomes import gaps_ahead
 from pd_editor.analysis.guidance.report import AgentRealism, guidance_reports
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.generation.trajectory.guidance.interaction_terms import (
@@ -18,14 +20,7 @@ from pd_editor.generation.trajectory.guidance.interaction_terms import (
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import (
-    AvoidCollisions,
-    GuidanceTerm,
-    KeepGap,
-    StopAtLine,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
 

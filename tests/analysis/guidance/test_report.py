@@ -5,6 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.space import StayOnRoad
+from pd_editor.analysis.guidance.kinds.speed import (
+    ComfortLimits,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
 from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.analysis.guidance.report import (
     AgentRealism,
@@ -12,17 +20,7 @@ from pd_editor.analysis.guidance.report import (
     motion_problems,
 )
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import (
-    ComfortLimits,
-    FollowLane,
-    FollowPath,
-    GoalPoint,
-    GuidanceTerm,
-    SpeedLimit,
-    StayOnRoad,
-    StopAtLine,
-    TargetSpeed,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from tests.builders import scenario_with, straight_drivers
 
 SCENE = scenario_with(straight_drivers([(0, 0, 0, 10), (-30, 3.5, 0, 5)]))

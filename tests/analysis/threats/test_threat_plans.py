@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.analysis.threats.encounter import Track, encounter
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.threats.encounter import IN_FRONT, Approach, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_feasibility import (
     recorded_track,
@@ -22,7 +23,6 @@ from pd_editor.analysis.threats.threat_plans import (
     threat_plans,
 )
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.guidance_terms import IN_FRONT, Approach, Threaten
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.scene.scenario import Scenario
 from tests.analysis.threats.tracks import only_one
@@ -35,6 +35,11 @@ from tests.builders import (
 )
 
 SEVERITIES = (0.0, 0.3, 0.6, 0.9, 1.0)
+
+
+def obstacle_of(scenario: Scenario, term: Threaten) -> ThreatObstacle | None:
+    aim = ThreatAim.of(term.approach, term.severity)
+    return threat_obstacle(scenario, term.named_ids, aim)
 
 
 def crossing() -> RoadMap:
@@ -187,18 +192,18 @@ def test_an_agent_that_stands_in_the_way_is_not_driven_through() -> None:
     narrow = replace(two_lane_road(), lanes=(straight_lane(1, (-60, 0), (200, 0)),))
     term = Threaten(agent_id="101", other_id="100", approach="rear")
     free = scenario_with(straight_drivers(states), narrow)
-    assert threat_obstacle(free, term) is None
+    assert obstacle_of(free, term) is None
     queue = [(-12, y, 0, 0) for y in (-4, -2, 0, 2, 4)]
     blocked = scenario_with(straight_drivers([*states, *queue]), narrow)
-    assert threat_obstacle(blocked, term) == ThreatObstacle(kind="traffic")
+    assert obstacle_of(blocked, term) == ThreatObstacle(kind="traffic")
     aside = scenario_with(straight_drivers([*states, (-12, 9, 0, 0)]), narrow)
-    assert threat_obstacle(aside, term) is None
+    assert obstacle_of(aside, term) is None
 
 
 def test_agents_that_drive_apart_cannot_threaten_each_other() -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-40, 0, np.pi, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="rear")
-    obstacle = threat_obstacle(scenario, term)
+    obstacle = obstacle_of(scenario, term)
     assert obstacle is not None
     assert obstacle.kind == "limits"
     assert obstacle.times_limits > 3.0
@@ -208,7 +213,7 @@ def test_cut_in_needs_an_agent_beside_the_path() -> None:
     # Ahead in the same lane: braking would be no cut-in.
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (15, 0, 0, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="cut-in")
-    assert threat_obstacle(scenario, term) == ThreatObstacle(kind="course")
+    assert obstacle_of(scenario, term) == ThreatObstacle(kind="course")
 
 
 @pytest.mark.parametrize("severity", SEVERITIES)
@@ -230,7 +235,7 @@ def test_only_the_direct_leader_brakes() -> None:
     ):
         scenario = scenario_with(straight_drivers(states))
         term = Threaten(agent_id="101", other_id="100", approach="brakes")
-        obstacle = threat_obstacle(scenario, term)
+        obstacle = obstacle_of(scenario, term)
         assert obstacle is not None
         assert obstacle.kind == kind
 
@@ -262,7 +267,7 @@ def test_only_who_stands_ahead_and_aside_pulls_out(
 ) -> None:
     scenario = scenario_with(straight_drivers([(0, 0, 0, 8), state]))
     term = Threaten(agent_id="101", other_id="100", approach="pulls-out")
-    obstacle = threat_obstacle(scenario, term)
+    obstacle = obstacle_of(scenario, term)
     assert obstacle is not None
     assert obstacle.kind == "course"
 
@@ -271,7 +276,7 @@ def test_an_agent_too_far_behind_is_told_how_much_it_would_need() -> None:
     """It was told to be infeasible, and not why."""
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (-150, 0, 0, 10)]))
     term = Threaten(agent_id="101", other_id="100", approach="rear")
-    obstacle = threat_obstacle(scenario, term)
+    obstacle = obstacle_of(scenario, term)
     assert obstacle is not None
     assert obstacle.kind == "limits"
     # 145 m further in 5.9 s by one constant acceleration are 8 m/s2; it has 4.

@@ -6,22 +6,16 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.analysis.guidance.kinds import KINDS
+from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.guidance.kinds.space import AvoidCollisions
+from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine, TargetSpeed
 from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.cli.generate import generate
 from pd_editor.cli.options.guide_option import field_names, guidance_terms_of
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.scene.guidance_terms import (
-    GUIDANCE_KINDS,
-    AvoidCollisions,
-    FollowLane,
-    FollowPath,
-    GoalPoint,
-    SpeedLimit,
-    StopAtLine,
-    TargetSpeed,
-    Threaten,
-)
 
 TEXTS = {
     "goal-point:agent=12,point=3.5/-10": GoalPoint(agent_id="12", point_m=(3.5, -10.0)),
@@ -52,7 +46,7 @@ def test_texts_are_terms(text: str):
 
 
 def test_every_field_of_every_kind_has_a_name():
-    for kind in GUIDANCE_KINDS:
+    for kind in KINDS:
         assert all("_" not in name for name in field_names(kind))
     assert set(field_names("comfort-limits")) == {
         "weight",
@@ -76,7 +70,7 @@ def test_files_hold_lists_of_terms(tmp_path: Path):
     ("text", "said"),
     [
         ("goalpoint:agent=1", "did you mean goal-point"),
-        ("xyz", "expected one of follow-path"),
+        ("xyz", "expected one of goal-point"),
         ("goal-point:agnt=1", "did you mean agent"),
         ("goal-point:agent=1", "give point=X/Y as well"),
         ("goal-point:agent=1,point=3", "expected X/Y"),

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.findings.finding import open_in_words
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import ExportError, InputError
 from pd_editor.editor.basket.basket import ENTRY_NAME, Basket
 from pd_editor.editor.basket.index_table import index_csv, index_row
@@ -23,7 +25,6 @@ from pd_editor.editor.scenario_store import exported_files
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.generation import GenerationRequest, run_to_end
-from pd_editor.scene.guidance_terms import TargetSpeed, Threaten
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import DriftGenerator
 

@@ -6,6 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap, StayOnRoad
+from pd_editor.analysis.guidance.kinds.speed import (
+    ComfortLimits,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
 from pd_editor.base.errors import EditError, RecipeError
 from pd_editor.editor.commands import (
     AddGuidance,
@@ -25,22 +34,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import find_unfinished, restore
 from pd_editor.scene.generation import GuidanceSetting
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.guidance_terms import (
-    MAX_TERMS,
-    AvoidCollisions,
-    ComfortLimits,
-    FollowLane,
-    FollowPath,
-    GoalPoint,
-    GuidanceTerm,
-    KeepGap,
-    SpeedLimit,
-    StayOnRoad,
-    StopAtLine,
-    TargetSpeed,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.editor.command_strategies import busy_scenario
 
@@ -209,11 +203,11 @@ def test_labels_tell_what_changed():
     ("data", "said"),
     [
         ({"agent_id": "1", "point_m": [0, 0]}, "names its kind"),
-        ({"kind": "goal", "agent_id": "1", "point_m": [0, 0]}, "one of follow-path"),
+        ({"kind": "goal", "agent_id": "1", "point_m": [0, 0]}, "one of goal-point"),
         ({"kind": "goal-point", "agent_id": "1"}, "lacks the field 'point_m'"),
         ({"kind": "goal-point", "agent_id": "1", "point_m": [0, 0], "x": 1}, "'x'"),
         ({"kind": "goal-point", "agent_id": "1", "point_m": [0]}, "list of 2"),
-        ({"kind": 3, "agent_id": "1", "point_m": [0]}, "one of follow-path"),
+        ({"kind": 3, "agent_id": "1", "point_m": [0]}, "one of goal-point"),
     ],
 )
 def test_bad_stored_terms_are_refused(data, said):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.editor.commands import AddGuidance, TransformAgents, traffic_command
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.generation import (
@@ -14,7 +15,6 @@ from pd_editor.scene.generation import (
     TrafficSample,
     run_to_end,
 )
-from pd_editor.scene.guidance_terms import GoalPoint
 from pd_editor.scene.scenario import Scenario
 
 RAW = GuidanceSetting(name=AVOIDANCE, parameters={"tries": 0.0})

@@ -4,10 +4,10 @@ import numpy as np
 import shapely
 from hypothesis import given, settings
 
+from pd_editor.analysis.guidance.kinds.speed import ComfortLimits
 from pd_editor.generation.trajectory.sample_yielding import with_yielding
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import ComfortLimits
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis

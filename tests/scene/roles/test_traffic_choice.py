@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.guidance_terms import GoalPoint, TargetSpeed
 from pd_editor.scene.roles.traffic_choice import (
     drivable_agent_ids,
     steered_agent_ids,

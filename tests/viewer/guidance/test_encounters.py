@@ -2,9 +2,9 @@
 
 import json
 
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.possible_encounters import possible_encounters
 from pd_editor.editor.commands import DeleteAgents, SetAgentPosition, SetFocalAgent
-from pd_editor.scene.guidance_terms import Threaten
 from tests.viewer.fake_browser import FakeTab, until
 
 

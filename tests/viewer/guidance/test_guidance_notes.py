@@ -7,6 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, TargetSpeed
 from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import (
     AddGuidance,
@@ -25,12 +28,6 @@ from pd_editor.scene.generation import (
     TrafficSample,
 )
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
-from pd_editor.scene.guidance_terms import (
-    GoalPoint,
-    SpeedLimit,
-    TargetSpeed,
-    Threaten,
-)
 from pd_editor.viewer.guidance.guidance_notes import NOT_RUN, TAKE_UNGUIDED
 from pd_editor.viewer.panels.generation.generation_run import GenerationInput
 from tests.builders import two_agents_that_pass

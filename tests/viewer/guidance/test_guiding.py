@@ -6,17 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.speed import StopAtLine, TargetSpeed
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AddGuidance
 from pd_editor.scene.generation import GenerationRequest
-from pd_editor.scene.guidance_terms import (
-    FollowPath,
-    GoalPoint,
-    StopAtLine,
-    TargetSpeed,
-    Threaten,
-    YieldTo,
-)
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.viewer.guidance.guidance_panel import listed
 from pd_editor.viewer.guidance.guiding import like, replaced_index

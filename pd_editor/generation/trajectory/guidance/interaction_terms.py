@@ -10,6 +10,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pd_editor.analysis.guidance.kinds.pairs import YieldTo
+from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
 from pd_editor.analysis.guidance.limits import OPENING_MPS
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.analysis.repair.box_overlaps import counted
@@ -20,11 +22,13 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     GuidedAgents,
     ResidualRows,
     TermContext,
+    TermMakers,
+    each,
     row_weights,
+    together,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.guidance_terms import AvoidCollisions, KeepGap, YieldTo
 
 _SHARE_OF_GAP: Final = 0.8
 """Where agents are nearer now than the wanted margin, this share of their gap is kept."""
@@ -542,3 +546,10 @@ def _counted_pairs(
     colliding = overlapping_pairs(agents, step)
     found[colliding, colliding[:, ::-1]] = False
     return found[np.ix_(rows, rows)]
+
+
+MAKERS: Final[TermMakers] = {
+    KeepGap: together(GapTerm.of),
+    AvoidCollisions: each(AvoidTerm.of),
+    YieldTo: each(YieldTerm.of),
+}

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.target_motion import (
     Curves,
@@ -25,8 +26,9 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     GuidedAgents,
     ResidualRows,
     TermContext,
+    TermMakers,
+    together,
 )
-from pd_editor.scene.guidance_terms import FollowLane, FollowPath, GoalPoint
 from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_follow
 from pd_editor.scene.paths.driving_paths import DrivingPaths
 
@@ -279,3 +281,10 @@ def _with_nodes(curves: Curves, count: int) -> Curves:
         [ahead, torch.zeros_like(ahead), torch.ones_like(ahead[..., :1])], -1
     )
     return Curves(node=torch.cat([curves.node, last + further * step], dim=-2))
+
+
+MAKERS: Final[TermMakers] = {
+    FollowPath: together(PathTerm.of),
+    FollowLane: together(PathTerm.of),
+    GoalPoint: together(GoalTerm.of),
+}

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import torch
 
+from pd_editor.analysis.guidance.kinds.space import StayOnRoad
 from pd_editor.analysis.guidance.road_distance import way_back_m
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
@@ -14,11 +15,12 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     AgentsTerm,
     GuidedAgents,
     ResidualRows,
+    TermMakers,
     row_weights,
+    together,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.geometry.oriented_box import box_corners
-from pd_editor.scene.guidance_terms import StayOnRoad
 
 _STRIDE: Final = 3
 """Stride of the steps at which boxes are tested."""
@@ -82,3 +84,6 @@ class RoadTerm(AgentsTerm):
                 weight=torch.where(wanted, weight, 0.0),
             )
         ]
+
+
+MAKERS: Final[TermMakers] = {StayOnRoad: together(RoadTerm.of)}

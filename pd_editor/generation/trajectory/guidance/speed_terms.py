@@ -9,6 +9,12 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pd_editor.analysis.guidance.kinds.speed import (
+    ComfortLimits,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
 from pd_editor.analysis.guidance.stop_line import LINE_MARGIN_M
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.target_motion import (
@@ -23,18 +29,11 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     AgentsTerm,
     GuidedAgents,
     ResidualRows,
+    TermMakers,
     row_weights,
+    together,
 )
-from pd_editor.scene.agent_kind import (
-    LANE_FOLLOWER_KINDS,
-    MOTOR_VEHICLE_KINDS,
-)
-from pd_editor.scene.guidance_terms import (
-    ComfortLimits,
-    SpeedLimit,
-    StopAtLine,
-    TargetSpeed,
-)
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 
 _RAMP_SHARE: Final = 0.6
 """Share of the time in which a target speed should be reached."""
@@ -296,3 +295,11 @@ class StopTerm(AgentsTerm):
         reach = half[:, :1] + half[:, 1:] * beside / ahead
         front = reach + self.config.stop_gap_m / ahead
         return along - front, crosses.any(dim=-1, keepdim=True)
+
+
+MAKERS: Final[TermMakers] = {
+    TargetSpeed: together(SpeedTerm.of),
+    SpeedLimit: together(LimitTerm.of),
+    ComfortLimits: together(ComfortTerm.of),
+    StopAtLine: together(StopTerm.of),
+}

@@ -18,7 +18,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import pad
 
-from pd_editor.analysis.threats.encounter import Track, encounter
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.threats.encounter import IN_FRONT, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_outcome import meets
 from pd_editor.analysis.threats.threat_plans import ThreatAim, ThreatPlans, threat_plans
@@ -31,7 +32,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
 )
 from pd_editor.generation.trajectory.network.decoding import Motion, motion_of
 from pd_editor.scene.geometry.angles import unit_vector
-from pd_editor.scene.guidance_terms import IN_FRONT, GuidanceTerm, Threaten
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
@@ -47,9 +48,7 @@ _SAME_STEP_S: Final = 1e-6
 def threats_in_force(terms: Sequence[GuidanceTerm]) -> tuple[Threaten, ...]:
     """Threats that are on."""
     return tuple(
-        term
-        for term in terms
-        if isinstance(term, Threaten) and term.is_on and term.weight > 0
+        term for term in terms if isinstance(term, Threaten) and term.is_in_force
     )
 
 

@@ -13,7 +13,7 @@ How to add a kind of term
    is nothing to do. There is no autograd. Whatever is not linear (the nearest point of a
    path, on which side to pass, who goes first) is decided anew from each prediction.
 2. Add a function that makes it from the values of the kind and the ``TermContext`` to
-   ``TERM_MAKERS`` in ``term_table.py``. A subclass of ``AgentsTerm`` says in ``of_guided``
+   ``MAKERS`` of its family of terms. A subclass of ``AgentsTerm`` says in ``of_guided``
    how it is made of the agents that all values guide, since the cost of a term is that
    of its tensor operations, not of their sizes; ``each(make)`` makes one term of each
    value. Numbers that say how strong or how wide go into ``TermGuidance`` (stored with
@@ -35,7 +35,7 @@ is the network's own: the result is projected to them (``TermGuide``).
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar, runtime_checkable
@@ -159,6 +159,25 @@ class TermContext:
         points[agent, slot, :, 1] = plans.paths.y_m[order]
         exists[agent, slot] = True
         return self.tensor(points), torch.from_numpy(exists).to(self.like.device)
+
+
+TermMaker = Callable[[Sequence[Any], TermContext], Sequence[TrajectoryTerm]]
+"""Makes the terms of all values of a kind; none of agents that are not sampled."""
+TermMakers = Mapping[type[GuidanceTerm], TermMaker]
+
+
+def together(
+    make: Callable[[Sequence[Any], TermContext], TrajectoryTerm | None],
+) -> TermMaker:
+    """Maker of one term of all values."""
+    return lambda values, context: [one] if (one := make(values, context)) else []
+
+
+def each(make: Callable[[Any, TermContext], TrajectoryTerm | None]) -> TermMaker:
+    """Maker of one term of each value."""
+    return lambda values, context: [
+        one for value in values if (one := make(value, context))
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
+from pd_editor.analysis.guidance.kinds.speed import StopAtLine
 from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
@@ -21,16 +25,7 @@ from pd_editor.generation.trajectory.guidance.term_table import trajectory_terms
 from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import (
-    AvoidCollisions,
-    FollowPath,
-    GoalPoint,
-    GuidanceTerm,
-    KeepGap,
-    StopAtLine,
-    Threaten,
-    YieldTo,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers

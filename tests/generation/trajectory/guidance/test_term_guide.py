@@ -7,6 +7,14 @@ import numpy as np
 import pytest
 import torch
 
+from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.space import KeepGap, StayOnRoad
+from pd_editor.analysis.guidance.kinds.speed import (
+    ComfortLimits,
+    SpeedLimit,
+    StopAtLine,
+    TargetSpeed,
+)
 from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.analysis.metrics.motion.kinematics import (
     WINDOW_STEPS,
@@ -23,18 +31,7 @@ from pd_editor.generation.trajectory.guidance.term_guide import TermGuide
 from pd_editor.generation.trajectory.guidance.term_table import TERM_MAKERS
 from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import (
-    ComfortLimits,
-    FollowLane,
-    FollowPath,
-    GoalPoint,
-    GuidanceTerm,
-    KeepGap,
-    SpeedLimit,
-    StayOnRoad,
-    StopAtLine,
-    TargetSpeed,
-)
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.guidance.feasibility import guidance_problems
-from pd_editor.analysis.threats.encounter import Track, encounter
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.threats.encounter import Approach, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.analysis.threats.threat_outcome import meets, threat_in_words
 from pd_editor.analysis.threats.threat_plans import ThreatAim
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.generation import TrafficSample
-from pd_editor.scene.guidance_terms import Approach, GoalPoint, GuidanceTerm, Threaten
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
 from tests.generation.generated_traffic import SINGLE, generated, same

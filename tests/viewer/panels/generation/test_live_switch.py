@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.editor.commands import (
     AddGuidance,
     RegeneratedEdit,
@@ -16,7 +18,7 @@ from pd_editor.generation.generators import registry
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.generation import GeneratorSpec
-from pd_editor.scene.guidance_terms import GoalPoint, GuidanceTerm, TargetSpeed
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.viewer.panels.generation.live_switch import (
     ALL,

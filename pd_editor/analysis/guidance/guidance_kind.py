@@ -1,0 +1,198 @@
+"""What a kind of guidance term is, and what its checks and outcomes are made of."""
+
+import typing
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Literal, TypeVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pd_editor.analysis.guidance.agent_now import AgentNow
+from pd_editor.analysis.threats.encounter import Track
+from pd_editor.analysis.threats.threat_feasibility import recorded_track
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_sample import TrafficSample
+
+_Term = TypeVar("_Term", bound=GuidanceTerm)
+
+
+class Refusal(str):
+    """Why a term cannot be run at all, in one sentence."""
+
+    __slots__ = ()
+
+
+Found = Iterator[str]
+"""Problems of a term in sentences: warnings, and refusals."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """A run as it is planned, against which terms are checked."""
+
+    scenario: Scenario
+    terms: Sequence[GuidanceTerm] = ()
+    """Terms that are in force."""
+    agent_ids: Sequence[str] | None = None
+    """Agents whose trajectories are generated; None: not known yet."""
+
+    def agents(self, agent_ids: Sequence[str]) -> list[AgentNow]:
+        """Agents that are there."""
+        rows = self.scenario.agents.rows(agent_ids).tolist()
+        return [AgentNow(scenario=self.scenario, row=row) for row in rows]
+
+    def generates(self, agent_id: str) -> bool:
+        """Whether a trajectory is known to be generated."""
+        return self.agent_ids is not None and agent_id in self.agent_ids
+
+    def keeps(self, agent_id: str) -> bool:
+        """Whether a trajectory is known to be kept."""
+        return self.agent_ids is not None and agent_id not in self.agent_ids
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What was asked and achieved, in words and as a deviation."""
+
+    asked: str
+    achieved: str
+    error: float
+    unit: str
+    is_obeyed: bool
+    is_feasible: bool = True
+    """Whether it could have been met, against what the other agent did."""
+    has_no_case: bool = False
+    """Whether nothing arose to which the term applies, so that a term that was infeasible
+    before the run is not obeyed."""
+    worst_id: str | None = None
+    """The agent that the deviation is of."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Driven:
+    """A sample on its scenario."""
+
+    scenario: Scenario
+    sample: TrafficSample
+
+    @property
+    def step_s(self) -> float:
+        """Time between two steps."""
+        return self.scenario.time_axis.step_s
+
+    @property
+    def num_steps(self) -> int:
+        """Number of steps, the current one included."""
+        return self.sample.heading_rad.shape[1]
+
+    def row(self, agent_id: str) -> int | None:
+        """Row of an agent in the sample; None if it was not generated."""
+        ids = self.sample.ids
+        return ids.index(agent_id) if agent_id in ids else None
+
+    def rows(
+        self, agent_ids: Collection[str], kinds: Collection[AgentKind]
+    ) -> Int[np.ndarray, "G"]:
+        """Rows of the generated agents among some; without names, those of some kinds."""
+        pairs = zip(self.sample.ids, self.sample.kinds, strict=True)
+        wanted = [
+            name in agent_ids if agent_ids else kind in kinds for name, kind in pairs
+        ]
+        return np.flatnonzero(np.array(wanted, bool))
+
+    def speed_mps(self) -> Float[np.ndarray, "G S"]:
+        """Speeds of all agents."""
+        return np.hypot(*np.moveaxis(self.sample.velocity_mps, -1, 0))
+
+    def track(self, agent_id: str) -> Track | None:
+        """Trajectory of an agent, generated or recorded; None if it is not there now."""
+        scenario, sample, row = self.scenario, self.sample, self.row(agent_id)
+        if row is None:
+            known = scenario.agents.row_of.get(agent_id)
+            is_there = scenario.agents.is_valid[:, scenario.current_step]
+            if known is None or not is_there[known]:
+                return None
+            return recorded_track(scenario, known)
+        return Track(
+            position_m=sample.position_m[row],
+            heading_rad=sample.heading_rad[row],
+            velocity_mps=sample.velocity_mps[row],
+            size_m=sample.size_m[row],
+        )
+
+
+@dataclass(frozen=True)
+class Tool:
+    """How a term is made on the picture."""
+
+    gesture: Literal["click", "draw", "pick"]
+    """What the page does: click the road, draw a line, or pick an agent."""
+    banner: str
+    """What to do, after the agent's name."""
+    label: str = ""
+    """Name of the tool among the keys and in menus; empty: it is not among them."""
+    key: str | None = None
+    draw: Callable[[Scenario, str, Float[np.ndarray, "N 2"]], GuidanceTerm] | None = (
+        None
+    )
+    """Makes the term of an agent from the points; an agent that is picked needs none.
+
+    Raises ``EditError`` where they cannot be.
+    """
+
+
+def _nothing(*_: Any) -> Found:
+    yield from ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidanceKind(Generic[_Term]):
+    """One kind of guidance term: all that is known of it but how it guides.
+
+    Residuals are in ``pd_editor.generation.trajectory.guidance``, by families as well.
+    """
+
+    value: type[_Term]
+    title: str
+    short_title: str = ""
+    """Name that fits on a tool's button; empty: the title."""
+    hint: str
+    """What its tool does."""
+    icon: str
+    """Path of SVG on a grid of 20 x 20, to be clear at 16 pixels."""
+    asks: Callable[[_Term], str]
+    """What a term asks of its agents, after their names."""
+    outcome: Callable[[_Term, Driven], Measured | None]
+    """What a sample achieved; None if none of the term's agents was generated."""
+    check: Callable[[_Term, Plan], Found] = _nothing
+    """Problems of a term before a run; its agents are there."""
+    clash: Callable[[_Term, GuidanceTerm, str | None, Plan], Found] = _nothing
+    """Why a term and another one exclude each other; a shared agent is in words."""
+    leads: bool = False
+    """Whether agents are led somewhere, and so have to avoid others."""
+    tool: Tool | None = None
+    """None: a term needs nothing drawn."""
+    usual: Callable[[Scenario, tuple[str, ...]], _Term] | None = None
+    """Makes a term with usual values; None: those of the class."""
+    shape: Literal["flag", "path", "line", "arrow", "badge"] = "badge"
+    """Mark on the road."""
+    points_m: Callable[[_Term, Scenario], Any] | None = None
+    """Points of the mark; None of an arrow between two agents, and of a badge."""
+
+    @property
+    def short(self) -> str:
+        """Name that fits on a tool's button."""
+        return self.short_title or self.title
+
+    def usual_term(self, scenario: Scenario, agent_ids: Sequence[str]) -> _Term:
+        """A term with usual values, of a kind of which nothing is drawn."""
+        ids, make = tuple(agent_ids), typing.cast("Any", self.value)
+        return self.usual(scenario, ids) if self.usual else make(agent_ids=ids)
+
+
+def of_several(count: int, words: str) -> str:
+    """Words on the worst of several agents."""
+    return words if count == 1 else f"{words} (the worst of {count} agents)"
