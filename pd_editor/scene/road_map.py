@@ -164,6 +164,30 @@ class RoadMap:
         return {lane.lane_id: lane for lane in self.lanes}
 
     @cached_property
+    def lane_groups(self) -> tuple[tuple[int, ...], ...]:
+        """Ids of adjacent lanes in one direction, each group from right to left."""
+        left_of = {
+            one.lane_id: other.lane_id
+            for one in self.lanes
+            if (other := self.lane_of.get(one.left_neighbor or 0)) is not None
+            and other.right_neighbor == one.lane_id
+        }
+        beside = set(left_of.values())
+        rest = [one.lane_id for one in self.lanes if one.lane_id not in beside]
+        groups: list[tuple[int, ...]] = []
+        taken: set[int] = set()
+        for first in (*rest, *self.lane_of):
+            group: list[int] = []
+            one: int | None = first
+            while one is not None and one not in taken:
+                taken.add(one)
+                group.append(one)
+                one = left_of.get(one)
+            if group:
+                groups.append(tuple(group))
+        return tuple(groups)
+
+    @cached_property
     def polylines(self) -> tuple[Float[np.ndarray, "_ 3"], ...]:
         """All polylines of the map, in the order of ``with_polylines``."""
         lines: list[np.ndarray] = []

@@ -11,15 +11,21 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.recorded_map import crosswalk_of
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.sumo_net import (
+    CROSSWALK,
+    PAVED,
     SumoNet,
     center_of_front,
     heading_of_sumo,
+    points_of,
     sumo_net,
 )
+from pd_editor.scene.formats.sumo_writer import write
 from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
+from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import at_height_zero, without_repeats
 from pd_editor.scene.geometry.wide_line import wide_line, with_end_normals
 from pd_editor.scene.road_map import Lane, LaneMark
@@ -74,33 +80,48 @@ def read(path: Path) -> Scenario:
         if (one := beside.get(part)) is not None
     }
     tracks: tuple[FileTrack, ...] = ()
+    times: list[float] = []
     if "fcd" in beside:
         root, more = parse_xml(beside["fcd"], "fcd-export")
         types = {
             one.get("id"): one for part in roots.values() for one in part.iter("vType")
         }
-        tracks, data = _tracks(Place(beside["fcd"], root), types), data + more
+        tracks, times = _tracks(Place(beside["fcd"], root), types)
+        data += more
+    polygons = _polygons(beside.get("add"), roots.get("add"))
+    walks = [crosswalk_of(n, ring) for n, ring in enumerate(polygons[CROSSWALK], 10**6)]
     return FileScene(
         path=path,
         name=name,
         lanes=_lanes(net),
-        crosswalks=net.crosswalks(1),
-        more_paved=net.paved_beside_lanes(),
+        crosswalks=(*net.crosswalks(1), *(one for one in walks if one is not None)),
+        more_paved=[*net.paved_beside_lanes(), *map(valid_area, polygons[PAVED])],
         tracks=tracks,
-        current_s=_current_s(tracks),
+        current_s=_current_s(times),
         notes=("Traffic lights are left out.",) if net.has_signals else (),
     ).scenario(data)
 
 
-def _current_s(tracks: tuple[FileTrack, ...]) -> float:
+def _polygons(
+    path: Path | None, root: etree._Element | None
+) -> dict[str, list[Float[np.ndarray, "_ 2"]]]:
+    """Rings of crosswalks and of drivable areas."""
+    found: dict[str, list[Float[np.ndarray, "_ 2"]]] = {CROSSWALK: [], PAVED: []}
+    if path is not None and root is not None:
+        for place in Place(path, root).children("poly"):
+            kind = place.element.get("type") or ""
+            if kind in found and len(ring := points_of(place)) > 2:
+                found[kind].append(ring)
+    return found
+
+
+def _current_s(times: list[float]) -> float:
     """As far after the beginning as in Argoverse 2, in short recordings the middle."""
-    if not tracks:
+    if not times:
         return 0.0
-    first = min(float(one.time_s[0]) for one in tracks)
-    last = max(float(one.time_s[-1]) for one in tracks)
     axis = TimeAxis()
-    half = int((last - first) / 2 / axis.step_s + 1e-6)
-    return first + axis.step_s * min(axis.current_step, half)
+    half = int((times[-1] - times[0]) / 2 / axis.step_s + 1e-6)
+    return times[0] + axis.step_s * min(axis.current_step, half)
 
 
 def _lanes(net: SumoNet) -> tuple[Lane, ...]:
@@ -139,14 +160,13 @@ def _lanes(net: SumoNet) -> tuple[Lane, ...]:
             Lane(
                 lane_id=number[name],
                 kind=lane.kind,
-                is_intersection=(
-                    lane.is_internal and lane.junction in net.crossed_junctions
-                ),
+                is_intersection=lane.edge in net.junction_edges
+                or (lane.is_internal and lane.junction in net.crossed_junctions),
                 centerline=at_height_zero(line.points_m),
                 left=at_height_zero(line.left_m()),
                 right=at_height_zero(line.right_m()),
-                left_mark=LaneMark.UNKNOWN,
-                right_mark=LaneMark.UNKNOWN,
+                left_mark=_mark(left),
+                right_mark=_mark(right),
                 successors=tuple(number[one] for one in ahead),
                 predecessors=tuple(number[one] for one in behind),
                 left_neighbor=left,
@@ -154,6 +174,11 @@ def _lanes(net: SumoNet) -> tuple[Lane, ...]:
             )
         )
     return tuple(lanes)
+
+
+def _mark(neighbor: int | None) -> LaneMark:
+    """Nets have no markings, but neighbours between which vehicles change lanes."""
+    return LaneMark.UNKNOWN if neighbor is None else LaneMark.DASHED_WHITE
 
 
 def _next(
@@ -172,8 +197,8 @@ def _next(
 
 def _tracks(
     root: Place, types: Mapping[str | None, etree._Element]
-) -> tuple[FileTrack, ...]:
-    """Tracks of vehicles and persons, in the order in which they appear."""
+) -> tuple[tuple[FileTrack, ...], list[float]]:
+    """Tracks of vehicles and persons in the order in which they appear; all times."""
     rows: dict[str, list[tuple[float, ...]]] = {}
     first: dict[str, Place] = {}
     times = []
@@ -192,7 +217,7 @@ def _tracks(
     step_s = float(np.median(steps)) if len(steps) else 0.0
     return tuple(
         _track(first[name], types, np.array(one), step_s) for name, one in rows.items()
-    )
+    ), times
 
 
 def _track(
@@ -209,6 +234,7 @@ def _track(
     kind, length = _CLASSES.get(
         _PERSON if is_person else told or guess, _CLASSES[_USUAL]
     )
+    kind = next((one for one in AgentKind if type_id.startswith(one.value)), kind)
     size = None
     if found is not None and {"length", "width"} <= set(found.keys()):
         about = Place(place.path, found)
@@ -244,4 +270,5 @@ SUMO: Final = SceneFormat(
     endings=ENDINGS,
     recognises=_recognises,
     read=read,
+    write=write,
 )

@@ -63,6 +63,18 @@ _CLASSES: Final = frozenset(
     ]
 )
 """All classes of vehicles."""
+_MOTORISED: Final = "passenger private taxi bus coach delivery truck trailer motorcycle"
+ALLOWED_ON: Final = {
+    LaneKind.VEHICLE: f"{_MOTORISED} moped bicycle emergency",
+    LaneKind.BUS: "bus taxi bicycle emergency",
+    LaneKind.BIKE: "bicycle",
+}
+"""Classes that may use lanes of a kind in networks made here."""
+JUNCTION: Final = "junction"
+"""Type of edges made here of lanes through junctions."""
+CROSSWALK: Final = "crosswalk"
+PAVED: Final = "drivable"
+"""Types of polygons that are what their names say."""
 USUAL_WIDTH_M: Final = 3.2
 _MAX_LEGS_OF_PASSAGE: Final = 2
 
@@ -140,6 +152,8 @@ class SumoNet:
     turns: tuple[Turn, ...] = ()
     """Connections between lanes of normal edges, junctions left out."""
     drives_left: bool = False
+    junction_edges: frozenset[str] = frozenset()
+    """Edges that are lanes through a junction, though not internal ones."""
 
     @cached_property
     def lanes_of_edge(self) -> dict[str, list[SumoLane]]:
@@ -276,6 +290,11 @@ def sumo_net(root: Place) -> SumoNet:
             Turn(start=start, end=end, direction=direction)
             for start, _, end, direction in connections
             if end in lanes and not lanes[start].is_internal
+        ),
+        junction_edges=frozenset(
+            edge.attribute("id")
+            for edge in normal
+            if edge.element.get("type") == JUNCTION
         ),
         drives_left=root.element.get("lefthand") in ("true", "1"),
     )

@@ -103,7 +103,7 @@ def roads_of(lines: LaneLines, crossing: frozenset[int]) -> tuple[Road, ...]:
     """
     roads = [
         _shortened(lines, group)
-        for group in _lane_groups(lines.road_map)
+        for group in lines.road_map.lane_groups
         for group in _without(group, crossing)
     ]
     for lane_id in sorted(crossing):
@@ -119,7 +119,7 @@ def roads_of(lines: LaneLines, crossing: frozenset[int]) -> tuple[Road, ...]:
     return tuple(roads)
 
 
-def _without(group: list[int], crossing: frozenset[int]) -> list[list[int]]:
+def _without(group: tuple[int, ...], crossing: frozenset[int]) -> list[list[int]]:
     """Split a group at lanes that belong to junctions."""
     runs: list[list[int]] = [[]]
     for lane_id in group:
@@ -128,31 +128,6 @@ def _without(group: list[int], crossing: frozenset[int]) -> list[list[int]]:
         else:
             runs[-1].append(lane_id)
     return [run for run in runs if run]
-
-
-def _lane_groups(road_map: RoadMap) -> list[list[int]]:
-    """Groups of adjacent lanes in one direction, each from right to left."""
-    known = road_map.lane_of
-
-    def left_of(lane: Lane) -> Lane | None:
-        other = known.get(lane.left_neighbor) if lane.left_neighbor else None
-        is_mutual = other is not None and other.right_neighbor == lane.lane_id
-        return other if is_mutual else None
-
-    has_right = {other.lane_id for n in road_map.lanes if (other := left_of(n))}
-    groups = []
-    taken: set[int] = set()
-    rest = [lane for lane in road_map.lanes if lane.lane_id not in has_right]
-    for first in [*rest, *road_map.lanes]:
-        group: list[int] = []
-        lane: Lane | None = first
-        while lane is not None and lane.lane_id not in taken:
-            taken.add(lane.lane_id)
-            group.append(lane.lane_id)
-            lane = left_of(lane)
-        if group:
-            groups.append(group)
-    return groups
 
 
 def _shortened(lines: LaneLines, group: list[int]) -> Road:

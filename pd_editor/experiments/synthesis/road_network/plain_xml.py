@@ -10,17 +10,18 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.experiments.synthesis.sumo.sumo_tools import run_sumo_tool
+from pd_editor.scene.formats.sumo_net import ALLOWED_ON
+from pd_editor.scene.road_map import LaneKind
 
 NET_FILE: Final = "net.net.xml"
-_MOTORISED: Final = "passenger private taxi bus coach delivery truck trailer motorcycle"
 
 
 class StripKind(StrEnum):
     """Use of a lane; the value is the vehicle class that SUMO allows on it."""
 
-    CAR = _MOTORISED + " moped bicycle emergency"
-    BUS = "bus taxi bicycle emergency"
-    BIKE = "bicycle"
+    CAR = ALLOWED_ON[LaneKind.VEHICLE]
+    BUS = ALLOWED_ON[LaneKind.BUS]
+    BIKE = ALLOWED_ON[LaneKind.BIKE]
     PARKING = ""
     SIDEWALK = "pedestrian"
 

@@ -1,0 +1,170 @@
+"""Scenes written as SUMO networks: by SUMO's own tools, and back again."""
+
+import csv
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sumolib
+
+from pd_editor.base.installed_files import demo_names
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.registry import writer
+from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.scenario import Scenario
+
+DEMO = "signalised-junction"
+
+
+def written(scenario: Scenario, folder: Path) -> tuple[Path, dict[str, str]]:
+    """The net file, and ids in it by ours."""
+    format_ = writer("sumo")
+    assert format_.write is not None
+    result = format_.write(scenario)
+    for name, content in result.files.items():
+        (folder / name).write_bytes(content)
+    rows = csv.reader(result.files["ids.csv"].decode().splitlines()[1:])
+    return folder / f"{scenario.scenario_id}.net.xml", dict(tuple(row) for row in rows)
+
+
+def links_of(scenario: Scenario, ids: dict[str, str]) -> dict[str, set[str]]:
+    known = scenario.road_map.lane_of
+    return {
+        ids[f"lane {one.lane_id}"]: {
+            ids[f"lane {after}"] for after in one.successors if after in known
+        }
+        for one in known.values()
+    }
+
+
+def check(scenario: Scenario, folder: Path) -> None:
+    """Graph and lanes by sumolib, all by our reader, routes by sumo."""
+    net_file, ids = written(scenario, folder)
+    known = scenario.road_map.lane_of
+    net = sumolib.net.readNet(str(net_file), withInternal=True)
+    lanes = [lane for edge in net.getEdges() for lane in edge.getLanes()]
+    graph = {
+        lane.getID(): {one.getToLane().getID() for one in lane.getOutgoing()}
+        for lane in lanes
+    }
+    assert graph == links_of(scenario, ids)
+    ours = {other: known[int(one[5:])] for one, other in ids.items() if "lane" in one}
+    for lane in lanes:
+        own = ours[lane.getID()].centerline_m + scenario.origin_city_m
+        np.testing.assert_allclose(lane.getShape(), own, atol=1e-3)
+    back = open_scenario(net_file)
+    names = dict(zip([one.lane_id for one in back.road_map.lanes],
+                     [lane.getID() for lane in lanes], strict=True))  # fmt: skip
+    for one in back.road_map.lanes:
+        own = ours[names[one.lane_id]]
+        assert {names[after] for after in one.successors} == graph[names[one.lane_id]]
+        assert one.kind is own.kind
+    same_agents(scenario, back, ids)
+    done = subprocess.run(
+        [str(sumo_tool("sumo")), "-c", str(net_file).replace(".net.xml", ".sumocfg"),
+         "--no-step-log"],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert (done.returncode, "Error" in done.stderr) == (0, False), done.stderr
+
+
+def same_agents(scenario: Scenario, back: Scenario, ids: dict[str, str]) -> None:
+    one, two = scenario.agents, back.agents
+    there = one.is_valid.any(axis=1)
+    rows = two.rows(ids[f"agent {name}"] for name in np.array(one.ids)[there])
+    steps = slice(0, one.num_steps)
+    shift = back.current_step - scenario.current_step
+    assert shift == 0
+    valid = one.is_valid[there]
+    np.testing.assert_array_equal(two.is_valid[rows][:, steps], valid)
+    place = (one.position_m + scenario.origin_city_m)[there][valid]
+    its = (two.position_m + back.origin_city_m)[rows][:, steps][valid]
+    np.testing.assert_allclose(its, place, atol=1e-3)
+    turn = wrap_angle(
+        two.heading_rad[rows][:, steps][valid] - one.heading_rad[there][valid]
+    )
+    assert np.rad2deg(np.abs(turn)).max() < 0.1
+    np.testing.assert_allclose(
+        two.velocity_mps[rows][:, steps][valid],
+        one.velocity_mps[there][valid],
+        atol=0.05,
+    )
+    np.testing.assert_allclose(two.size_m[rows], one.size_m[there], atol=1e-3)
+    assert [two.kinds[row] for row in rows] == [
+        kind for kind, is_there in zip(one.kinds, there, strict=True) if is_there
+    ]
+
+
+@pytest.mark.parametrize("name", demo_names())
+def test_a_demo_is_the_same_for_sumolib_for_sumo_and_back_again(
+    tmp_path: Path, name: str
+):
+    check(open_scenario(name), tmp_path)
+
+
+@pytest.mark.slow
+def test_real_scenes_are_the_same_for_all(
+    tmp_path: Path, av2_scenario_folders: list[Path]
+):
+    for number, folder in enumerate(av2_scenario_folders):
+        there = tmp_path / str(number)
+        there.mkdir()
+        check(open_scenario(folder), there)
+
+
+def test_crosswalks_and_paved_ground_come_back(tmp_path: Path):
+    scenario = open_scenario(DEMO)
+    back = open_scenario(written(scenario, tmp_path)[0])
+    assert len(back.road_map.crosswalks) == len(scenario.road_map.crosswalks)
+    for lane, own in zip(
+        sorted(one.is_intersection for one in back.road_map.lanes),
+        sorted(one.is_intersection for one in scenario.road_map.lanes),
+        strict=True,
+    ):
+        assert lane == own
+
+
+def test_vehicles_begin_where_they_are_recorded(tmp_path: Path):
+    """SUMO's first states, of the vehicles that it starts at once, are ours."""
+    scenario = open_scenario(DEMO)
+    net_file, ids = written(scenario, tmp_path)
+    found = tmp_path / "driven.fcd.xml"
+    subprocess.run(
+        [str(sumo_tool("sumo")), "-c", str(net_file).replace(".net.xml", ".sumocfg"),
+         "--fcd-output", str(found), "--no-step-log", "--precision", "4"],
+        check=True, capture_output=True, timeout=120,
+    )  # fmt: skip
+    (tmp_path / f"{scenario.scenario_id}.fcd.xml").unlink()
+    found.rename(tmp_path / f"{scenario.scenario_id}.fcd.xml")
+    driven, agents = open_scenario(net_file), scenario.agents
+    near = []
+    for name in driven.agents.ids:
+        own = {other: one[6:] for one, other in ids.items() if "agent" in one}[name]
+        row, its = agents.row_of[own], driven.agents.row_of[name]
+        if not (agents.is_valid[row, 0] and driven.agents.is_valid[its, 0]):
+            continue
+        place = driven.agents.position_m[its, 0] + driven.origin_city_m
+        gap = place - agents.position_m[row, 0] - scenario.origin_city_m
+        near.append(float(np.hypot(*gap)))
+    assert len(near) >= 3
+    assert np.median(near) < 1.5
+
+
+def test_ids_that_sumo_refuses_are_told_in_the_table(tmp_path: Path):
+    scenario = open_scenario(DEMO)
+    odd = ('a "b" <c>', "x;y", "d|\u00e9", "'&'")
+    agents = replace(scenario.agents, ids=(*odd, *scenario.agents.ids[len(odd) :]))
+    check(replace(scenario, agents=agents, focal_id=agents.ids[0]), tmp_path)
+
+
+def test_a_scene_without_agents_and_static_objects_can_be_written(tmp_path: Path):
+    scenario = open_scenario(DEMO)
+    agents = scenario.agents.taken(np.arange(3))
+    kinds = (AgentKind.CONSTRUCTION, AgentKind.UNKNOWN, AgentKind.RIDERLESS_BICYCLE)
+    check(replace(scenario, agents=replace(agents, kinds=kinds)), tmp_path)
+    empty = replace(scenario, agents=agents.taken(np.arange(0)), focal_id="")
+    assert not len(open_scenario(written(empty, tmp_path)[0]).agents)
