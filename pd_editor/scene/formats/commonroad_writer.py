@@ -2,7 +2,6 @@
 
 import csv
 import io
-from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -72,7 +71,7 @@ def write(scenario: Scenario) -> WrittenScene:
     for row, name in enumerate(agents.ids):
         if row == ego:
             continue
-        for steps in _parts(agents.is_valid[row]):
+        for steps in unbroken_parts(agents.is_valid[row]):
             rows.append((name, next_id))
             _obstacle(root, scenario, row, place, steps, next_id)
             next_id += 1
@@ -215,7 +214,7 @@ def _bound(
     _child(bound, "lineMarking", mark)
 
 
-def _parts(is_valid: np.ndarray) -> Iterable[Int[np.ndarray, "N"]]:
+def unbroken_parts(is_valid: np.ndarray) -> list[Int[np.ndarray, "N"]]:
     """Steps of each unbroken part of a track."""
     steps = np.flatnonzero(is_valid)
     return [

@@ -1,8 +1,8 @@
 """ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML)."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final, Literal
@@ -13,6 +13,15 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
+from pd_editor.scene.formats.opendrive_writer import (
+    INTERSECTION,
+    JOINT_M,
+    LEFT,
+    PAVING,
+    RIGHT,
+    ROAD_MARKS,
+    write,
+)
 from pd_editor.scene.formats.recorded_map import crosswalk_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat
@@ -20,7 +29,7 @@ from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.scene_limits import MAX_LINES_M
+from pd_editor.scene.scene_limits import MAX_COORDINATE_M, MAX_LINES_M
 
 MOST_MINOR: Final = 8
 """Newest minor version that is known."""
@@ -47,21 +56,7 @@ _LANE_KINDS: Final = {
 """Types of lanes that are driven on."""
 _PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
 """Types of lanes that are drivable, but lead nowhere."""
-_MARKS: Final = {
-    ("solid", False): LaneMark.SOLID_WHITE,
-    ("solid", True): LaneMark.SOLID_YELLOW,
-    ("broken", False): LaneMark.DASHED_WHITE,
-    ("broken", True): LaneMark.DASHED_YELLOW,
-    ("solid solid", False): LaneMark.DOUBLE_SOLID_WHITE,
-    ("solid solid", True): LaneMark.DOUBLE_SOLID_YELLOW,
-    ("broken broken", False): LaneMark.DOUBLE_DASH_WHITE,
-    ("broken broken", True): LaneMark.DOUBLE_DASH_YELLOW,
-    ("solid broken", False): LaneMark.SOLID_DASH_WHITE,
-    ("solid broken", True): LaneMark.SOLID_DASH_YELLOW,
-    ("broken solid", False): LaneMark.DASH_SOLID_WHITE,
-    ("broken solid", True): LaneMark.DASH_SOLID_YELLOW,
-    ("none", False): LaneMark.NONE,
-}
+_MARKS: Final = {kind: mark for mark, kind in ROAD_MARKS.items()}
 End = Literal["start", "end"]
 Key = tuple[str, int, int]
 """Road, index of the section, id of the lane."""
@@ -71,7 +66,9 @@ def read(path: Path) -> Scenario:
     """Read a road network as a scene without agents.
 
     Lanes are one for each lane of each section; elevations are kept, cross falls are not.
-    Signals and other objects than crosswalks are left out.
+    Connecting roads of a few centimetres only join lanes. Signals, and objects other than
+    crosswalks and asphalt, are left out. City coordinates are those that the header's
+    offset leads to, unless it turns the road.
 
     Raises:
         FormatError: the file is damaged, of an unknown version, or without lanes.
@@ -94,7 +91,7 @@ def read(path: Path) -> Scenario:
     paved = [area for road in roads.values() for area in road.paved()]
     walks = [walk for road in roads.values() for walk in road.crosswalks()]
     author = header.element.get("vendor") or header.element.get("name")
-    return FileScene(
+    scene = FileScene(
         path=path,
         name=path.stem,
         lanes=network.lanes(),
@@ -106,6 +103,17 @@ def read(path: Path) -> Scenario:
         more_paved=paved,
         notes=(f"Made by {author}.",) if author else (),
     ).scenario(data)
+    return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
+
+
+def _offset(header: Place) -> Float[np.ndarray, "2"]:
+    """Way from the file's origin to that of its projection; 0 where it is turned, too."""
+    for one in header.children("offset"):
+        shift = np.array([one.number("x"), one.number("y")])
+        is_turned = float(one.element.get("hdg") or 0.0) != 0.0
+        if not is_turned and (np.abs(shift) <= MAX_COORDINATE_M).all():
+            return shift
+    return np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +196,8 @@ class _Road:
     ) -> _Section:
         end = max(end, start + 1e-3)
         count = max(int(np.ceil((end - start) / SPACING_M)), 1) + 1
-        s = np.linspace(start, end, count)
+        corners = [one.start for one in self.line.pieces if start < one.start < end]
+        s = np.unique(np.append(np.linspace(start, end, count), corners))
         center = offset.at(s)
         borders, lanes = {0: center}, {}
         for side, sign in (("left", 1), ("right", -1)):
@@ -210,6 +219,11 @@ class _Road:
                 borders[number], lanes[number] = outer, one
         return _Section(place, index, s, self.line.at(s), borders, lanes)
 
+    @property
+    def is_joint(self) -> bool:
+        """Whether it is a connecting road that is too short to be driven on."""
+        return bool(self.junction) and self.length_m < JOINT_M
+
     def driven(self) -> Iterator[tuple[_Section, int]]:
         """Sections and ids of the lanes that are driven on."""
         for section in self.sections:
@@ -223,13 +237,18 @@ class _Road:
         return (lane < 0) != self.drives_left
 
     def paved(self) -> Iterator[BaseGeometry]:
-        """Areas of lanes that are drivable, but lead nowhere."""
+        """Areas of asphalt, and of lanes that are drivable, but lead nowhere."""
         for section in self.sections:
             for number, place in section.lanes.items():
                 if (place.element.get("type") or "none") in _PAVED:
                     inner = section.points(section.border_m[section.inner(number)])
                     outer = section.points(section.border_m[number])
                     yield valid_area(np.concatenate([inner, outer[::-1]])[:, :2])
+        for one in self.place.element.findall("objects/object"):
+            if (one.get("type") or "none").lower() == "none" and (
+                one.find(f".//outline[@fillType='{PAVING}']") is not None
+            ):
+                yield valid_area(self._corners(Place(self.place.path, one)))
 
     def crosswalks(self) -> Iterator[Float[np.ndarray, "_ 2"]]:
         """Corners of the objects that are crosswalks."""
@@ -286,14 +305,24 @@ class _Network:
 
     def lanes(self) -> tuple[Lane, ...]:
         """All lanes that are driven on, with their links."""
+        joints = {
+            self._number[road.name, section.index, lane]
+            for road, section, lane in self._driven
+            if road.is_joint
+        }
+        follows: defaultdict[int, list[int]] = defaultdict(list)
+        for first, second in sorted(set(self._links())):
+            follows[first].append(second)
         after: defaultdict[int, list[int]] = defaultdict(list)
         before: defaultdict[int, list[int]] = defaultdict(list)
-        for first, second in sorted(set(self._links())):
-            after[first].append(second)
-            before[second].append(first)
+        for first in sorted(follows.keys() - joints):
+            for second in _beyond(first, follows, joints):
+                after[first].append(second)
+                before[second].append(first)
         return tuple(
             self._lane(road, section, lane, after, before)
             for road, section, lane in self._driven
+            if not road.is_joint
         )
 
     def _lane(
@@ -320,12 +349,21 @@ class _Network:
         order = 1 if not road.drives_left else -1
         left, right = sides[::order]
         left_mark, right_mark = marks[::order]
-        left_neighbor, right_neighbor = neighbors[::order]
+        beside = neighbors[::order]
+        told = {
+            one.get("code"): one.get("value")
+            for one in section.lanes[lane].element.findall("userData")
+        }
+        left_neighbor, right_neighbor = (
+            self._number.get((told.get(code) or "", 0, -1), one)
+            for code, one in zip((LEFT, RIGHT), beside, strict=True)
+        )
         kind = section.lanes[lane].element.get("type") or "none"
         return Lane(
             lane_id=number,
             kind=_LANE_KINDS[kind],
-            is_intersection=bool(road.junction) and road.junction not in self._direct,
+            is_intersection=INTERSECTION in told
+            or (bool(road.junction) and road.junction not in self._direct),
             centerline=_simplified(section.points(middle)[::step]),
             left=_simplified(section.points(left)[::step]),
             right=_simplified(section.points(right)[::step]),
@@ -418,6 +456,21 @@ class _Network:
             yield self._number[other], self._number[one]
 
 
+def _beyond(
+    lane: int, follows: Mapping[int, Sequence[int]], joints: Collection[int]
+) -> list[int]:
+    """Lanes that follow a lane, at once or behind joints."""
+    found, seen, left = set(), set(), [*follows.get(lane, ())]
+    while left:
+        one = left.pop()
+        if one in joints and one not in seen:
+            seen.add(one)
+            left += follows.get(one, ())
+        elif one not in joints:
+            found.add(one)
+    return sorted(found)
+
+
 def _mark(section: _Section, lane: int) -> LaneMark:
     """First marking of a lane's outer border, or of the centre."""
     if lane:
@@ -429,7 +482,8 @@ def _mark(section: _Section, lane: int) -> LaneMark:
     kind, color = found.get("type") or "", (found.get("color") or "").lower()
     if kind == "none":
         return LaneMark.NONE
-    return _MARKS.get((kind, color == "yellow"), LaneMark.UNKNOWN)
+    color = color if color in ("yellow", "blue") else "white"
+    return _MARKS.get((kind, color), LaneMark.UNKNOWN)
 
 
 def _simplified(line: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
@@ -449,4 +503,5 @@ OPENDRIVE: Final = SceneFormat(
     endings=(".xodr",),
     recognises=_recognises,
     read=read,
+    write=write,
 )

@@ -70,6 +70,15 @@ def _unzipped(path: Path, data: bytes) -> bytes:
     return found
 
 
+def added(parent: etree._Element, tag: str, **attributes: object) -> etree._Element:
+    """A new element below another one; numbers have ten digits."""
+    texts = {
+        name: f"{value + 0.0:.10g}" if isinstance(value, float) else str(value)
+        for name, value in attributes.items()
+    }
+    return etree.SubElement(parent, tag, texts)
+
+
 class Place:
     """An element with its file, for errors that name both and the line."""
 

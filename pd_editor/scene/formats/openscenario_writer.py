@@ -1,0 +1,196 @@
+"""Writes agents as OpenSCENARIO 1.2: each follows its trajectory.
+
+The reference point of an entity is the centre of its box. Agents that come later are added
+at their first step, and all are deleted after their last one.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
+
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.commonroad_writer import unbroken_parts
+from pd_editor.scene.formats.recording_writers import HEIGHT_M
+from pd_editor.scene.formats.xml_file import added
+from pd_editor.scene.scenario import EGO_ID, Scenario
+
+EGO_NAME: Final = "Ego"
+_VEHICLES: Final = {
+    AgentKind.VEHICLE: "car",
+    AgentKind.BUS: "bus",
+    AgentKind.MOTORCYCLIST: "motorbike",
+    AgentKind.CYCLIST: "bicycle",
+}
+"""Categories of vehicles; all others but pedestrians are obstacles."""
+_DATE: Final = "1970-01-01T00:00:00"
+_WHEEL_M: Final = 0.7
+_MOST: Final = 100.0
+"""Speed, acceleration and braking that no trajectory exceeds."""
+_ONCE: Final = {"priority": "override", "maximumExecutionCount": "1"}
+
+
+def entity_names(agent_ids: Sequence[str]) -> dict[str, str]:
+    """Names of entities by agent id: the ego is ``Ego``, others are as their ids."""
+    names: dict[str, str] = {}
+    for number, one in enumerate(agent_ids):
+        name = EGO_NAME if one == EGO_ID else one
+        is_usable = re.fullmatch(r"[A-Za-z0-9_.-]+", name) is not None
+        if not is_usable or (name == EGO_NAME) != (one == EGO_ID):
+            name = f"agent_{number}"
+        while name in names.values():
+            name += "_"
+        names[one] = name
+    return names
+
+
+def openscenario_file(
+    scenario: Scenario, road_file: str, names: Mapping[str, str]
+) -> bytes:
+    """Trajectories of a scenario's agents on a road network, named as given."""
+    agents, step_s = scenario.agents, scenario.time_axis.step_s
+    root = etree.Element("OpenSCENARIO")
+    added(
+        root,
+        "FileHeader",
+        revMajor=1,
+        revMinor=2,
+        date=_DATE,
+        author="Path Diffuser Editor",
+        description=f"{scenario.scenario_id}; the current state is at "
+        f"{scenario.current_step * step_s:g} s",
+    )
+    added(root, "CatalogLocations")
+    added(added(root, "RoadNetwork"), "LogicFile", filepath=road_file)
+    entities = added(root, "Entities")
+    story_board = added(root, "Storyboard")
+    init = added(added(story_board, "Init"), "Actions")
+    act = added(added(story_board, "Story", name="Story"), "Act", name="Act")
+    for row, one in enumerate(agents.ids):
+        name = names[one]
+        kind, size = agents.kinds[row], agents.size_m[row].tolist()
+        _entity(added(entities, "ScenarioObject", name=name), name, kind, size)
+        states = np.column_stack([agents.position_m[row], agents.heading_rad[row]])
+        maneuver = etree.Element("Maneuver", name=f"Maneuver {name}")
+        for number, steps in enumerate(unbroken_parts(agents.is_valid[row])):
+            track = np.column_stack([steps * step_s, states[steps]]).tolist()
+            if steps[0] == 0:
+                private = added(init, "Private", entityRef=name)
+                _place(
+                    added(added(private, "PrivateAction"), "TeleportAction"), track[0]
+                )
+            _follow(maneuver, f"{name} {number}", name, track)
+            if steps[-1] < agents.num_steps - 1:
+                event = added(maneuver, "Event", name=f"Leave {name} {number}", **_ONCE)
+                _entity_action(event, "DeleteEntityAction", name)
+                _at(added(event, "StartTrigger"), track[-1][0] + step_s)
+        group = added(
+            act, "ManeuverGroup", name=f"Group {name}", maximumExecutionCount=1
+        )
+        actors = added(group, "Actors", selectTriggeringEntities="false")
+        added(actors, "EntityRef", entityRef=name)
+        if len(maneuver):
+            group.append(maneuver)
+    _at(added(act, "StartTrigger"), 0.0)
+    _at(added(story_board, "StopTrigger"), scenario.time_axis.duration_s, "greaterThan")
+    return etree.tostring(
+        root, encoding="UTF-8", xml_declaration=True, pretty_print=True
+    )
+
+
+def _entity(
+    place: etree._Element, name: str, kind: AgentKind, size_m: Sequence[float]
+) -> None:
+    """Add what an entity is, with its box around its reference point."""
+    length, width = size_m
+    if kind in _VEHICLES:
+        found = added(place, "Vehicle", name=name, vehicleCategory=_VEHICLES[kind])
+    elif kind == AgentKind.PEDESTRIAN:
+        found = added(
+            place, "Pedestrian", name=name, mass=80, pedestrianCategory="pedestrian"
+        )
+    else:
+        found = added(
+            place, "MiscObject", name=name, mass=100, miscObjectCategory="obstacle"
+        )
+    box = added(found, "BoundingBox")
+    added(box, "Center", x=0, y=0, z=HEIGHT_M / 2)
+    added(box, "Dimensions", width=width, length=length, height=HEIGHT_M)
+    if kind in _VEHICLES:
+        added(
+            found,
+            "Performance",
+            maxSpeed=_MOST,
+            maxAcceleration=_MOST,
+            maxDeceleration=_MOST,
+        )
+        axles = added(found, "Axles")
+        for tag, steering, share in (("FrontAxle", 0.5, 0.3), ("RearAxle", 0.0, -0.3)):
+            added(
+                axles,
+                tag,
+                maxSteering=steering,
+                wheelDiameter=_WHEEL_M,
+                trackWidth=width,
+                positionX=share * length,
+                positionZ=_WHEEL_M / 2,
+            )
+    added(found, "Properties")
+
+
+def _follow(
+    maneuver: etree._Element, title: str, name: str, track: Sequence[Sequence[float]]
+) -> None:
+    """Add an event in which an entity appears, if it comes later, and follows a track.
+
+    A track has rows of time, x, y, heading.
+    """
+    event = etree.Element("Event", name=f"Event {title}", **_ONCE)
+    if track[0][0] > 0:
+        _place(_entity_action(event, "AddEntityAction", name), track[0])
+    if len(track) > 1:
+        action = added(event, "Action", name=f"Follow {title}")
+        routing = added(added(action, "PrivateAction"), "RoutingAction")
+        follow = added(routing, "FollowTrajectoryAction")
+        path = added(follow, "Trajectory", name=f"Trajectory {title}", closed="false")
+        line = added(added(path, "Shape"), "Polyline")
+        for state in track:
+            _place(added(line, "Vertex", time=state[0]), state)
+        added(
+            added(follow, "TimeReference"),
+            "Timing",
+            domainAbsoluteRelative="absolute",
+            scale=1,
+            offset=0,
+        )
+        added(follow, "TrajectoryFollowingMode", followingMode="position")
+    if len(event):
+        _at(added(event, "StartTrigger"), track[0][0])
+        maneuver.append(event)
+
+
+def _entity_action(event: etree._Element, tag: str, name: str) -> etree._Element:
+    """Add an action on an entity's existence; the element in it."""
+    action = added(event, "Action", name=f"{tag} {name}")
+    found = added(added(action, "GlobalAction"), "EntityAction", entityRef=name)
+    return added(found, tag)
+
+
+def _place(parent: etree._Element, state: Sequence[float]) -> None:
+    _, x, y, heading = state
+    added(added(parent, "Position"), "WorldPosition", x=x, y=y, h=heading)
+
+
+def _at(trigger: etree._Element, time_s: float, rule: str = "greaterOrEqual") -> None:
+    """Let a trigger fire at a time of the simulation."""
+    condition = added(
+        added(trigger, "ConditionGroup"),
+        "Condition",
+        name="time",
+        delay=0,
+        conditionEdge="none",
+    )
+    value = added(condition, "ByValueCondition")
+    added(value, "SimulationTimeCondition", value=time_s, rule=rule)

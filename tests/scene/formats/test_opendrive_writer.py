@@ -1,0 +1,342 @@
+"""OpenDRIVE networks and OpenSCENARIO scenarios that the editor writes."""
+
+import csv
+import io
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lxml import etree
+
+from pd_editor.base.errors import ExportError
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.experiments.synthesis.sumo.sumo_tools import run_sumo_tool
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.commonroad_writer import IDS_NAME
+from pd_editor.scene.formats.opendrive import read
+from pd_editor.scene.formats.opendrive_writer import JOINT_M, write
+from pd_editor.scene.perturbation.anchor import pose_on_original_road
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.road_warp import (
+    DEFAULT_LENGTH_M,
+    WARP_KINDS,
+    RoadWarp,
+    WarpTerm,
+)
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from tests.builders import straight_lane, two_agents_that_pass
+from tests.oracles.environment import Oracle
+
+CENTERS_M = 0.05
+"""Corners are rounded, and where lanes meet they have one heading."""
+
+
+def warped(scenario: Scenario, number: int) -> Scenario:
+    """The scenario on a road that is bent as strongly as usual, in one of three ways."""
+    kind = WARP_KINDS[number % len(WARP_KINDS)]
+    anchor = pose_on_original_road(scenario, scenario.focal_id)
+    term = WarpTerm(kind=kind, power=6.0, length_m=DEFAULT_LENGTH_M[kind])
+    return warp_scenario(scenario, RoadWarp(anchor=anchor, terms=(term,)))
+
+
+def written(scenario: Scenario, folder: Path) -> Path:
+    """The scenario's road network in a folder, beside its other files."""
+    for name, data in write(scenario).files.items():
+        (folder / name).write_bytes(data)
+    return folder / f"{scenario.scenario_id}.xodr"
+
+
+def links_of(root: etree._Element) -> set[tuple[str, str]]:
+    """Links of roads, of which connecting ones are passed through."""
+    found = set()
+    for road in root.findall("road"):
+        ends = [road.find(f"link/{tag}") for tag in ("predecessor", "successor")]
+        if road.get("junction") != "-1":
+            assert float(road.get("length", "")) < JOINT_M
+            found.add(tuple(end.get("elementId") for end in ends))
+        elif ends[1] is not None and ends[1].get("elementType") == "road":
+            found.add((road.get("id"), ends[1].get("elementId")))
+    return found
+
+
+def own_links(scenario: Scenario) -> set[tuple[str, str]]:
+    lane_of = scenario.road_map.lane_of
+    return {
+        (str(lane.lane_id), str(one))
+        for lane in lane_of.values()
+        for one in lane.successors
+        if one in lane_of
+    }
+
+
+def check_roads(scenario: Scenario, path: Path) -> None:
+    """The file, and what our reader makes of it, has the scenario's lanes."""
+    assert links_of(etree.parse(path).getroot()) == own_links(scenario)
+    found = read(path)
+    mine, theirs = scenario.road_map.lanes, found.road_map.lanes
+    assert len(mine) == len(theirs)
+    number = {a.lane_id: b.lane_id for a, b in zip(mine, theirs, strict=True)}
+    for lane, other in zip(mine, theirs, strict=True):
+        for name in ("successors", "predecessors"):
+            known = {number[one] for one in getattr(lane, name) if one in number}
+            assert set(getattr(other, name)) == known
+        for name in ("left_neighbor", "right_neighbor"):
+            assert getattr(other, name) == number.get(getattr(lane, name))
+        for name in ("kind", "is_intersection", "left_mark", "right_mark"):
+            assert getattr(other, name) == getattr(lane, name)
+        lines = [
+            shapely.LineString(one.centerline_m + scene.origin_city_m)
+            for one, scene in ((lane, scenario), (other, found))
+        ]
+        gap = max(
+            shapely.distance(points_along(one), line).max()
+            for one, line in (lines, lines[::-1])
+        )
+        assert gap <= CENTERS_M, lane.lane_id
+    assert len(found.road_map.crosswalks) == len(scenario.road_map.crosswalks)
+    areas = [
+        shapely.union_all(
+            [
+                shapely.make_valid(shapely.Polygon(one.boundary[:, :2] + origin))
+                for one in scene.road_map.drivable_areas
+            ]
+        )
+        for scene in (scenario, found)
+        for origin in [scene.origin_city_m]
+    ]
+    assert areas[0].difference(areas[1].buffer(0.5)).area < 1.0
+
+
+def points_along(line: shapely.LineString) -> np.ndarray:
+    return shapely.line_interpolate_point(line, np.linspace(0.0, line.length, 400))
+
+
+Part = tuple[float, float, np.ndarray]
+"""Times of coming and of leaving, and a table of time, x, y, heading."""
+
+
+def tracks_of(root: etree._Element, end_s: float) -> dict[str, list[Part]]:
+    """Where entities are, as a player of the file sees it."""
+    found: dict[str, list[Part]] = {}
+    begins = {
+        one.get("entityRef", ""): one.find(".//WorldPosition")
+        for one in root.findall(".//Init//Private")
+    }
+    for group in root.findall(".//ManeuverGroup"):
+        (name,) = (one.get("entityRef", "") for one in group.findall(".//EntityRef"))
+        place, since, table = begins.get(name), 0.0, []
+        for event in group.findall(".//Event"):
+            at = float(event.find(".//SimulationTimeCondition").get("value"))
+            if (added := event.find(".//AddEntityAction//WorldPosition")) is not None:
+                assert place is None, "it is there already"
+                place, since, table = added, at, []
+            for vertex in event.findall(".//Vertex"):
+                state = vertex.find("Position/WorldPosition")
+                table.append([float(vertex.get("time")), *values(state)])
+            if event.find(".//DeleteEntityAction") is not None:
+                assert place is not None, "it is not there"
+                part = (since, at, np.array(table or [[since, *values(place)]]))
+                found.setdefault(name, []).append(part)
+                place = None
+        if place is not None:
+            part = (since, end_s, np.array(table or [[since, *values(place)]]))
+            found.setdefault(name, []).append(part)
+    return found
+
+
+def values(place: etree._Element) -> list[float]:
+    return [float(place.get(name, "")) for name in "xyh"]
+
+
+def check_agents(scenario: Scenario, path: Path) -> None:
+    """The trajectories beside a road network are the scenario's."""
+    root = etree.parse(path.with_suffix(".xosc")).getroot()
+    assert root.find("RoadNetwork/LogicFile").get("filepath") == path.name
+    table = io.StringIO((path.parent / IDS_NAME).read_text())
+    rows = [one for one in csv.DictReader(table) if one["kind"] == "agent"]
+    names = {one["id"]: one["id in the file"] for one in rows}
+    agents, step_s = scenario.agents, scenario.time_axis.step_s
+    assert set(names) == set(agents.ids)
+    assert EGO_ID not in names or names[EGO_ID] == "Ego"
+    objects = {one.get("name"): one for one in root.findall(".//ScenarioObject")}
+    tracks = tracks_of(root, agents.num_steps * step_s)
+    for row, (own, name) in enumerate(names.items()):
+        assert own == agents.ids[row]
+        box = objects[name].find(".//Dimensions")
+        size = [float(box.get(one)) for one in ("length", "width")]
+        np.testing.assert_allclose(size, agents.size_m[row], atol=1e-6)
+        center = objects[name].find(".//Center")
+        assert (center.get("x"), center.get("y")) == ("0", "0")
+        is_there = np.zeros(agents.num_steps, bool)
+        for since, until, states in tracks[name]:
+            steps = np.rint(states[:, 0] / step_s).astype(int)
+            assert since == pytest.approx(states[0, 0])
+            assert until == pytest.approx(states[-1, 0] + step_s)
+            is_there[steps] = True
+            gap = states[:, 1:3] - agents.position_m[row, steps]
+            assert np.abs(gap).max() <= 1e-3
+            turn = states[:, 3] - agents.heading_rad[row, steps]
+            assert np.abs(np.angle(np.exp(1j * turn))).max() <= np.radians(0.1)
+            speeds = [
+                np.hypot(*np.diff(line, axis=0).T) / step_s
+                for line in (states[:, 1:3], agents.position_m[row, steps])
+            ]
+            np.testing.assert_allclose(*speeds, atol=0.05)
+        np.testing.assert_array_equal(is_there, agents.is_valid[row])
+
+
+@pytest.mark.parametrize("demo", ["roundabout", "crosswalk", "queue", "merge"])
+def test_a_demo_comes_back_as_it_was(demo: str, tmp_path: Path):
+    scenario = open_scenario(demo)
+    path = written(scenario, tmp_path)
+    check_roads(scenario, path)
+    check_agents(scenario, path)
+
+
+def real_scenes(folders: list[Path], every: int) -> Iterator[Scenario]:
+    for number, folder in enumerate(folders[::every]):
+        scenario = open_scenario(folder)
+        yield scenario
+        yield warped(scenario, number)
+
+
+@pytest.mark.real_data
+def test_real_scenes_come_back_as_they_were(
+    av2_scenario_folders: list[Path], tmp_path: Path
+):
+    for scenario in real_scenes(av2_scenario_folders, 26):
+        path = written(scenario, tmp_path)
+        check_roads(scenario, path)
+        check_agents(scenario, path)
+
+
+@settings(max_examples=20)
+@given(
+    turns=st.lists(st.floats(-0.6, 0.6), min_size=1, max_size=8),
+    steps=st.lists(st.floats(0.3, 20.0), min_size=9, max_size=9),
+    fork=st.floats(-0.8, 0.8),
+)
+def test_crooked_lanes_that_part_come_back(
+    tmp_path_factory: pytest.TempPathFactory,
+    turns: list[float],
+    steps: list[float],
+    fork: float,
+):
+    heading = np.append(0.0, np.cumsum(turns))
+    ways = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    line = np.cumsum([[0.0, 0.0], *(ways * np.array(steps[: len(ways)])[:, None])], 0)
+
+    def lane(
+        number: int, line: np.ndarray, after: tuple[int, ...], before: tuple[int, ...]
+    ):
+        plain = straight_lane(
+            number, (0, 0), (1, 0), successors=after, predecessors=before
+        )
+        side = np.array([0.0, 1.75])
+        points = [line, line + side, line - side]
+        lifted = [np.column_stack([one, np.zeros(len(one))]) for one in points]
+        return replace(
+            plain,
+            is_intersection=number > 1,
+            centerline=lifted[0],
+            left=lifted[1],
+            right=lifted[2],
+        )
+
+    def beyond(turn: float) -> np.ndarray:
+        angle = heading[-1] + turn
+        return line[-1] + np.outer([0.0, 12.0], [np.cos(angle), np.sin(angle)])
+
+    lanes = (
+        lane(1, line, (2, 3), ()),
+        lane(2, beyond(0.0), (), (1,)),
+        lane(3, beyond(fork), (), (1,)),
+    )
+    scene = replace(two_agents_that_pass(), road_map=RoadMap(lanes=lanes))
+    check_roads(scene, written(scene, tmp_path_factory.mktemp("road")))
+
+
+def test_roads_alone_are_written_without_agents_and_told_losses(tmp_path: Path):
+    scenario = open_scenario("roundabout")
+    bare = scenario.without_agents(scenario.agents.ids)
+    files = write(bare).files
+    assert [Path(name).suffix for name in files] == [".xodr", ".csv"]
+    assert write(bare).files == files
+    assert any("Neighbours" in loss for loss in write(scenario).losses)
+
+
+def test_lanes_without_length_are_refused():
+    scene = two_agents_that_pass()
+    lane = replace(scene.road_map.lanes[0], centerline=np.zeros((2, 3)))
+    flat = replace(scene, road_map=RoadMap(lanes=(lane,)))
+    with pytest.raises(ExportError, match="Lane 1 has no length"):
+        write(flat)
+
+
+def test_kinds_have_categories_and_odd_ids_other_names(tmp_path: Path):
+    scenario = open_scenario("roundabout")
+    agents = scenario.agents.taken(np.arange(3))
+    kinds = (AgentKind.VEHICLE, AgentKind.PEDESTRIAN, AgentKind.CONSTRUCTION)
+    agents = replace(agents, ids=("Ego", "$ä", "AV"), kinds=kinds)
+    scene = replace(scenario, agents=agents, focal_id="AV")
+    path = written(scene, tmp_path)
+    check_agents(scene, path)
+    root = etree.parse(path.with_suffix(".xosc")).getroot()
+    found = {one.get("name"): one[0].tag for one in root.findall(".//ScenarioObject")}
+    assert found == {"agent_0": "Vehicle", "agent_1": "Pedestrian", "Ego": "MiscObject"}
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.real_data
+def test_checkers_of_asam_find_nothing(
+    oracle: Callable[[str], Oracle],
+    av2_scenario_folders: list[Path],
+    tmp_path: Path,
+):
+    """XSDs of OpenDRIVE 1.7 and OpenSCENARIO 1.2, and all rules that have a checker."""
+    paths = []
+    for number, scenario in enumerate(real_scenes(av2_scenario_folders, 26)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        road = written(scenario, folder)
+        paths += [str(road), str(road.with_suffix(".xosc"))]
+    answers = oracle("asam").ask("asam_issues.py", paths)
+    for path, answer in zip(paths, answers, strict=True):
+        assert answer["issues"] == [], path
+        assert answer["completed"] >= 17
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.real_data
+def test_netconvert_reads_the_same_links(
+    av2_scenario_folders: list[Path], tmp_path: Path
+):
+    for scenario in real_scenes(av2_scenario_folders, 26):
+        net = netconverted(written(scenario, tmp_path))
+        roads = {str(lane.lane_id) for lane in scenario.road_map.lanes}
+        edges = [one for one in net.findall("edge") if one.get("function") is None]
+        assert {one.get("id").lstrip("-") for one in edges} == roads
+        assert len(edges) == len(roads)
+        assert {
+            (one.get("from").lstrip("-"), one.get("to").lstrip("-"))
+            for one in net.findall("connection")
+            if not one.get("from").startswith(":")
+        } == own_links(scenario)
+
+
+def netconverted(path: Path) -> etree._Element:
+    """SUMO's network of a road network."""
+    net = path.with_suffix(".net.xml")
+    arguments = ["--opendrive-files", str(path), "-o", str(net)]
+    run_sumo_tool(
+        "netconvert", [*arguments, "--opendrive.import-all-lanes"], path.parent
+    )
+    return etree.parse(net).getroot()
