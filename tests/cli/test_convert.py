@@ -76,10 +76,10 @@ def test_formats_that_cannot_be_written_are_refused_before_anything_is_read(
     shell: Shell, tmp_path: Path
 ):
     for command in (("convert", "nothing", "--to"), ("export", "nothing", "--format")):
-        told = shell.refused(*command, "opendrive", "--out", tmp_path / "x")
+        told = shell.refused(*command, "lanelet2", "--out", tmp_path / "x")
         assert told == (
-            "No format 'opendrive' can be written; there are av2, commonroad, "
-            "gpudrive, scenarionet, tables."
+            "No format 'lanelet2' can be written; there are av2, commonroad, "
+            "gpudrive, opendrive, scenarionet, tables."
         )
     told = shell.refused(
         "export", "queue", "--format", "commonroad", "--verify", "--out", tmp_path / "x"

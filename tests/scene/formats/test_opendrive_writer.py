@@ -210,7 +210,7 @@ def real_scenes(folders: list[Path], every: int) -> Iterator[Scenario]:
 def test_real_scenes_come_back_as_they_were(
     av2_scenario_folders: list[Path], tmp_path: Path
 ):
-    for scenario in real_scenes(av2_scenario_folders, 26):
+    for scenario in real_scenes(av2_scenario_folders, 48):
         path = written(scenario, tmp_path)
         check_roads(scenario, path)
         check_agents(scenario, path)
