@@ -83,6 +83,35 @@ Medians of the measured boxes in Argoverse 2 sensor logs, rounded to 0.1 m: vehi
 motorcyclists, cyclists, background, unknown) have a usual size instead.
 """
 
+_SIZE_SHARES: Final = (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)
+_SIZES_M: Final[dict[AgentKind, tuple[tuple[float, ...], tuple[float, ...]]]] = {
+    AgentKind.VEHICLE: (
+        (4.06, 4.14, 4.33, 4.59, 5.01, 6.1, 10.23),
+        (1.74, 1.74, 1.78, 1.9, 2.16, 2.34, 3.09),
+    ),
+    AgentKind.BUS: (
+        (9.5, 10.5, 11.5, 12.0, 12.0, 12.2, 13.7),
+        (2.5, 2.5, 2.5, 2.55, 2.9, 2.95, 3.0),
+    ),
+    AgentKind.MOTORCYCLIST: (
+        (1.9, 2.0, 2.1, 2.2, 2.2, 2.3, 2.4),
+        (0.7, 0.75, 0.8, 0.85, 0.9, 0.9, 0.95),
+    ),
+    AgentKind.CYCLIST: (
+        (1.55, 1.6, 1.65, 1.7, 1.75, 1.8, 1.9),
+        (0.5, 0.55, 0.6, 0.65, 0.65, 0.7, 0.75),
+    ),
+    AgentKind.PEDESTRIAN: (
+        (0.6, 0.64, 0.67, 0.74, 0.9, 1.01, 1.18),
+        (0.6, 0.6, 0.66, 0.78, 0.98, 1.24, 1.24),
+    ),
+}
+"""Lengths and widths that these shares of agents do not exceed, trucks among vehicles.
+
+Of vehicles and pedestrians the 2, 10, 25, 50, 75, 90 and 98 % quantiles of the tracks of
+``DEFAULT_SIZE_M``; of the other kinds usual sizes about SUMO's and those few tracks.
+"""
+
 DEFAULT_HEIGHT_M: Final[dict[AgentKind, float]] = {
     AgentKind.VEHICLE: 1.6,
     AgentKind.BUS: 3.2,
@@ -101,3 +130,17 @@ DEFAULT_HEIGHT_M: Final[dict[AgentKind, float]] = {
 def default_sizes_m(kinds: tuple[AgentKind, ...]) -> Float[np.ndarray, "A 2"]:
     """Default length and width of agents by kind."""
     return np.array([DEFAULT_SIZE_M[kind] for kind in kinds], float).reshape(-1, 2)
+
+
+def drawn_sizes_m(
+    kinds: tuple[AgentKind, ...], random: np.random.Generator
+) -> Float[np.ndarray, "A 2"]:
+    """Length and width of agents, drawn as they are on roads; static objects': defaults.
+
+    Long agents are wide ones. Values are whole centimetres.
+    """
+    sizes = default_sizes_m(kinds)
+    for row, share in enumerate(random.random(len(kinds))):
+        if (sides := _SIZES_M.get(kinds[row])) is not None:
+            sizes[row] = [np.interp(share, _SIZE_SHARES, side) for side in sides]
+    return sizes.round(2)

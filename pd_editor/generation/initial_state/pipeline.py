@@ -67,6 +67,7 @@ from pd_editor.scene.agent_kind import (
     AgentCategory,
     AgentKind,
     default_sizes_m,
+    drawn_sizes_m,
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.generation import MAX_SEED, Region
@@ -82,6 +83,8 @@ _MOST_GPU_PAIRS: Final = 1_000_000
 _Progress = TypeVar("_Progress")
 _ATTRIBUTES_KEY: Final = 1
 """Key of the random numbers of attributes, different from those of agent counts."""
+_SIZES_KEY: Final = 3
+"""Key of the random numbers of the sizes of new agents."""
 _CONFLICTS_KEY: Final = 2
 """Key of the random numbers that choose among agents in conflict."""
 _PLACE_DIGITS: Final = 2
@@ -243,6 +246,15 @@ class SquareTask:
             rows=np.flatnonzero(np.append(reached, np.ones(len(placed), bool))),
         )
 
+    def for_sample(self, sample: int, seed: int) -> "SquareTask":
+        """The task of a sample, whose new agents have sizes of their own."""
+        kinds = self.placing.new_kinds
+        random = np.random.default_rng([seed, sample, _SIZES_KEY, self.placing.square])
+        rows = np.arange(len(self.placed) - len(kinds), len(self.placed))
+        sizes = drawn_sizes_m(kinds, random)
+        placed = self.placed.with_rows(rows, size_m=sizes)
+        return replace(self, sample=sample, placed=placed)
+
     @property
     def num_agents(self) -> int:
         """Number of kept agents and agents to place."""
@@ -382,7 +394,7 @@ def _place_once(
                 alike[key] = SquareTask.of(
                     scenes[sample], found[sample], sample, placing
                 )
-            tasks.append(replace(alike[key], sample=sample))
+            tasks.append(alike[key].for_sample(sample, seed))
         for batch in _batches(tasks, model.get_buffer("counted").device):
             share = partial(_share_of, done, len(batch), total)
             placed = yield from place_agents(

@@ -299,3 +299,23 @@ def test_agents_that_are_not_there_take_no_room(diffuser: PathDiffuser) -> None:
     scenario = scenario.with_agents(replace(agents, is_valid=valid))
     traffic = generated(diffuser, scenario, (), samples_num_agents=True)
     assert traffic.samples
+
+
+def test_new_agents_have_drawn_sizes_and_those_that_stay_keep_theirs(
+    diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    ids, now = scenario.agents.ids, {AgentKind.PEDESTRIAN: 1, AgentKind.VEHICLE: 4}
+    asked = {
+        "resampled_state_ids": ids[:1],
+        "num_new_agents": now,
+        "num_samples": 2,
+        "seed": 5,
+        "region": Region(center_m=(20.0, 0.0), half_side_m=30.0),
+    }
+    one, two = generated(diffuser, scenario, ids[:1], **asked).samples
+    again, _ = generated(diffuser, scenario, ids[:1], **asked).samples
+    assert np.array_equal(one.size_m, again.size_m)
+    assert np.allclose(one.size_m[0], scenario.agents.size_m[0])
+    assert len(np.unique(one.size_m[1:5, 0])) == 4
+    assert not np.array_equal(one.size_m[1:], two.size_m[1:])
+    assert (one.size_m[1:5] > 1.7).all()
