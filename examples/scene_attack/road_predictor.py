@@ -22,8 +22,8 @@ from torch import nn
 
 from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
-from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.paths.driving_paths import paths_along_routes
 from pd_editor.scene.paths.lanes.route_choice import choose_routes
 from pd_editor.scene.prediction import (

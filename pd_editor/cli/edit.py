@@ -54,7 +54,7 @@ def edit(
         until: Seconds after the current step that are kept, such as 6.
         around: Metres in the file's frame, about which a square of its map is used; the browser can choose it, too.
         radius: Half the side of that square.
-        data: Root of an Argoverse 2 dataset to browse.
+        data: Root of a dataset to browse: Argoverse 2, or files of other formats.
         library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
         models: Folders of trained models to offer beside the shipped one, folders of such folders, and generators of your own as package.module:attribute.
         token: Serve only those who open the printed address with its token, also on this machine: for proxies, and machines that others use as well.

@@ -135,7 +135,7 @@ def evaluate(
     """Evaluate methods on many scenes and write rows, tables and a report.
 
     Args:
-        data: Roots of Argoverse 2 datasets; folders below them are searched. Also names of demos, or demos for all.
+        data: Folders of Argoverse 2 scenarios or of files of other formats; folders below them are searched. Also names of demos, or demos for all.
         out: New folder for finished scenes, rows.parquet, report.md and report.html.
         methods: Reference methods, generators (also with options: path-diffuser:lanes=0.6,tries=1,steps=10), folders of models, and generators or predictors of your own as package.module:attribute; ground-truth is what others are compared with.
         states: Keep the recorded initial states and generate trajectories, or sample initial states as well: as many agents of each kind as the log has within 62 m of the focal agent.

@@ -86,7 +86,7 @@ def study(
     """Study how methods fare on perturbed roads: kinds, powers, anchors, seeds, scenes.
 
     Args:
-        data: Roots of Argoverse 2 datasets; folders below them are searched. Also names of demos, or demos for all.
+        data: Folders of Argoverse 2 scenarios or of files of other formats; folders below them are searched. Also names of demos, or demos for all.
         out: New folder for finished items, variants.parquet, report.md, report.html and gallery.
         methods: Reference methods, generators and predictors, as for evaluate.
         kinds: Kinds of warps of the grid.

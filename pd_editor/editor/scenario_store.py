@@ -24,14 +24,21 @@ from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
 from pd_editor.scene.av2_io.file_names import map_name, tracks_name
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.upload import (
+    MAX_UNPACKED_BYTES,
     MAX_UPLOAD_BYTES,
-    file_in_upload,
+    files_in_upload,
     scenario_from_upload,
 )
 from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
-from pd_editor.scene.formats.registry import format_of, has_foreign_ending, writer
+from pd_editor.scene.formats.registry import (
+    format_of,
+    has_foreign_ending,
+    is_foreign_file,
+    read_scene,
+    writer,
+)
 from pd_editor.scene.map_window import window_of
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.roles.focal_agent import with_focal_category
@@ -40,6 +47,8 @@ from pd_editor.scene.time_cut import cut_scenario
 
 LOSSES_NAME: Final = "losses.txt"
 """File of an export that tells what its format cannot say."""
+ATTRIBUTION_NAME: Final = "attribution.txt"
+"""File of an export that tells who made its source, and under which licence."""
 MAX_LABELS: Final = 8
 """Number of edits that a note names; further ones are counted."""
 _HEAD_BYTES: Final = 1 << 16
@@ -140,14 +149,11 @@ def _opened(reference: str | Path) -> Scenario:
     folder = os.path.expanduser(text)
     if os.path.isfile(folder) and folder.lower().endswith(".zip"):
         return _open_zip(Path(folder))
-    if os.path.isfile(folder) and (kind := format_of(Path(folder))) is not None:
-        assert kind.read is not None, "it can be read"
-        return kind.read(Path(folder))
+    if os.path.isfile(folder) and format_of(Path(folder)) is not None:
+        return read_scene(Path(folder))
     if not os.path.isdir(folder):
         raise _no_scenario(text, folder)
-    if (alone := _only_file(Path(folder))) is not None:
-        return _opened(alone)
-    scenario = read_scenario(Path(folder))
+    scenario = read_scene(_only_file(Path(folder)) or Path(folder))
     recipe = recipe_of_export(Path(folder))
     return scenario if recipe is None else made_by(scenario, recipe)
 
@@ -157,7 +163,7 @@ def _only_file(folder: Path) -> Path | None:
     if ARGOVERSE2.recognises(folder):
         return None
     try:
-        found = [one for one in folder.iterdir() if _is_foreign_file(one)]
+        found = [one for one in folder.iterdir() if is_foreign_file(one)]
     except OSError:
         return None
     return found[0] if len(found) == 1 else None
@@ -165,13 +171,7 @@ def _only_file(folder: Path) -> Path | None:
 
 def foreign_files(folder: Path) -> list[Path]:
     """Files below a folder that a format other than Argoverse 2 reads, sorted."""
-    return sorted(one for one in folder.rglob("*") if _is_foreign_file(one))
-
-
-def _is_foreign_file(path: Path) -> bool:
-    return (
-        has_foreign_ending(path.name) and path.is_file() and format_of(path) is not None
-    )
+    return sorted(one for one in folder.rglob("*") if is_foreign_file(one))
 
 
 def _open_zip(path: Path) -> Scenario:
@@ -208,12 +208,10 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
         InputError: the files cannot be read.
     """
     foreign = _foreign_upload(files)
-    if foreign is not None:
-        return foreign, None
-    scenario = scenario_from_upload(files)
-    content = file_in_upload(files, RECIPE_NAME, MAX_RECIPE_BYTES)
+    scenario = scenario_from_upload(files) if foreign is None else foreign
+    found = list(files_in_upload(files, RECIPE_NAME.__eq__, MAX_RECIPE_BYTES))
     try:
-        return scenario, None if content is None else Recipe.from_text(content)
+        return scenario, Recipe.from_text(found[0][1]) if len(found) == 1 else None
     except RecipeError as error:
         _LOG.info("The recipe is passed over: %s", error)
         return scenario, None
@@ -228,16 +226,20 @@ def is_foreign(name: str, content: bytes) -> bool:
 
 
 def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
-    """Scenario in a single file of another format than Argoverse 2; None of others."""
-    if len(files) != 1 or not is_foreign(*next(iter(files.items()))):
+    """Scenario in a file of another format than Argoverse 2, or a zip of it; else None."""
+    inside = files_in_upload(files, has_foreign_ending, MAX_UNPACKED_BYTES)
+    scenes = [one for one in inside if is_foreign(*one)] if len(files) == 1 else []
+    if not scenes:
         return None
-    ((name, content),) = files.items()
+    if len(scenes) > 1:
+        raise InputError(
+            f"The upload holds {len(scenes)} scenes, such as {scenes[0][0][:60]} and "
+            f"{scenes[1][0][:60]}; expected one."
+        )
+    ((name, content),) = scenes
     with _as_file(name, content) as path:
-        kind = format_of(path)
-        assert kind is not None, "it is foreign"
-        assert kind.read is not None, "it can be read"
         try:
-            scenario = kind.read(path)
+            scenario = read_scene(path)
         except InputError as error:
             told = str(error).replace(str(path), name)
             error.args = (told, *error.args[1:])
@@ -256,8 +258,8 @@ def _as_file(name: str, content: bytes) -> Iterator[Path]:
 
 
 def recipe_of_export(folder: Path) -> Recipe | None:
-    """Recipe of a folder that the editor wrote; None for other folders."""
-    path = folder / RECIPE_NAME
+    """Recipe of what the editor wrote, a folder or a file in it; None for others."""
+    path = (folder if folder.is_dir() else folder.parent) / RECIPE_NAME
     if not os.path.isfile(path):
         return None
     try:
@@ -274,7 +276,13 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
 
     A recipe of another scenario is ignored.
     """
-    if recipe.result_id != scenario.scenario_id or not recipe.commands:
+    if recipe.result_id != scenario.scenario_id:
+        return scenario
+    # Writers name themselves as who made a file.
+    told = recipe.base.attribution or scenario.provenance.attribution
+    origin = dataclasses.replace(scenario.provenance, attribution=told)
+    scenario = dataclasses.replace(scenario, provenance=origin)
+    if not recipe.commands:
         return scenario
     scenario = scenario.as_referred_to(recipe.base)
     root = recipe.base.root
@@ -349,6 +357,8 @@ def exported_files(
     assert kind.write is not None, "it can be written"
     written = kind.write(scenario)
     files = {**written.files, RECIPE_NAME: recipe.to_text().encode()}
+    if told := scenario.provenance.attribution:
+        files[ATTRIBUTION_NAME] = f"{told}\n".encode()
     if written.losses:
         head = f"What {kind.title} cannot say of {scenario.scenario_id}:\n"
         lines = "".join(f"- {one}\n" for one in written.losses)

@@ -18,9 +18,8 @@ MAX_TAGS: Final = 20
 MAX_TAG_CHARACTERS: Final = 60
 MAX_NOTE_CHARACTERS: Final = 4000
 SHORT_ID_CHARACTERS: Final = 40
-# The official tutorial takes the id from a file's name by its last underscore, and
-# Path.stem cuts folder names at a dot, so names have neither.
-_NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9-]{{0,{MAX_NAME_CHARACTERS - 1}}}")
+# Path.stem cuts folder names at a dot, so names have none.
+_NAME: Final = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_-]{{0,{MAX_NAME_CHARACTERS - 1}}}")
 _UUID: Final = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 
@@ -29,7 +28,7 @@ class Variant:
     """Name, tags and note of an edited scenario, and what its user ignores."""
 
     name: str = ""
-    """Id of the exported scenario: letters, digits and hyphens. Empty: proposed."""
+    """Id of the exported scenario: letters, digits, hyphens and underscores. Empty: proposed."""
     tags: tuple[str, ...] = ()
     note: str = ""
     is_proposed: bool = False
@@ -42,7 +41,7 @@ class Variant:
         if self.name and _NAME.fullmatch(self.name) is None:
             raise EditError(
                 f"The name {self.name[:60]!r} does not fit; expected up to"
-                f" {MAX_NAME_CHARACTERS} letters, digits and hyphens."
+                f" {MAX_NAME_CHARACTERS} letters, digits, hyphens and underscores."
             )
         if len(self.tags) > MAX_TAGS or any(
             not (tag and is_plain(tag, MAX_TAG_CHARACTERS)) for tag in self.tags
@@ -76,8 +75,8 @@ class ExportMark:
 
 def name_from_text(text: str) -> str:
     """Convert a user's text to a name, with hyphens for characters that are not allowed."""
-    words = re.findall(r"[A-Za-z0-9]+", text)
-    return "-".join(words)[:MAX_NAME_CHARACTERS].strip("-")
+    words = re.findall(r"[A-Za-z0-9_]+", text)
+    return "-".join(words)[:MAX_NAME_CHARACTERS].strip("-_")
 
 
 def tags_from_text(text: str) -> tuple[str, ...]:
@@ -116,7 +115,7 @@ def free_name(name: str, is_taken: Callable[[str], bool]) -> str:
     while is_taken(found):
         number += 1
         ending = f"-{number}"
-        found = name[: MAX_NAME_CHARACTERS - len(ending)].rstrip("-") + ending
+        found = name[: MAX_NAME_CHARACTERS - len(ending)].rstrip("-_") + ending
     return found
 
 

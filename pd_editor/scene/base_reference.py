@@ -51,6 +51,8 @@ class BaseReference:
     """Ids of its agents that were generated or edited already."""
     current_step: int | None = None
     """Its current step; None: as the file has it."""
+    attribution: str | None = field(default=None, metadata={"omit_none": True})
+    """Who made the source, and under which licence; None: the file does not tell."""
     cut: SceneCut | None = field(default=None, metadata={"omit_none": True})
     """What is used of the source; None: all of it."""
 

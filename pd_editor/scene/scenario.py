@@ -44,6 +44,10 @@ class Provenance:
     """Friction coefficient mu that agents of an export were slowed to."""
     cut: SceneCut | None = None
     """What is used of the source; None: all of it."""
+    attribution: str | None = None
+    """Who made the source, and under which licence; None: the file does not tell."""
+    file_format: str = ""
+    """Title of the source's format; empty: Argoverse 2."""
 
     def is_recorded(self, agent_ids: Collection[str]) -> bool:
         """Whether these agents and the road are as recorded."""
@@ -130,6 +134,7 @@ class Scenario:
             base=self.provenance.base,
             is_bent=self.provenance.is_bent,
             cut=self.provenance.cut,
+            attribution=self.provenance.attribution,
             edited_ids=tuple(sorted(self.provenance.edited_ids)),
             current_step=self.current_step,
         )

@@ -16,8 +16,8 @@ import viser
 from pd_editor.base.errors import LargeMapError, PdEditorError
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.generation.generators import catalogue_with
-from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.map_window import densest_windows
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import (

@@ -6,6 +6,8 @@ import pytest
 from pd_editor.base.errors import EditError, ExportError
 from tests.cli.shell import Shell
 from tests.experiments.evaluation.small_dataset import write_dataset
+from tests.scene.formats.test_opendrive import lane, road, section
+from tests.scene.formats.test_opendrive import write as write_road
 
 GRID = ("--kinds", "ripple-road", "--powers", -6, 6, "--methods", "constant-velocity")
 
@@ -114,3 +116,24 @@ def test_a_scene_that_cannot_be_made_again_is_told(
     result = shell.run("study", "--data", data, "--out", tmp_path / "out", *options)
     assert result.code == 0
     assert "Agent 5 would move at 250 m/s" in result.out
+
+
+def test_files_of_other_formats_are_studied_and_evaluated(
+    shell: Shell, tmp_path: Path, format_files: Path
+):
+    data = tmp_path / "data"
+    data.mkdir()
+    for name in ("USA_Lanker-1_1_T-1.xml", "USA_Peach-1_1_T-1.xml"):
+        (data / name).symlink_to(format_files / "commonroad" / name)
+    write_road(data, road(section(lane(-1))))  # A bare road has nothing to compare.
+    out = tmp_path / "out"
+    options = ("--kinds", "ripple-road", "--powers", 6, "--workers", 1)
+    result = shell.run("study", "--data", data, "--out", out, *options)
+    assert (result.code, result.err) == (0, "")
+    rows = pq.read_table(out / "variants.parquet")
+    assert len(set(rows["folder"].to_pylist())) == 2
+    options = ("--methods", "recorded", "--warps", "none", "--workers", 1)
+    result = shell.run("evaluate", "--data", data, "--out", tmp_path / "eval", *options)
+    assert (result.code, result.err) == (0, "")
+    rows = pq.read_table(tmp_path / "eval" / "rows.parquet")
+    assert len(set(rows["scenario_id"].to_pylist())) == 2

@@ -7,7 +7,7 @@ import secrets
 import shutil
 import threading
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -171,8 +171,12 @@ class Basket:
             if time.time() - _moment(folder) > KEPT_S:
                 shutil.rmtree(folder, ignore_errors=True)
 
-    def zipped(self, names: Collection[str]) -> bytes:
-        """Pack the folders of scenarios and a table of them into one zip.
+    def zipped(
+        self,
+        names: Collection[str],
+        converted: Callable[[dict[str, bytes]], dict[str, bytes]] = lambda files: files,
+    ) -> bytes:
+        """Pack the folders of scenarios, converted, and a table of them into one zip.
 
         Raises:
             InputError: none of them is in the basket, or one cannot be read.
@@ -180,7 +184,7 @@ class Basket:
         wanted = [entry for entry in self.entries() if entry.name in names]
         if not wanted:
             raise InputError("The basket holds none of these; star a scenario first.")
-        folders = {entry.name: self._files(entry.name) for entry in wanted}
+        folders = {one.name: converted(self._files(one.name)) for one in wanted}
         table = index_csv(entry.row for entry in wanted)
         return zip_folders(folders, {INDEX_NAME: table})
 

@@ -26,7 +26,7 @@ from pd_editor.experiments.evaluation.scene_rows import (
 )
 from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
-from pd_editor.scene.av2_io.dataset import DatasetIndex, no_scenario
+from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
 
 ROWS_NAME: Final = "rows.parquet"
 
@@ -90,7 +90,7 @@ class RunRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A scenario's folder and the name of its split."""
+    """A scenario's folder, or file of another format, and the name of its split."""
 
     folder: Path
     split: str
@@ -117,7 +117,7 @@ def scenes_of(data: Sequence[Path], limit: int | None = None) -> FoundScenes:
     num_skipped = 0
     for root in map(data_root, data):
         index = DatasetIndex(root)
-        for card in index.filter():
+        for card in index.filter(min_agents=1):
             if limit is not None and len(found) >= limit:
                 break
             scene = _scene(root, card.folder)

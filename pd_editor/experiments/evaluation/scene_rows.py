@@ -21,7 +21,7 @@ from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.work_engine.time_limit import time_limit
 from pd_editor.scene.agent_kind import GROUP_KINDS
 from pd_editor.scene.agent_states import AgentStates
-from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.formats.registry import read_scene
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_cut import without_late_future
@@ -104,7 +104,7 @@ def evaluate_scene(item: SceneItem) -> SceneRows:
         EditError: it has no focal agent ahead of which the road is warped.
         GenerationError: it has no road user at its current step.
     """
-    recorded = without_late_future(read_scenario(item.folder))
+    recorded = without_late_future(read_scene(item.folder))
     later = recorded.agents.is_valid[:, recorded.current_step + 1 :]
     if not later.any():
         return SceneRows(table=ROW_SCHEMA.empty_table(), has_future=False)

@@ -17,7 +17,7 @@ from pd_editor.analysis.metrics.collisions.path_collision import first_collision
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
-from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.formats.registry import read_scene
 from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import EGO_ID, Scenario
@@ -85,7 +85,7 @@ def dangers_of_scene(folder: Path) -> tuple[AvoidableDanger, ...]:
         InputError: the scenario cannot be read.
         EditError: there is no ego.
     """
-    return avoidable_dangers(without_late_future(read_scenario(folder)))
+    return avoidable_dangers(without_late_future(read_scene(folder)))
 
 
 def _near_vehicles(scenario: Scenario, ego_row: int) -> Int[np.ndarray, "N"]:

@@ -23,7 +23,7 @@ from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_rows import is_on_its_way
 from pd_editor.experiments.work_engine.time_limit import time_limit
-from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.formats.registry import read_scene
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import without_late_future
@@ -120,7 +120,7 @@ def study_scene(item: StudyItem) -> pa.Table:
 @lru_cache(maxsize=2)
 def recorded_scenario(folder: Path) -> Scenario:
     """Scenario that several items of a worker share."""
-    return without_late_future(read_scenario(folder))
+    return without_late_future(read_scene(folder))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,6 +28,11 @@ from pd_editor.scene.scene_limits import MAX_GAP_M, road_gap_m
 
 FAR_M: Final = 200.0
 """Agents further than this from the map get a note."""
+_CITIES: Final = frozenset(
+    {"austin", "dearborn", "miami", "palo-alto", "pittsburgh", "washington-dc"}
+)
+"""Where Argoverse 2 was recorded; other scenes merely have its format."""
+_ATTRIBUTION: Final = "Argoverse 2 by Argo AI, CC BY-NC-SA 4.0."
 
 
 def read_scenario(folder: Path) -> Scenario:
@@ -103,6 +108,7 @@ def read_scenario_bytes(
             source=source,
             content_sha256=digest.hexdigest(),
             notes=(*tracks.notes, *far),
+            attribution=_ATTRIBUTION if tracks.city in _CITIES else None,
         ),
         source_fields=tracks.source_fields,
     )

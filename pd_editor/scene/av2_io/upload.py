@@ -7,7 +7,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Final
 
@@ -102,27 +102,26 @@ def scenario_of_upload(files: Mapping[str, bytes], wanted: str) -> dict[str, byt
     return unpacked
 
 
-def file_in_upload(files: Mapping[str, bytes], wanted: str, limit: int) -> bytes | None:
-    """Contents of the file of a given name in an upload; None if there is none.
+def files_in_upload(
+    files: Mapping[str, bytes], wanted: Callable[[str], bool], limit: int
+) -> Iterator[tuple[str, bytes]]:
+    """Yield name and contents of the files of wanted names, also of those in zips.
 
     Raises:
-        ArchiveError: it unpacks to more than ``limit`` bytes, or is damaged.
+        ArchiveError: those of a zip unpack to more than ``limit`` bytes, or it is damaged.
     """
     for name, data in files.items():
-        if _base(name) == wanted:
-            return data if len(data) <= limit else None
         if not _is_zip(name, data):
+            if wanted(_base(name)) and len(data) <= limit:
+                yield _base(name), data
             continue
-        label = _shown(name)
+        label, room = _shown(name), limit
         with _opened(label, data) as archive:
-            found = [
-                member
-                for member in archive.infolist()
-                if _base(member.filename) == wanted
-            ]
-            if len(found) == 1:
-                return _unpacked(archive, found[0], label, limit)
-    return None
+            for path, member in _members(archive, label).items():
+                if wanted(_base(path)):
+                    content = _unpacked(archive, member, label, room)
+                    room -= len(content)
+                    yield _base(path), content
 
 
 def _is_zip(name: str, data: bytes) -> bool:

@@ -10,7 +10,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.commonroad_writer import write
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
 from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
+from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml, told_of
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import midline
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
@@ -86,11 +86,6 @@ def read(path: Path) -> Scenario:
     signs = len(root.children("trafficSign")) + len(root.children("trafficLight"))
     if signs:
         notes.append(f"{signs} traffic signs and lights are left out.")
-    author, source = element.get("author"), element.get("source")
-    if author or source:
-        notes.append(
-            f"By {author or 'unknown authors'}; source: {source or 'unknown'}."
-        )
     return FileScene(
         path=path,
         name=element.get("benchmarkID") or path.stem,
@@ -100,6 +95,15 @@ def read(path: Path) -> Scenario:
         current_s=now_s,
         ego_id=ego_id,
         notes=tuple(notes),
+        attribution=told_of(
+            element,
+            "author",
+            "affiliation",
+            "source",
+            "license",
+            "licence",
+            "copyright",
+        ),
     ).scenario(data)
 
 

@@ -122,7 +122,7 @@ def _root(scenario: Scenario) -> etree._Element:
         commonRoadVersion="2020a",
         author="Path Diffuser Editor",
         affiliation="",
-        source=scenario.city or "unknown",
+        source=scenario.provenance.attribution or scenario.city or "unknown",
         benchmarkID=scenario.scenario_id,
         date="1970-01-01",
     )

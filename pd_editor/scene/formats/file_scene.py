@@ -81,6 +81,8 @@ class FileScene:
     focal_id: str = ""
     """Track that a benchmark predicts; empty: the file does not tell."""
     city: str = ""
+    attribution: str = ""
+    """Who made the file, and under which licence, as far as it tells."""
     notes: tuple[str, ...] = field(default_factory=tuple)
 
     def scenario(self, data: bytes) -> Scenario:
@@ -115,6 +117,7 @@ class FileScene:
                 source=os.path.realpath(self.path),
                 content_sha256=hashlib.sha256(data).hexdigest(),
                 notes=tuple(map(one_line, self.notes)),
+                attribution=one_line(self.attribution) or None,
             ),
         )
 

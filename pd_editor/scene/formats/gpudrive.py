@@ -86,7 +86,7 @@ def read(path: Path) -> Scenario:
         ego_id=_id_of(found["objects"], ego),
         focal_id=_id_of(found["objects"], asked[0] if asked else -1),
         city="waymo",
-        notes=("Recorded by the Waymo Open Motion Dataset, under its own licence.",),
+        attribution="Recorded by the Waymo Open Motion Dataset, under its own licence.",
     ).scenario(data)
 
 

@@ -25,7 +25,7 @@ from pd_editor.scene.formats.opendrive_writer import (
 from pd_editor.scene.formats.recorded_map import crosswalk_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
+from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml, told_of
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
@@ -90,7 +90,6 @@ def read(path: Path) -> Scenario:
     network = _Network(root, roads)
     paved = [area for road in roads.values() for area in road.paved()]
     walks = [walk for road in roads.values() for walk in road.crosswalks()]
-    author = header.element.get("vendor") or header.element.get("name")
     scene = FileScene(
         path=path,
         name=path.stem,
@@ -101,7 +100,7 @@ def read(path: Path) -> Scenario:
             if (walk := crosswalk_of(number, ring)) is not None
         ),
         more_paved=paved,
-        notes=(f"Made by {author}.",) if author else (),
+        attribution=told_of(header.element, "vendor", "name", "license", "copyright"),
     ).scenario(data)
     return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
 

@@ -1,5 +1,6 @@
 """All formats of scenes: those here, and those that other packages bring."""
 
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -15,6 +16,7 @@ from pd_editor.scene.formats.scenarionet import SCENARIONET
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.sumo import SUMO
 from pd_editor.scene.formats.tables import TABLES
+from pd_editor.scene.scenario import Scenario
 
 ENTRY_POINTS: Final = "pd_editor.formats"
 OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
@@ -77,3 +79,25 @@ def has_foreign_ending(name: str) -> bool:
     """Whether a file of this name may be of a format other than Argoverse 2."""
     endings = tuple(one for kind in formats().values() for one in kind.endings)
     return name.lower().endswith(endings)
+
+
+def is_foreign_file(path: Path) -> bool:
+    """Whether a path is a file that a format other than Argoverse 2 reads."""
+    return (
+        has_foreign_ending(path.name) and path.is_file() and format_of(path) is not None
+    )
+
+
+def read_scene(path: Path) -> Scenario:
+    """Read a scenario's folder, or a file of another format.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    kind = format_of(path) or ARGOVERSE2
+    assert kind.read is not None, "it can be read"
+    scenario = kind.read(path)
+    if kind is ARGOVERSE2:
+        return scenario
+    origin = replace(scenario.provenance, file_format=kind.title)
+    return replace(scenario, provenance=origin)

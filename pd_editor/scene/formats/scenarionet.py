@@ -99,7 +99,7 @@ def read(path: Path) -> Scenario:
         ego_id=str(about.get("sdc_id", "")),
         focal_id=str(next(iter(asked), "")),
         city=str(about.get("map") or about.get("dataset") or ""),
-        notes=(f"Recorded by {source}.",) if source else (),
+        attribution=f"Recorded by {source}, under its own licence." if source else "",
     ).scenario(data)
 
 

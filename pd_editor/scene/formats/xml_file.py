@@ -79,6 +79,21 @@ def added(parent: etree._Element, tag: str, **attributes: object) -> etree._Elem
     return etree.SubElement(parent, tag, texts)
 
 
+def told_of(element: etree._Element, *names: str) -> str:
+    """What attributes, children and ``userData`` of some names tell; empty if nothing."""
+    found: list[str] = []
+    for name in names:
+        child, data = element.find(name), element.find(f"userData[@code='{name}']")
+        for text in (
+            element.get(name),
+            None if child is None else child.get("name") or child.text,
+            None if data is None else data.get("value"),
+        ):
+            if text and text.strip() and text.strip() not in found:
+                found.append(f"{name}: {text.strip()}")
+    return "; ".join(found)
+
+
 class Place:
     """An element with its file, for errors that name both and the line."""
 

@@ -15,12 +15,19 @@ ZIP_NAME = "scenarios.zip"
 class BasketPanel:
     """Buttons on top, which stay in place; below them the list, which grows."""
 
-    def __init__(self, ui: UiContext, on_changed: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        ui: UiContext,
+        on_changed: Callable[[], None],
+        format_name: Callable[[], str],
+    ) -> None:
         """Build it into the current container, as the last thing in it.
 
-        ``on_changed`` is called when scenarios were removed or put back.
+        ``on_changed`` is called when scenarios were removed or put back; ``format_name``
+        tells in which format they are downloaded.
         """
         self._on_changed = on_changed
+        self._format_name = format_name
         self._ui = ui
         self._workspace = ui.workspace
         self._entries: list[BasketEntry] = []
@@ -33,7 +40,7 @@ class BasketPanel:
                 "Download 0 scenarios",
                 icon=viser.Icon.DOWNLOAD,
                 disabled=True,
-                hint="One zip: a folder for each ticked scenario, and index.csv",
+                hint="One zip, in the format above: a folder for each ticked scenario, and index.csv",
             )
             self._remove = gui.add_button(
                 "Remove the ticked", color="gray", disabled=True
@@ -96,7 +103,7 @@ class BasketPanel:
         shown = set(self._ticked())
         self.refresh()
         there = set(self._ticked()) & shown
-        content = self._workspace.basket.zipped(there)
+        content = self._workspace.basket_zip(there, self._format_name())
         self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
         gone = sorted(shown - there)
         if gone:

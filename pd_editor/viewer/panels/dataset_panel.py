@@ -5,7 +5,7 @@ from typing import Any, Final
 import viser
 
 from pd_editor.base.errors import InputError
-from pd_editor.scene.av2_io.dataset import CardFilter, ScenarioCard
+from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
 from pd_editor.viewer.state.ui_context import UiContext, set_property, set_value
 from pd_editor.viewer.state.workspace import DatasetSearch
 

@@ -49,7 +49,9 @@ class ExportPanel:
                 hint="S: keeps this state in the list at the end of this tab",
             )
             self._name = gui.add_text(
-                "Name", "", hint="Id of the exported scenario: letters, digits, hyphens"
+                "Name",
+                "",
+                hint="Id of the exported scenario: letters, digits, hyphens, underscores",
             )
             self._tags = gui.add_text("Tags", "", hint="Separated by commas")
             self._note = gui.add_text("Note", "")
@@ -110,10 +112,11 @@ class ExportPanel:
         """
         self._refuse_empty_name()
         self._ui.commit_gesture()
-        name, content = self._workspace.exported_zip(self._format_name())
+        name, content = self._workspace.exported_zip(self.format_name())
         self._ui.client.send_file_download(name, content, save_immediately=True)
 
-    def _format_name(self) -> str:
+    def format_name(self) -> str:
+        """Name of the chosen format."""
         return next(
             one.name for one in formats().values() if one.title == self._format.value
         )
@@ -179,7 +182,7 @@ class ExportPanel:
     def _write_into(self, out: Path, *, replaces: bool = False) -> None:
         self._close_dialog()
         written = self._workspace.export_into(
-            out, replaces=replaces, format_name=self._format_name()
+            out, replaces=replaces, format_name=self.format_name()
         )
         title = "Replaced the earlier export" if replaces else "Exported"
         self._ui.notify(title, str(written), "success")

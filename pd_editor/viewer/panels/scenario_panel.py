@@ -102,12 +102,18 @@ class ScenarioPanel:
             set_property(self._part, "visible", self._workspace.can_open_again)
         agents, road = scenario.agents, scenario.road_map
         has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
-        parts = scenario.city, f"{len(agents)} agents", f"{len(road.lanes)} lanes"
+        origin = scenario.provenance
+        parts = (
+            origin.file_format,
+            scenario.city,
+            f"{len(agents)} agents",
+            f"{len(road.lanes)} lanes",
+        )
         size = " · ".join(part for part in parts if part)
         if not has_future:
             size += " · no logged future"
         # The newest first; the tooltip has the rest.
-        notes = list(reversed(scenario.provenance.notes))
+        notes = [*filter(None, [origin.attribution]), *reversed(origin.notes)]
         card = (scenario.scenario_id, size, *notes)
         self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
 

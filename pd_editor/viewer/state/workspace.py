@@ -37,10 +37,10 @@ from pd_editor.editor.variant import (
     name_from_text,
     short_id,
 )
-from pd_editor.scene.av2_io.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.exporters.bundle import zip_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex, ScenarioCard
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
@@ -51,8 +51,8 @@ from pd_editor.viewer.state.session_shelf import KeptWork, SessionShelf, is_same
 from pd_editor.viewer.state.study_run import StudyRun
 from pd_editor.viewer.state.view_memory import ViewMemory
 
-SEARCH_STEP: Final = 4
-"""Number of scenario folders searched between two looks at the clock."""
+SEARCH_STEP: Final = 1
+"""Number of scenes read between two looks at the clock; files may take a second."""
 SEARCH_TURN_S: Final = 0.008
 """Duration of a search between two messages or frames."""
 
@@ -302,7 +302,8 @@ class Workspace:
         )
         is_same = has_same_content(session.scenario, exported)
         self._exchange(session)
-        if is_same:
+        if is_same or exported.provenance.file_format:
+            # What other formats cannot say differs.
             self.session.mark_exported(ExportMark(name=offered.recipe.result_id))
         else:
             self.tell(
@@ -485,6 +486,23 @@ class Workspace:
         if former is not None and former.name in self.unticked:
             self.unticked.add(entry.name)
         return entry
+
+    def basket_zip(self, names: Collection[str], format_name: str) -> bytes:
+        """A zip of some scenarios of the basket in a format.
+
+        Raises:
+            InputError: none of them is in the basket, or one cannot be read.
+            ExportError: the format cannot say one of them.
+        """
+
+        def converted(files: dict[str, bytes]) -> dict[str, bytes]:
+            if format_name == ARGOVERSE2.name:
+                return files
+            scenario, recipe = scenario_and_recipe(files)
+            assert recipe is not None, "the basket holds exports"
+            return exported_files(scenario, recipe, format_name=format_name)
+
+        return self.basket.zipped(names, converted)
 
     def is_starred(self) -> bool:
         """Whether the basket holds the current state, with what is said of it."""

@@ -61,7 +61,9 @@ class ControlPanel:
             self.export = ExportPanel(ui, lambda: problems.new, self.star)
             self.unfinished = UnfinishedPanel(ui)
             self.dataset = DatasetPanel(ui)
-            self.basket = BasketPanel(ui, self.unfinished.follow)
+            self.basket = BasketPanel(
+                ui, self.unfinished.follow, self.export.format_name
+            )
         with tabs.add_tab("Road"):
             self.road = RoadPanel(
                 ui,

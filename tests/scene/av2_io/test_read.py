@@ -12,9 +12,9 @@ from pd_editor.base.errors import (
     ScenarioFileError,
 )
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.av2_io.read import read_scenario, read_scenario_bytes
 from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.formats.dataset import DatasetIndex
 from tests.builders import empty_tracks, scenario_with
 from tests.scene.av2_io.small_files import (
     MAP,

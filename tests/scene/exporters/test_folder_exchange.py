@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.exporters import bundle
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.exporters.folder_exchange import exchange
+from pd_editor.scene.formats.dataset import DatasetIndex
 
 
 def files(number: int) -> dict[str, bytes]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
-from pd_editor.scene.av2_io.dataset import DatasetIndex, no_scenario
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
 from pd_editor.scene.scenario import Scenario
 
 MAX_SCENES: Final = 300
@@ -17,7 +17,7 @@ MAX_SCENES: Final = 300
 
 
 def scenario_folders(roots: Sequence[Path]) -> list[Path]:
-    """Folders of scenarios below the roots, in the order of names, without duplicates.
+    """Folders of Argoverse 2 scenarios below the roots, in the order of names, without duplicates.
 
     Raises:
         InputError: a root is no folder, or there is no scenario.
@@ -25,7 +25,8 @@ def scenario_folders(roots: Sequence[Path]) -> list[Path]:
     found: dict[str, Path] = {}
     for root in roots:
         for card in DatasetIndex(root).filter():
-            found.setdefault(card.folder.name, card.folder)
+            if card.folder.is_dir():
+                found.setdefault(card.folder.name, card.folder)
     if not found:
         raise no_scenario(roots)
     return [found[name] for name in sorted(found)]

@@ -13,8 +13,8 @@ import numpy as np
 from pd_editor.base.errors import InputError, TrainingError
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
-from pd_editor.scene.av2_io.dataset import DatasetIndex
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.scenario import Scenario
 
 BLUR_ONLY: Final = TrackingNoise(range_m=np.inf, occlusions_per_s=0.0)

@@ -1,4 +1,4 @@
-"""Index of a folder tree of Argoverse 2 scenarios, read lazily.
+"""Index of a folder tree of scenes, read lazily: Argoverse 2 folders, other formats' files.
 
 Files are read on demand only, and calls are safe from any thread.
 """
@@ -21,6 +21,7 @@ from pd_editor.scene.av2_io.file_names import (
 )
 from pd_editor.scene.av2_io.track_table import open_track_table
 from pd_editor.scene.av2_io.tracks_file import current_step_of
+from pd_editor.scene.formats.registry import is_foreign_file, read_scene
 
 MAX_DEPTH: Final = 4
 """Levels of folders below the root that are searched."""
@@ -41,7 +42,9 @@ class ScenarioCard:
     """Summary of a scenario for lists."""
 
     scenario_id: str
+    """Its id, or the name of the file of another format."""
     folder: Path
+    """Its folder, or that file."""
     city: str
     num_agents: int
     split: str = ""
@@ -131,9 +134,9 @@ class DatasetIndex:
             return self._num_incomplete + damaged
 
     def folders(self) -> tuple[Path, ...]:
-        """Folders of the scenarios listed so far."""
+        """Folders of the Argoverse 2 scenarios listed so far."""
         with self._lock:
-            return tuple(entry.folder for entry in self._found)
+            return tuple(one.folder for one in self._found if one.folder.is_dir())
 
     def cities(self) -> tuple[str, ...]:
         """Cities of the scenarios read so far, sorted."""
@@ -252,7 +255,8 @@ def no_scenario(roots: Iterable[Path]) -> InputError:
     """The error of roots without a scenario."""
     return InputError(
         f"{' '.join(map(str, roots))}: no Argoverse 2 scenario there; expected folders "
-        "with scenario_<id>.parquet and log_map_archive_<id>.json."
+        "with scenario_<id>.parquet and log_map_archive_<id>.json, or files of other "
+        "formats."
     )
 
 
@@ -279,7 +283,13 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
         has_map = any(is_map_name(name) for name in files)
         is_whole = len(tracks) == 1 and has_map and is_scenario_id(scenario_id)
         yield _Found(scenario_id=scenario_id, folder=folder) if is_whole else folder
-    elif depth == MAX_DEPTH or not folders:
+        return
+    scenes = [one for one in sorted(files) if is_foreign_file(folder / one)]
+    for name in scenes:
+        yield _Found(scenario_id=name.partition(".")[0], folder=folder / name)
+    if scenes and (depth == MAX_DEPTH or not folders):
+        return
+    if depth == MAX_DEPTH or not folders:
         yield folder
     else:
         for name in folders:
@@ -288,6 +298,8 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
 
 def _read_card(found: _Found, root: Path) -> ScenarioCard | None:
     name = f"{TRACKS_PREFIX}{found.scenario_id}.parquet"
+    if found.folder.is_file():
+        return _card_of_file(found, root)
     try:
         table = open_track_table(found.folder / name, name, _CARD_COLUMNS)
         _, ids = table.texts("track_id")
@@ -304,6 +316,21 @@ def _read_card(found: _Found, root: Path) -> ScenarioCard | None:
         num_agents=len(ids),
         split=_split_of(found.folder, root),
         has_future=bool((step > current).any()),
+    )
+
+
+def _card_of_file(found: _Found, root: Path) -> ScenarioCard | None:
+    try:
+        scene = read_scene(found.folder)
+    except InputError:
+        return None
+    return ScenarioCard(
+        scenario_id=found.scenario_id,
+        folder=found.folder,
+        city=scene.city,
+        num_agents=len(scene.agents),
+        split=_split_of(found.folder, root),
+        has_future=scene.last_step > scene.current_step,
     )
 
 

@@ -6,10 +6,13 @@ from threading import Thread
 import pytest
 
 from pd_editor.base.errors import InputError
-from pd_editor.scene.av2_io.dataset import CardFilter, DatasetIndex
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex
 from tests.scene.av2_io.small_files import SCENARIO
+from tests.scene.formats.test_commonroad import text as commonroad_text
+from tests.scene.formats.test_opendrive import lane, road, section
+from tests.scene.formats.test_opendrive import write as write_road
 
 CITIES = ("austin", "miami")
 
@@ -184,3 +187,21 @@ def test_scenarios_of_one_id_are_told_apart_by_their_folders(root: Path) -> None
         walked.append(card.folder)
         assert len(walked) < 2 * len(folders)
     assert walked == folders + folders[-2::-1]
+
+
+def test_files_of_other_formats_are_scenes_of_a_dataset(tmp_path):
+    """Beside and below one another; what no format knows is passed over."""
+    (tmp_path / "val").mkdir()
+    (tmp_path / "val" / "town.xml").write_text(commonroad_text())
+    (tmp_path / "val" / "page.xml").write_text("<html/>")
+    write_road(tmp_path, road(section(lane(-1), lane(1))))
+    cards = list(DatasetIndex(tmp_path).filter())
+    assert [(one.scenario_id, one.split, one.folder.name) for one in cards] == [
+        ("road", "", "road.xodr"),
+        ("town", "val", "town.xml"),
+    ]
+    bare, town = cards
+    assert (bare.num_agents, bare.has_future) == (0, False)
+    assert town.num_agents > 0
+    index = DatasetIndex(tmp_path)
+    assert index.after(bare.folder).folder == town.folder

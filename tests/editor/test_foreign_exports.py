@@ -1,0 +1,101 @@
+"""Exports of other formats: continued, attributed, uploaded as zips, kept in the basket."""
+
+import io
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from pd_editor.base.errors import EditError, InputError
+from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.scenario_store import (
+    ATTRIBUTION_NAME,
+    export_into,
+    exported_files,
+    open_scenario,
+    recipe_of_export,
+    scenario_and_recipe,
+)
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.variant import Variant, name_from_text
+from pd_editor.scene.exporters.bundle import zip_files
+from tests.scene.formats.test_commonroad import text as commonroad_text
+from tests.scene.formats.test_opendrive import lane, road, section
+from tests.scene.formats.test_opendrive import write as write_road
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> EditorSession:
+    """An edited CommonRoad scene that names who made it."""
+    path = tmp_path / "ZAM_Road-1_1_T-1.xml"
+    path.write_text(commonroad_text())
+    made = EditorSession(open_scenario(path))
+    made.apply(SetAgentSpeed(agent_ids=(made.scenario.agents.ids[0],), speed_mps=2.0))
+    made.describe(Variant(name="ZAM_Road-2_1_T-1"))
+    return made
+
+
+@pytest.mark.parametrize("kind", ["commonroad", "scenarionet", "av2"])
+def test_an_export_is_opened_with_its_recipe_and_attribution(session, tmp_path, kind):
+    folder = export_into(
+        tmp_path / "out", session.scenario, session.recipe(), format_name=kind
+    )
+    assert folder.name == "ZAM_Road-2_1_T-1"
+    assert "author: A. Author" in (folder / ATTRIBUTION_NAME).read_text()
+    again = open_scenario(folder)
+    assert again.scenario_id == folder.name
+    assert again.provenance.base is not None
+    assert "author: A. Author" in (again.provenance.attribution or "")
+    recipe = recipe_of_export(Path(again.provenance.source))
+    assert recipe is not None
+    assert recipe.result_id == again.scenario_id
+    files = {
+        path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()
+    }
+    files |= {
+        f"{path.parent.name}/{path.name}": path.read_bytes()
+        for path in folder.glob("*/*")
+    }
+    upload = {"any.zip": zip_files(files, folder.name)}
+    scenario, found = scenario_and_recipe(upload)
+    assert scenario.scenario_id == folder.name
+    assert found is not None
+    assert found.commands == Recipe.from_text(session.recipe().to_text()).commands
+
+
+def test_a_zip_of_two_foreign_scenes_is_refused_in_a_sentence():
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name in ("a.xml", "b.xml"):
+            archive.writestr(name, commonroad_text())
+    with pytest.raises(InputError, match=r"holds 2 scenes, such as a.xml and b.xml"):
+        scenario_and_recipe({"both.zip": content.getvalue()})
+
+
+def test_names_take_underscores_as_they_come():
+    assert name_from_text("USA_Peach-4_1_T-1 (new)") == "USA_Peach-4_1_T-1-new"
+    Variant(name="USA_Peach-4_1_T-1")
+    with pytest.raises(EditError, match="underscores"):
+        Variant(name="_hidden")
+
+
+def test_who_made_a_file_is_told_where_the_file_tells_it(tmp_path):
+    header = 'revMajor="1" revMinor="8" vendor="Maps &amp; Co"'
+    path = write_road(tmp_path, road(section(lane(-1))), version=header)
+    licence = '<license name="CC BY 4.0"/><userData code="copyright" value="2024"/>'
+    path.write_text(
+        path.read_text().replace(f"{header}/>", f"{header}>{licence}</header>")
+    )
+    origin = open_scenario(path).provenance
+    assert (
+        origin.attribution == "vendor: Maps & Co; license: CC BY 4.0; copyright: 2024"
+    )
+    assert origin.file_format == "OpenDRIVE"
+    assert open_scenario("roundabout").provenance.attribution is None
+
+
+def test_recorded_argoverse_scenes_name_their_licence(av2_scenario_folders):
+    scenario = open_scenario(av2_scenario_folders[0])
+    files = exported_files(scenario, EditorSession(scenario).recipe())
+    assert b"CC BY-NC-SA 4.0" in files[ATTRIBUTION_NAME]
