@@ -132,7 +132,7 @@ def test_files_of_other_formats_are_studied_and_evaluated(
     assert (result.code, result.err) == (0, "")
     rows = pq.read_table(out / "variants.parquet")
     assert len(set(rows["folder"].to_pylist())) == 2
-    options = ("--methods", "recorded", "--warps", "none", "--workers", 1)
+    options = ("--methods", "constant-velocity", "--warps", "none", "--workers", 1)
     result = shell.run("evaluate", "--data", data, "--out", tmp_path / "eval", *options)
     assert (result.code, result.err) == (0, "")
     rows = pq.read_table(tmp_path / "eval" / "rows.parquet")
