@@ -74,7 +74,7 @@ def test_texts_of_users_become_names_and_tags():
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"name": "a_b"},
+        {"name": "_a"},
         {"name": "a/b"},
         {"name": "-a"},
         {"name": "a\n"},

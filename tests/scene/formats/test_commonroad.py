@@ -88,7 +88,7 @@ def test_lanelets_become_lanes_with_their_links(tmp_path: Path):
     assert format_of(path) is COMMONROAD
     scene = open_scenario(path)
     assert scene.scenario_id == "ZAM_Road-1_1_T-1"
-    assert any("A. Author" in note for note in scene.provenance.notes)
+    assert scene.provenance.attribution == "author: A. Author; source: by hand"
     lanes = scene.road_map.lane_of
     assert sorted(lanes) == [10, 11, 12]
     one = lanes[10]
