@@ -126,6 +126,11 @@ class _File:
                 "has no lanelets; expected relations of type lanelet, which plain "
                 "exports of OpenStreetMap lack."
             )
+        self.paved_relations = [
+            one
+            for one in self.relations["multipolygon"]
+            if self.tags(one).get("subtype") in _PAVED_AREAS
+        ]
         self.ways = {one.attribute("id"): one for one in self._present("way")}
         self._nodes = {one.attribute("id"): one for one in self._present("node")}
 
@@ -162,7 +167,7 @@ class _File:
     def nodes_of(self) -> dict[str, tuple[str, ...]]:
         """Ids of the nodes of each way that a lanelet or an area has."""
         found = {}
-        for place in (*self.relations["lanelet"], *self.relations["multipolygon"]):
+        for place in (*self.relations["lanelet"], *self.paved_relations):
             for role in ("left", "right", "outer"):
                 for way in self.members(place, role):
                     found[way] = self._nodes_of_way(way)
@@ -260,12 +265,11 @@ class _File:
             if self.tags(place).get("subtype") in _SHOULDERS:
                 left, right = map(self.points, self.bounds(place))
                 yield valid_area(np.concatenate([left, right[::-1]])[:, :2])
-        for place in self.relations["multipolygon"]:
-            if self.tags(place).get("subtype") in _PAVED_AREAS:
-                ways = self.members(place, "outer")
-                yield from shapely.polygonize(
-                    [shapely.LineString(self.points((way, 1))[:, :2]) for way in ways]
-                ).geoms
+        for place in self.paved_relations:
+            ways = self.members(place, "outer")
+            yield from shapely.polygonize(
+                [shapely.LineString(self.points((way, 1))[:, :2]) for way in ways]
+            ).geoms
         for way, place in self.ways.items():
             if self.tags(place).get("type") in _PAVED_AREAS:
                 ring = self.points((way, 1))[:, :2]

@@ -1,7 +1,7 @@
 """What SUMO net files say of lanes, junctions and footways."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -12,9 +12,9 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.xml_file import Place, parse_xml
-from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.geometry.angles import heading_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.paved_area import valid_area
-from pd_editor.scene.geometry.polyline import at_height_zero, offset_line
+from pd_editor.scene.geometry.polyline import arc_length, at_height_zero, offset_line
 from pd_editor.scene.road_map import Crosswalk, LaneKind
 
 _KIND_OF: Final = {
@@ -77,6 +77,9 @@ PAVED: Final = "drivable"
 """Types of polygons that are what their names say."""
 USUAL_WIDTH_M: Final = 3.2
 _MAX_LEGS_OF_PASSAGE: Final = 2
+_LEAST_GAP_M: Final = 1.0
+"""Between lanes that meet without a lane through the junction."""
+_CURVE_POINTS: Final = 9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -268,7 +271,7 @@ def sumo_net(root: Place) -> SumoNet:
         edge.attribute("id"): (edge.attribute("from"), edge.attribute("to"))
         for edge in normal
     }
-    connections = list(_connections(root, lanes))
+    connections = _bridged(list(_connections(root, lanes)), lanes, ends)
     return SumoNet(
         lanes=lanes,
         links=tuple(
@@ -342,10 +345,53 @@ def _width_m(lane: Place) -> float:
     return width if width > 0 else USUAL_WIDTH_M
 
 
-def _connections(
-    root: Place, lanes: Mapping[str, SumoLane]
-) -> Iterator[tuple[str, str | None, str, str]]:
-    """Lane, internal lane, next lane and direction; roads first, in the order of lanes."""
+Connection = tuple[str, str | None, str, str]
+"""Lane, internal lane, next lane and direction."""
+
+
+def _bridged(
+    connections: list[Connection],
+    lanes: dict[str, SumoLane],
+    ends: Mapping[str, tuple[str, str]],
+) -> list[Connection]:
+    """Connections; where a net has no lanes in its junctions, they get curves as such."""
+    found, inside = [], []
+    for row, (start, via, end, direction) in enumerate(connections):
+        name = via
+        if via not in lanes and end in lanes and not lanes[start].is_internal:
+            shape = _curve(lanes[start].shape_m, lanes[end].shape_m)
+            if shape is not None:
+                edge = f":{ends[lanes[start].edge][1]}_link{row}"
+                name = f"{edge}_0"
+                length = float(arc_length(shape)[-1])
+                lanes[name] = replace(
+                    lanes[start], sumo_id=name, edge=edge, index=0, shape_m=shape,
+                    length_m=length,
+                )  # fmt: skip
+                inside.append((name, None, end, direction))
+        found.append((start, name, end, direction))
+    return [*found, *inside]
+
+
+def _curve(
+    before: Float[np.ndarray, "N 2"], after: Float[np.ndarray, "M 2"]
+) -> Float[np.ndarray, "K 2"] | None:
+    """Cubic line from the end of a line to the start of another; None where they meet."""
+    first, last = before[-1], after[0]
+    gap = float(np.hypot(*(last - first)))
+    if gap < _LEAST_GAP_M or len(before) < 2 or len(after) < 2:
+        return None
+    steps = np.stack([before[-1] - before[-2], after[1] - after[0]])
+    leaves, arrives = gap * unit_vector(heading_of(steps))
+    t = np.linspace(0.0, 1.0, _CURVE_POINTS)[:, None]
+    bow = (
+        t * (1 - t) * ((1 - t) * (leaves - last + first) - t * (arrives - last + first))
+    )
+    return first + t * (last - first) + bow
+
+
+def _connections(root: Place, lanes: Mapping[str, SumoLane]) -> Iterator[Connection]:
+    """All connections, of roads first, in the order of lanes."""
     rank = {name: (lane.is_internal, n) for n, (name, lane) in enumerate(lanes.items())}
     found = []
     for one in root.children("connection"):

@@ -77,6 +77,30 @@ def test_a_network_is_known_by_its_root_where_its_name_says_nothing(tmp_path: Pa
     assert kind.name == "sumo"
 
 
+def test_lanes_that_meet_across_a_junction_without_lanes_get_a_curve(tmp_path: Path):
+    path = tmp_path / "gap.net.xml"
+    path.write_text(
+        NET.replace(' via=":b_0_0"', "")
+        .replace(
+            '<connection from=":b_0" to="out" fromLane="0" toLane="0" dir="s" state="M"/>',
+            "",
+        )
+        .replace("100.5,0 200,0", "108,8 108,90")
+    )
+    lanes = open_scenario(path).road_map.lane_of
+    (turn,) = (one for one in lanes.values() if len(one.centerline_m) == 9)
+    (before,) = turn.predecessors
+    (after,) = turn.successors
+    assert lanes[before].successors == (turn.lane_id,)
+    line = turn.centerline_m
+    np.testing.assert_allclose(line[0], lanes[before].centerline_m[-1])
+    np.testing.assert_allclose(line[-1], lanes[after].centerline_m[0])
+    steps = np.diff(line, axis=0)
+    assert (steps > -1e-9).all(), "it turns to the left, and never back"
+    assert abs(steps[0, 1]) < 0.3 * steps[0, 0]
+    assert abs(steps[-1, 0]) < 0.3 * steps[-1, 1]
+
+
 @pytest.mark.parametrize("is_left_hand", [False, True])
 def test_neighbours_are_on_the_side_where_they_lie(tmp_path: Path, is_left_hand: bool):
     second = NET.replace('allow="pedestrian"', 'allow="passenger"')
