@@ -1,0 +1,77 @@
+"""How what another loader reads in a written scene differs from the scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+
+from pd_editor.scene.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """Largest differences, over all states and lanes that the loader has."""
+
+    position_m: float
+    heading_deg: float
+    speed_mps: float
+    size_m: float
+    center_m: float
+    """Distance of a centre line's points from the other's line."""
+    num_states: int
+    lanes_agree: bool
+    """Whether there are the same lanes with the same successors."""
+
+
+def agreement(
+    scenario: Scenario,
+    read: Mapping[str, Any],
+    agent_of: Mapping[str, str],
+    lane_of: Mapping[str, int],
+) -> Agreement:
+    """Compare with what a script of ``tests/oracles`` has read.
+
+    ``agent_of`` and ``lane_of`` tell whose track and which lane an id of the file is.
+    Files hold coordinates of the city and count steps from the first one.
+    """
+    agents, origin = scenario.agents, scenario.origin_city_m
+    gaps: list[np.ndarray] = []
+    sizes: list[float] = []
+    for key, track in read["tracks"].items():
+        row = agents.row_of[agent_of[key]]
+        step, *others = np.array(track["states"]).T
+        x, y, heading, speed = others
+        step = step.astype(int)
+        assert agents.is_valid[row, step].all(), f"{key} is not there at these steps"
+        place = agents.position_m[row, step] + origin
+        turn = np.angle(np.exp(1j * (agents.heading_rad[row, step] - heading)))
+        off = np.hypot(place[:, 0] - x, place[:, 1] - y)
+        # Who goes backwards has a negative speed in some formats.
+        slip = agents.speed_mps()[row, step] - np.abs(speed)
+        gaps.append(np.abs([off, np.degrees(turn), slip]))
+        asked = np.array([track["length_m"], track["width_m"]])
+        sizes.append(float(np.abs(agents.size_m[row] - asked).max()))
+    worst = np.concatenate(gaps, axis=1)
+    centers: list[float] = []
+    successors: dict[int, set[int]] = {}
+    own = scenario.road_map.lane_of
+    for key, lane in read["lanes"].items():
+        if key in lane_of:
+            line = shapely.LineString(own[lane_of[key]].centerline_m + origin)
+            points = shapely.points(np.array(lane["center_m"])[:, :2])
+            centers.append(float(shapely.distance(line, points).max()))
+            after = [str(one) for one in lane["successors"]]
+            successors[lane_of[key]] = {lane_of[one] for one in after if one in lane_of}
+    expected = {n: set(own[n].successors).intersection(own) for n in own}
+    position, heading, speed = worst.max(axis=1).tolist()
+    return Agreement(
+        position_m=position,
+        heading_deg=heading,
+        speed_mps=speed,
+        size_m=max(sizes),
+        center_m=max(centers),
+        num_states=worst.shape[1],
+        lanes_agree=successors == expected,
+    )

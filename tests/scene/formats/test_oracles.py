@@ -1,0 +1,93 @@
+"""Written scenes as the formats' own loaders read them."""
+
+import csv
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.formats.registry import writer
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from tests.oracles.environment import Oracle
+from tests.scene.formats.agreement import agreement
+
+pytestmark = [pytest.mark.slow, pytest.mark.oracle]
+CENTER_M = 0.4
+"""Centre lines of Argoverse 2 are drawn by hand; CommonRoad's are midway of the bounds."""
+
+ANCHOR = RigidMotion(x_m=-20.0, y_m=0.0, rotation_rad=0.4)
+BEND = WarpTerm(kind="double-turn", power=4.0, length_m=50.0)
+
+
+def scenes(folders: list[Path]) -> Iterator[Scenario]:
+    """Demos and real scenes, plain and warped."""
+    for name in ("roundabout", "crosswalk"):
+        yield open_scenario(name)
+    for folder in folders:
+        scenario = open_scenario(folder)
+        yield scenario
+        yield warp_scenario(scenario, RoadWarp(anchor=ANCHOR, terms=(BEND,)))
+
+
+def written(scenario: Scenario, name: str, folder: Path) -> dict[str, bytes]:
+    """Files of a scene in a folder of its own."""
+    write = writer(name).write
+    assert write is not None
+    folder.mkdir()
+    files = dict(write(scenario).files)
+    for file, data in files.items():
+        (folder / file).write_bytes(data)
+    return files
+
+
+@pytest.mark.real_data
+def test_commonroad_io_reads_what_is_in_the_scene(
+    av2_scenario_folders: list[Path], oracle: Callable[[str], Oracle], tmp_path: Path
+):
+    told = list(scenes(av2_scenario_folders[::20]))
+    paths, ids = [], []
+    for number, scenario in enumerate(told):
+        files = written(scenario, "commonroad", tmp_path / str(number))
+        (path,) = (tmp_path / str(number)).glob("*.xml")
+        table = csv.DictReader(io.StringIO(files["ids.csv"].decode()))
+        ids.append({row["obstacle"]: row["agent"] for row in table})
+        paths.append(str(path))
+    answers = oracle("commonroad").ask("commonroad_scenario.py", paths)
+    for scenario, read, agent_of in zip(told, answers, ids, strict=True):
+        lane_of = {str(one): one for one in scenario.road_map.lane_of}
+        found = agreement(scenario, read, agent_of, lane_of)
+        assert found.num_states > 100
+        assert found.lanes_agree
+        assert found.position_m < 1e-3
+        assert found.heading_deg < 0.1
+        assert found.speed_mps < 0.05
+        assert found.size_m < 1e-3
+        assert found.center_m < CENTER_M
+        assert len(read["problems"]) == 1
+
+
+@pytest.mark.real_data
+def test_metadrive_replays_what_is_in_the_scene(
+    av2_scenario_folders: list[Path], oracle: Callable[[str], Oracle], tmp_path: Path
+):
+    told = list(scenes(av2_scenario_folders[::40]))
+    for number, scenario in enumerate(told):
+        written(scenario, "scenarionet", tmp_path / str(number))
+    folders = [str(tmp_path / str(number)) for number in range(len(told))]
+    answers = oracle("metadrive").ask("metadrive_replay.py", folders)
+    for scenario, read in zip(told, answers, strict=True):
+        assert read["arrives"]
+        agents = scenario.agents
+        row = agents.row_of[EGO_ID if EGO_ID in agents.row_of else scenario.focal_id]
+        # MetaDrive counts from the ego's first place, in single precision.
+        place = agents.position_m[row] - agents.position_m[row, 0]
+        ego = np.array(read["ego_m"])
+        # The destination is where the recording ends: at once, of an ego that stands.
+        assert len(ego) > 40 or np.ptp(place, axis=0).max() < 5.0
+        np.testing.assert_allclose(ego, place[1 : len(ego) + 1], atol=1e-3)
