@@ -9,6 +9,7 @@ links of lanes, centre lines within 5 cm (CommonRoad's are midway between bounds
 
 import argparse
 import os
+import shutil
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -140,7 +141,8 @@ def main() -> None:
                 write(scenario)
                 took[name].append(time.perf_counter() - began)
                 target = options.out / "written" / name / f"{source.name}-{number}"
-                target.mkdir(parents=True, exist_ok=True)
+                shutil.rmtree(target, ignore_errors=True)
+                target.mkdir(parents=True)
                 try:
                     CHECKS[name](scenario, target, asks=options.loaders)
                 except (AssertionError, PdEditorError) as error:

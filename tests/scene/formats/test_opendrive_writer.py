@@ -320,16 +320,21 @@ def test_netconvert_reads_the_same_links(
     av2_scenario_folders: list[Path], tmp_path: Path
 ):
     for scenario in real_scenes(av2_scenario_folders, 26):
-        net = netconverted(written(scenario, tmp_path))
-        roads = {str(lane.lane_id) for lane in scenario.road_map.lanes}
-        edges = [one for one in net.findall("edge") if one.get("function") is None]
-        assert {one.get("id").lstrip("-") for one in edges} == roads
-        assert len(edges) == len(roads)
-        assert {
-            (one.get("from").lstrip("-"), one.get("to").lstrip("-"))
-            for one in net.findall("connection")
-            if not one.get("from").startswith(":")
-        } == own_links(scenario)
+        check_netconvert(scenario, written(scenario, tmp_path))
+
+
+def check_netconvert(scenario: Scenario, path: Path) -> None:
+    """SUMO's network of a road network has the scenario's lanes and links."""
+    net = netconverted(path)
+    roads = {str(lane.lane_id) for lane in scenario.road_map.lanes}
+    edges = [one for one in net.findall("edge") if one.get("function") is None]
+    assert {one.get("id").lstrip("-") for one in edges} == roads
+    assert len(edges) == len(roads)
+    assert {
+        (one.get("from").lstrip("-"), one.get("to").lstrip("-"))
+        for one in net.findall("connection")
+        if not one.get("from").startswith(":")
+    } == own_links(scenario)
 
 
 def netconverted(path: Path) -> etree._Element:
