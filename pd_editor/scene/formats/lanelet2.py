@@ -1,7 +1,7 @@
 """Lanelet2 maps in OpenStreetMap's XML (.osm)."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -58,6 +58,10 @@ _LEAST_SPAN_M: Final = 1.0
 _SHAPE_POINTS: Final = 9
 
 
+Bound = tuple[str, int]
+"""Id of a way, and 1 or -1 for the direction in which it is followed."""
+
+
 def read(path: Path) -> Scenario:
     """Read a map as a scene without agents, in its local metres, else in those of UTM.
 
@@ -68,38 +72,30 @@ def read(path: Path) -> Scenario:
     """
     element, data = parse_xml(path, "osm")
     file = _File(Place(path, element))
-    courses = [
-        course
-        for place in file.relations["lanelet"]
-        for course in _courses(file, place)
-        if course.kind is not None
-    ]
-    walks = [
-        Crosswalk(
-            crosswalk_id=number,
-            edge1=file.points(left),
-            edge2=file.points(right),
-        )
-        for number, place in enumerate(file.relations["lanelet"], start=1)
-        if file.tags(place).get("subtype") == "crosswalk"
-        for left, right in [file.bounds(place)]
-    ]
+    courses = [course for place in file.lanelets for course in _courses(file, place)]
+    walks = [one for one in courses if one.tags.get("subtype") == "crosswalk"]
+    shoulders = [one for one in courses if one.tags.get("subtype") in _SHOULDERS]
     notes = [file.frame]
-    if file.relations["regulatory_element"]:
-        count = len(file.relations["regulatory_element"])
-        notes.append(f"{count} regulatory elements (signs, lights) are left out.")
+    if file.num_rules:
+        notes.append(f"{file.num_rules} regulatory elements are left out.")
     return FileScene(
         path=path,
         name=path.stem,
-        lanes=_lanes(file, courses),
-        crosswalks=tuple(walks),
-        more_paved=tuple(file.paved()),
+        lanes=_lanes(file, [one for one in courses if one.kind is not None]),
+        crosswalks=tuple(
+            Crosswalk(
+                crosswalk_id=number,
+                edge1=file.points(one.left),
+                edge2=file.points(one.right),
+            )
+            for number, one in enumerate(walks, start=1)
+        ),
+        more_paved=[
+            *(valid_area(file.outline(one)) for one in shoulders),
+            *file.areas(),
+        ],
         notes=tuple(notes),
     ).scenario(data)
-
-
-Bound = tuple[str, int]
-"""Id of a way, and 1 or -1 for the direction in which it is followed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,115 +113,96 @@ class _File:
     """Nodes, ways and relations of a file by their ids."""
 
     def __init__(self, root: Place) -> None:
-        self.root = root
-        self.relations: defaultdict[str, list[Place]] = defaultdict(list)
-        for place in self._present("relation"):
-            self.relations[self.tags(place).get("type", "")].append(place)
-        if not self.relations["lanelet"]:
+        present = {
+            tag: [n for n in root.children(tag) if n.element.get("action") != "delete"]
+            for tag in ("node", "way", "relation")
+        }
+        self._root = root
+        self._nodes = {one.attribute("id"): one for one in present["node"]}
+        self._ways = {one.attribute("id"): one for one in present["way"]}
+        relations: defaultdict[str, list[Place]] = defaultdict(list)
+        for one in present["relation"]:
+            relations[_tags(one).get("type", "")].append(one)
+        self.lanelets = relations["lanelet"]
+        self.num_rules = len(relations["regulatory_element"])
+        if not self.lanelets:
             raise root.error(
                 "has no lanelets; expected relations of type lanelet, which plain "
                 "exports of OpenStreetMap lack."
             )
-        self.paved_relations = [
-            one
-            for one in self.relations["multipolygon"]
-            if self.tags(one).get("subtype") in _PAVED_AREAS
+        self._areas = [
+            self._members(one, "outer")
+            for one in relations["multipolygon"]
+            if _tags(one).get("subtype") in _PAVED_AREAS
         ]
-        self.ways = {one.attribute("id"): one for one in self._present("way")}
-        self._nodes = {one.attribute("id"): one for one in self._present("node")}
+        self._areas += [
+            [name]
+            for name, one in self._ways.items()
+            if _tags(one).get("type") in _PAVED_AREAS
+        ]
+        used = [way for area in self._areas for way in area]
+        for one in self.lanelets:
+            used += self._members(one, "left") + self._members(one, "right")
+        self._nodes_of = {way: self._nodes_of_way(way) for way in used}
+        self._points: dict[Bound, Float[np.ndarray, "_ 3"]] = {}
 
-    def _present(self, tag: str) -> Iterable[Place]:
-        return (
-            one
-            for one in self.root.children(tag)
-            if one.element.get("action") != "delete"
-        )
-
-    @staticmethod
-    def tags(place: Place) -> dict[str, str]:
-        """Values of an element by key."""
-        found = place.element.findall("tag")
-        return {one.get("k") or "": one.get("v") or "" for one in found}
-
-    def members(self, place: Place, role: str) -> list[str]:
-        """Ids of the ways that a relation has in a role.
-
-        Raises:
-            FormatError: the file lacks one of them.
-        """
+    def _members(self, place: Place, role: str) -> list[str]:
+        """Ids of the ways that a relation has in a role."""
         found = [
             one.attribute("ref")
             for one in place.children("member")
             if one.element.get("role") == role and one.element.get("type") == "way"
         ]
         for one in found:
-            if one not in self.ways:
+            if one not in self._ways:
                 raise place.error(f"names the way {one[:20]}, which the file lacks.")
         return found
 
-    @cached_property
-    def nodes_of(self) -> dict[str, tuple[str, ...]]:
-        """Ids of the nodes of each way that a lanelet or an area has."""
-        found = {}
-        for place in (*self.relations["lanelet"], *self.paved_relations):
-            for role in ("left", "right", "outer"):
-                for way in self.members(place, role):
-                    found[way] = self._nodes_of_way(way)
-        for way in self.ways:
-            if self.tags(self.ways[way]).get("type") in _PAVED_AREAS:
-                found[way] = self._nodes_of_way(way)
-        return found
-
     def _nodes_of_way(self, way: str) -> tuple[str, ...]:
-        place = self.ways[way]
-        found = [one.attribute("ref") for one in place.children("nd")]
+        place = self._ways[way]
+        found = tuple(one.attribute("ref") for one in place.children("nd"))
         for one in found:
             if one not in self._nodes:
                 raise place.error(f"names the node {one[:20]}, which the file lacks.")
-        # The same node again and again is one.
-        found = [one for n, one in enumerate(found) if n == 0 or one != found[n - 1]]
-        if len(found) < 2:
+        if len(set(found)) < 2:
             raise place.error("has fewer than two different nodes.")
-        return tuple(found)
+        return found
 
     @cached_property
-    def _frame(self) -> tuple[str, dict[str, Float[np.ndarray, "3"]]]:
-        """What coordinates are, and the place of each node."""
-        names = list(
-            dict.fromkeys(name for nodes in self.nodes_of.values() for name in nodes)
-        )
+    def _table(self) -> tuple[str, dict[str, int], Float[np.ndarray, "N 3"]]:
+        """What coordinates are; rows of nodes, and their places."""
+        names = dict.fromkeys(name for one in self._nodes_of.values() for name in one)
         places = [self._nodes[name] for name in names]
-        tags = [self.tags(place) for place in places]
+        tags = [_tags(place) for place in places]
         if all("local_x" in one and "local_y" in one for one in tags):
             frame = "Coordinates are the file's own (local_x, local_y)."
-            table = np.array([self._local(place) for place in places])
+            table = np.array([_local(place) for place in places])
         else:
             degrees = np.array([_degrees(place) for place in places])
             zone = utm_zone(float(np.median(degrees[:, 1])))
             frame = f"Coordinates are those of UTM, zone {zone}."
             table = utm(degrees[:, 0], degrees[:, 1], zone)
         if not np.ptp(table, axis=0).max() >= _LEAST_SPAN_M:
-            raise self.root.error("spans less than a metre; expected metres.")
+            raise self._root.error("spans less than a metre; expected metres.")
         height = [
             _as_number(one.get("ele") or place.element.get("ele"))
             for one, place in zip(tags, places, strict=True)
         ]
-        return frame, dict(zip(names, np.column_stack([table, height]), strict=True))
+        rows = {name: row for row, name in enumerate(names)}
+        return frame, rows, np.column_stack([table, height])
 
     @property
     def frame(self) -> str:
         """What coordinates are, as a sentence."""
-        return self._frame[0]
-
-    @staticmethod
-    def _local(place: Place) -> list[float]:
-        found = {one.element.get("k"): one for one in place.children("tag")}
-        return [found[name].number("v") for name in ("local_x", "local_y")]
+        return self._table[0]
 
     def ids(self, bound: Bound) -> tuple[str, ...]:
         """Ids of the nodes along a bound."""
-        way, direction = bound
-        return self.nodes_of[way][::direction]
+        return self._nodes_of[bound[0]][:: bound[1]]
+
+    def tags_of_way(self, bound: Bound) -> dict[str, str]:
+        """Values of a bound's way by key."""
+        return _tags(self._ways[bound[0]])
 
     def points(self, bound: Bound) -> Float[np.ndarray, "N 3"]:
         """Points along a bound.
@@ -233,12 +210,19 @@ class _File:
         Raises:
             FormatError: all of them are one.
         """
-        found = np.array([self._frame[1][name] for name in self.ids(bound)])
-        moves = np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1) > 1e-6
-        found = found[np.append(True, moves)]
-        if len(found) < 2:
-            raise self.ways[bound[0]].error("has fewer than two different points.")
-        return found
+        if bound not in self._points:
+            _, rows, table = self._table
+            found = table[[rows[name] for name in self.ids(bound)]]
+            moves = np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1) > 1e-6
+            self._points[bound] = found[np.append(True, moves)]
+            if not moves.any():
+                raise self._ways[bound[0]].error("has only one point.")
+        return self._points[bound]
+
+    def outline(self, course: _Course) -> Float[np.ndarray, "N 2"]:
+        """Ring around a lanelet."""
+        left, right = self.points(course.left), self.points(course.right)
+        return np.concatenate([left, right[::-1]])[:, :2]
 
     def bounds(self, place: Place) -> tuple[Bound, Bound]:
         """Left and right bound of a lanelet in its direction, as their places tell it.
@@ -246,39 +230,39 @@ class _File:
         Raises:
             FormatError: it has not one way on each side.
         """
-        ways = [self.members(place, role) for role in ("left", "right")]
+        ways = [self._members(place, role) for role in ("left", "right")]
         if any(len(one) != 1 for one in ways):
             raise place.error("needs one way as left bound and one as right bound.")
         (left,), (right,) = ways
         one, two = (self.points((way, 1))[:, :2] for way in (left, right))
         a, b = resample(one, _SHAPE_POINTS), resample(two, _SHAPE_POINTS)
-        turn = 1 if _apart(a, b) <= _apart(a, b[::-1]) else -1
-        x, y = np.concatenate([one, two[::-turn]]).T
-        x, y = x - x[0], y - y[0]
+        apart = [np.linalg.norm(a - other, axis=1).sum() for other in (b, b[::-1])]
+        turn = 1 if apart[0] <= apart[1] else -1
+        x, y = (np.concatenate([one, two[::-turn]]) - one[0]).T
         # Along the left bound, and back along the right one, is clockwise.
         direction = -1 if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0 else 1
         return (left, direction), (right, direction * turn)
 
-    def paved(self) -> Iterable[BaseGeometry]:
-        """Shoulders, and areas that are known to be paved."""
-        for place in self.relations["lanelet"]:
-            if self.tags(place).get("subtype") in _SHOULDERS:
-                left, right = map(self.points, self.bounds(place))
-                yield valid_area(np.concatenate([left, right[::-1]])[:, :2])
-        for place in self.paved_relations:
-            ways = self.members(place, "outer")
-            yield from shapely.polygonize(
-                [shapely.LineString(self.points((way, 1))[:, :2]) for way in ways]
-            ).geoms
-        for way, place in self.ways.items():
-            if self.tags(place).get("type") in _PAVED_AREAS:
-                ring = self.points((way, 1))[:, :2]
-                if len(ring) > 2:
-                    yield valid_area(ring)
+    def areas(self) -> Iterator[BaseGeometry]:
+        """Areas that are known to be paved, beside lanelets."""
+        for ways in self._areas:
+            lines = [self.points((way, 1))[:, :2] for way in ways]
+            if len(lines) == 1 and len(lines[0]) > 2:
+                yield valid_area(lines[0])
+            else:
+                yield from shapely.polygonize(
+                    list(map(shapely.LineString, lines))
+                ).geoms
 
 
-def _apart(one: Float[np.ndarray, "N 2"], two: Float[np.ndarray, "N 2"]) -> float:
-    return float(np.linalg.norm(one - two, axis=1).sum())
+def _tags(place: Place) -> dict[str, str]:
+    found = place.element.findall("tag")
+    return {one.get("k") or "": one.get("v") or "" for one in found}
+
+
+def _local(place: Place) -> list[float]:
+    found = {one.element.get("k"): one for one in place.children("tag")}
+    return [found[name].number("v") for name in ("local_x", "local_y")]
 
 
 def _degrees(place: Place) -> tuple[float, float]:
@@ -300,19 +284,17 @@ def _as_number(text: str | None) -> float:
 
 def _courses(file: _File, place: Place) -> list[_Course]:
     """The lanelet in each direction in which it is driven."""
-    tags = file.tags(place)
-    left, right = file.bounds(place)
+    tags, (left, right) = _tags(place), file.bounds(place)
     kind = _kind(tags)
+    pairs = [(left, right)]
     user = "bicycle" if kind is LaneKind.BIKE else "vehicle"
-    found = [_Course(place=place, left=left, right=right, kind=kind, tags=tags)]
-    if tags.get(f"one_way:{user}", tags.get("one_way", "yes")) in _NO:
-        (one, way), (two, other) = left, right
-        found.append(
-            _Course(
-                place=place, left=(two, -other), right=(one, -way), kind=kind, tags=tags
-            )
-        )
-    return found
+    is_one_way = tags.get(f"one_way:{user}", tags.get("one_way", "yes")) not in _NO
+    if kind is not None and not is_one_way:
+        pairs.append(((right[0], -right[1]), (left[0], -left[1])))
+    return [
+        _Course(place=place, left=one, right=two, kind=kind, tags=tags)
+        for one, two in pairs
+    ]
 
 
 def _kind(tags: Mapping[str, str]) -> LaneKind | None:
@@ -378,37 +360,30 @@ def _center(
     left: Float[np.ndarray, "L 3"], right: Float[np.ndarray, "R 3"]
 ) -> Float[np.ndarray, "N 3"]:
     """Middles of the shortest connections of both bounds, as Lanelet2 defines the centre."""
+    gaps = np.hypot(*(left[:, None, :2] - right[None, :, :2]).T).T
+    ends = len(left) - 1, len(right) - 1
     row, other = 0, 0
-    middles = [left[0] + right[0]]
-    while row < len(left) - 1 or other < len(right) - 1:
-        step, gap = _nearest_after(left, row, right[other])
-        its_step, its_gap = _nearest_after(right, other, left[row])
-        row, other = (step, other) if gap <= its_gap else (row, its_step)
-        middles.append(left[row] + right[other])
-    center = np.array(middles) / 2
+    pairs = [(0, 0)]
+    while (row, other) != ends:
+        ahead, its_ahead = gaps[row + 1 :, other], gaps[row, other + 1 :]
+        if other == ends[1] or (row < ends[0] and ahead.min() <= its_ahead.min()):
+            row += 1 + int(ahead.argmin())
+        else:
+            other += 1 + int(its_ahead.argmin())
+        pairs.append((row, other))
+    rows, others = np.array(pairs).T
+    center = (left[rows] + right[others]) / 2
     line = shapely.LineString(center[:, :2])
     if any(line.crosses(shapely.LineString(side[:, :2])) for side in (left, right)):
         return midline(left, right)
     return center
 
 
-def _nearest_after(
-    line: Float[np.ndarray, "N 3"], row: int, point: Float[np.ndarray, "3"]
-) -> tuple[int, float]:
-    """The nearest of the points after a row, and its distance in the plane."""
-    if row == len(line) - 1:
-        return row, np.inf
-    gap = np.hypot(*(line[row + 1 :, :2] - point[:2]).T)
-    nearest = int(gap.argmin())
-    return row + 1 + nearest, float(gap[nearest])
-
-
 def _mark(file: _File, bound: Bound) -> LaneMark:
-    way, direction = bound
-    tags = file.tags(file.ways[way])
+    tags = file.tags_of_way(bound)
     if tags.get("type") not in _LINES:
         return LaneMark.NONE if "type" in tags else LaneMark.UNKNOWN
-    parts = tags.get("subtype", "").split("_")[::direction]
+    parts = tags.get("subtype", "").split("_")[:: bound[1]]
     shape = _MARKS.get("_".join(parts))
     color = "YELLOW" if tags.get("color") == "yellow" else "WHITE"
     return LaneMark.UNKNOWN if shape is None else LaneMark(f"{shape}_{color}")
