@@ -72,6 +72,7 @@ def test_a_map_beyond_the_limits_opens_through_a_window(tmp_path, low_limit):
     # Rows at 120, 180 and 240 m; roads of 50 m that begin at 60, 120, 180 and 240 m.
     assert len(part.road_map.lanes) == 3 * 4 * 4
     assert part.scenario_id == "road-x180-y180"
+    assert part.provenance.file_format == "OpenDRIVE"
     low, high = (one + part.origin_city_m for one in part.road_map.bounds_m)
     assert (low > 55).all()
     assert (high < 295).all()

@@ -83,6 +83,8 @@ class FileScene:
     city: str = ""
     attribution: str = ""
     """Who made the file, and under which licence, as far as it tells."""
+    file_format: str = ""
+    """Title of the format, which the registry sets."""
     notes: tuple[str, ...] = field(default_factory=tuple)
 
     def scenario(self, data: bytes) -> Scenario:
@@ -118,6 +120,7 @@ class FileScene:
                 content_sha256=hashlib.sha256(data).hexdigest(),
                 notes=tuple(map(one_line, self.notes)),
                 attribution=one_line(self.attribution) or None,
+                file_format=self.file_format,
             ),
         )
 

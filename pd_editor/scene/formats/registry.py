@@ -6,7 +6,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final
 
-from pd_editor.base.errors import ExportError, InputError
+from pd_editor.base.errors import ExportError, InputError, LargeMapError
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.commonroad import COMMONROAD
 from pd_editor.scene.formats.gpudrive import GPUDRIVE
@@ -96,8 +96,11 @@ def read_scene(path: Path) -> Scenario:
     """
     kind = format_of(path) or ARGOVERSE2
     assert kind.read is not None, "it can be read"
-    scenario = kind.read(path)
-    if kind is ARGOVERSE2:
-        return scenario
-    origin = replace(scenario.provenance, file_format=kind.title)
+    title = "" if kind is ARGOVERSE2 else kind.title
+    try:
+        scenario = kind.read(path)
+    except LargeMapError as error:
+        error.scene = replace(error.scene, file_format=title)
+        raise
+    origin = replace(scenario.provenance, file_format=title)
     return replace(scenario, provenance=origin)

@@ -141,5 +141,7 @@ def _label(card: ScenarioCard) -> str:
         about.append("no logged future")
     name = card.folder.name
     # Folders of one split may hold scenarios of one id.
-    names = (card.scenario_id, *([f"in {name}"] if name != card.scenario_id else []))
-    return " · ".join((card.city, f"{card.num_agents} agents", *about, *names))
+    is_named = name == card.scenario_id or name.startswith(f"{card.scenario_id}.")
+    names = (card.scenario_id, *(() if is_named else (f"in {name}",)))
+    parts = (card.city, f"{card.num_agents} agents", *about, *names)
+    return " · ".join(filter(None, parts))

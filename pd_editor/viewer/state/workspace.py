@@ -498,7 +498,7 @@ class Workspace:
         def converted(files: dict[str, bytes]) -> dict[str, bytes]:
             if format_name == ARGOVERSE2.name:
                 return files
-            scenario, recipe = scenario_and_recipe(files)
+            scenario, recipe = _from_upload(files, SceneCut())
             assert recipe is not None, "the basket holds exports"
             return exported_files(scenario, recipe, format_name=format_name)
 

@@ -158,3 +158,14 @@ def test_what_was_removed_can_be_put_back(tabs):
     with notices(tab) as told:
         tab.run(tab.tab.panels.star)
         assert told.call_args.args == ("This state is in the basket already",)
+
+
+def test_the_basket_is_downloaded_in_the_chosen_format(tabs):
+    tab, _ = tabs
+    star(tab, name="near_miss")
+    tab.tab.panels.export._format.value = "CommonRoad"
+    names = downloaded(tab).namelist()
+    assert {"index.csv", "near_miss/near_miss.xml", "near_miss/recipe.json"} <= set(
+        names
+    )
+    assert not any(name.endswith(".parquet") for name in names)
