@@ -16,15 +16,13 @@ from pd_editor.analysis.metrics.distributions.distribution_distance import (
     Histogram,
     jensen_shannon_divergences,
 )
-from pd_editor.analysis.metrics.distributions.mean_discrepancy import (
-    maximum_mean_discrepancy,
-)
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.experiments.evaluation.scene_bootstrap import (
     COVERAGE,
     mean_over_scenes,
     scene_weights,
 )
+from reproduction.mean_discrepancy import maximum_mean_discrepancy
 from reproduction.plans import Entry, Mode
 
 _KEYS: Final = ("scenario_id", "split", "method", "warp", "sample", "recorded")

@@ -15,6 +15,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import tyro
 
@@ -22,11 +23,13 @@ from pd_editor.base.errors import PdEditorError, TrainingError
 from pd_editor.cli.model import model
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
+from pd_editor.experiments.training.config.presets import SAMPLING
+from pd_editor.experiments.training.config.run_config import RunConfig
 from pd_editor.experiments.training.config.run_request import (
     RunRequest,
     StageName,
     new_config,
-    other_fields,
+    section_of,
 )
 from pd_editor.experiments.training.config.settings import settings_of
 from pd_editor.experiments.training.loop.run_folder import CONFIG_NAME, RunFolder
@@ -130,7 +133,7 @@ def check(study: Study, tasks: Sequence[Task]) -> None:
         config, run = new_config(asked, is_gpu=False), run_folder(study, task)
         if not (run / CONFIG_NAME).exists():
             continue
-        changed = other_fields(RunFolder(run).config(), config)
+        changed = _other_fields(RunFolder(run).config(), config)
         if changed:
             told = ", ".join(
                 f"{name} was {before}, is now {after}"
@@ -246,3 +249,22 @@ if __name__ == "__main__":
         raise SystemExit(run_study(tyro.cli(Study)))
     except PdEditorError as error:
         raise SystemExit(f"Error: {error}") from None
+
+
+def _other_fields(earlier: RunConfig, now: RunConfig) -> dict[str, tuple[Any, Any]]:
+    """Fields by name that make the networks of two runs differ, with both values.
+
+    Data, seed and budget do not count, nor do fields that the earlier run did not have.
+    """
+    found = {}
+    for section in ("model", "loss", "own_samples", "augmentation", "optimisation"):
+        before, after = section_of(earlier, section), section_of(now, section)
+        for name in before.keys() & after.keys():
+            if before[name] != after[name]:
+                found[f"{section}.{name}"] = (before[name], after[name])
+    for section in SAMPLING[now.stage]:
+        before, after = section_of(earlier, section), section_of(now, section)
+        for name in before.keys() | after.keys():
+            if before.get(name) != after.get(name):
+                found[f"{section}.{name}"] = (before.get(name), after.get(name))
+    return dict(sorted(found.items()))

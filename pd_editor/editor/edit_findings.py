@@ -12,7 +12,7 @@ from pd_editor.analysis.findings.finding import (
     Source,
     capitalised,
 )
-from pd_editor.analysis.guidance.outcomes import term_outcomes
+from pd_editor.analysis.guidance.report import term_outcomes
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.guidance import AddGuidance, ChangeGuidance
 from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit

@@ -30,7 +30,7 @@ _Term = TypeVar("_Term", bound="GuidanceTerm")
 _Many = TypeVar("_Many", bound="AgentsGuidance")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Form:
     """How a user gives one value of a term: a number within bounds, or a choice.
 
@@ -49,7 +49,7 @@ class Form:
     """Least number that the input offers; None: the least one."""
     empty: str = ""
     """Meaning of None as a number; empty text: a number is needed."""
-    choices: Mapping[Any, str] = field(default_factory=dict, hash=False)
+    choices: Mapping[Any, str] = field(default_factory=dict)
     """Values to choose among, with their words; empty for a number."""
 
 

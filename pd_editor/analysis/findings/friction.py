@@ -15,18 +15,21 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     derivative_operators,
     whole_windows,
 )
-from pd_editor.analysis.repair.friction_pass import drivable_speed, slowed_distance
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.paths.retiming import (
     fill_gaps,
     fill_heading_gaps,
+    highest_speed,
     retime,
+    slowed_distance,
     travelled_m,
 )
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, GRAVITY_MPS2
+from pd_editor.scene.perturbation.friction_slowdown import BRAKING_MPS2
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 TOLERANCE: Final = 1.25
 """Ratio of acceleration to limit up to which an agent is not reported.
@@ -40,6 +43,8 @@ _NODES_PER_STEP: Final = 4
 _SLOWEST_MPS: Final = 2.0
 """Below this speed a recorded path is too noisy to measure curvature."""
 _MAX_ROUNDS: Final = 6
+_MARGIN: Final = 0.98
+"""Ratio of new speed to limit: retiming moves the points at which curvature is measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,9 +194,13 @@ def _one_pass(
         * np.sqrt(0.97 * limit_mps2 / np.where(lateral > 0, lateral, 1.0)),
         np.inf,
     )
-    distance, slowed = slowed_distance(
-        along, speed, drivable_speed(along, allowed), step_s
+    drivable = highest_speed(
+        along,
+        _MARGIN * allowed,
+        braking_mps2=BRAKING_MPS2,
+        acceleration_mps2=FIRM_ACCELERATION_MPS2,
     )
+    distance, slowed = slowed_distance(along, speed, drivable, step_s)
     moved, turned, velocity = retime(curve, heading, is_valid, distance, step_s, slowed)
     position, headings = agents.position_m[rows], agents.heading_rad[rows]
     velocities = agents.velocity_mps[rows]

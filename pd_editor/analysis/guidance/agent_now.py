@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.limits import (
-    MAX_ACCELERATION_MPS2,
     MAX_BRAKING_MPS2,
     MAX_SPEED_MPS,
 )
@@ -16,6 +15,7 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.paths.candidate_grid import Start, plan_paths
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,8 +77,8 @@ class AgentNow:
         stop_s = speed / MAX_BRAKING_MPS2
         braking_s = min(time_s, stop_s)
         least = speed * braking_s - MAX_BRAKING_MPS2 * braking_s**2 / 2
-        gained_s = min(time_s, max(MAX_SPEED_MPS - speed, 0.0) / MAX_ACCELERATION_MPS2)
-        fastest = speed + MAX_ACCELERATION_MPS2 * gained_s
+        gained_s = min(time_s, max(MAX_SPEED_MPS - speed, 0.0) / FIRM_ACCELERATION_MPS2)
+        fastest = speed + FIRM_ACCELERATION_MPS2 * gained_s
         most = (speed + fastest) / 2 * gained_s + fastest * (time_s - gained_s)
         return least, most
 

@@ -2,7 +2,7 @@
 
 import typing
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.threats.encounter import Track
 from pd_editor.analysis.threats.threat_feasibility import recorded_track
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import TrafficSample
@@ -77,6 +77,8 @@ class Driven:
 
     scenario: Scenario
     sample: TrafficSample
+    rows: Int[np.ndarray, "G"] = field(default_factory=lambda: np.zeros(0, int))
+    """Rows of the agents that a term guides."""
 
     @property
     def step_s(self) -> float:
@@ -88,20 +90,13 @@ class Driven:
         """Number of steps, the current one included."""
         return self.sample.heading_rad.shape[1]
 
-    def row(self, agent_id: str) -> int | None:
-        """Row of an agent in the sample; None if it was not generated."""
-        ids = self.sample.ids
-        return ids.index(agent_id) if agent_id in ids else None
-
-    def rows(
-        self, agent_ids: Collection[str], kinds: Collection[AgentKind]
-    ) -> Int[np.ndarray, "G"]:
-        """Rows of the generated agents among some; without names, those of some kinds."""
+    def of(self, agent_ids: Collection[str], kinds: Collection[AgentKind]) -> "Driven":
+        """What concerns some agents; without names, those of some kinds."""
         pairs = zip(self.sample.ids, self.sample.kinds, strict=True)
         wanted = [
             name in agent_ids if agent_ids else kind in kinds for name, kind in pairs
         ]
-        return np.flatnonzero(np.array(wanted, bool))
+        return replace(self, rows=np.flatnonzero(np.array(wanted, bool)))
 
     def speed_mps(self) -> Float[np.ndarray, "G S"]:
         """Speeds of all agents."""
@@ -109,22 +104,18 @@ class Driven:
 
     def track(self, agent_id: str) -> Track | None:
         """Trajectory of an agent, generated or recorded; None if it is not there now."""
-        scenario, sample, row = self.scenario, self.sample, self.row(agent_id)
-        if row is None:
+        scenario, sample = self.scenario, self.sample
+        if agent_id not in sample.ids:
             known = scenario.agents.row_of.get(agent_id)
             is_there = scenario.agents.is_valid[:, scenario.current_step]
             if known is None or not is_there[known]:
                 return None
             return recorded_track(scenario, known)
-        return Track(
-            position_m=sample.position_m[row],
-            heading_rad=sample.heading_rad[row],
-            velocity_mps=sample.velocity_mps[row],
-            size_m=sample.size_m[row],
-        )
+        row = sample.ids.index(agent_id)
+        return Track.of(sample, row, sample.size_m[row])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tool:
     """How a term is made on the picture."""
 
@@ -148,7 +139,7 @@ def _nothing(*_: Any) -> Found:
     yield from ()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GuidanceKind(Generic[_Term]):
     """One kind of guidance term: all that is known of it but how it guides.
 
@@ -166,7 +157,9 @@ class GuidanceKind(Generic[_Term]):
     asks: Callable[[_Term], str]
     """What a term asks of its agents, after their names."""
     outcome: Callable[[_Term, Driven], Measured | None]
-    """What a sample achieved; None if none of the term's agents was generated."""
+    """What a sample achieved, in which agents of the term are; None: it had no effect."""
+    agents: frozenset[AgentKind] = ROAD_USER_KINDS
+    """Kinds of the agents that a term guides which names none."""
     check: Callable[[_Term, Plan], Found] = _nothing
     """Problems of a term before a run; its agents are there."""
     clash: Callable[[_Term, GuidanceTerm, str | None, Plan], Found] = _nothing

@@ -2,7 +2,6 @@
 
 from typing import Final
 
-MAX_ACCELERATION_MPS2: Final = 2.5
 MAX_BRAKING_MPS2: Final = 5.0
 LIMIT_BRAKING_MPS2: Final = 2.0
 """Braking from a current speed above a limit down to it."""

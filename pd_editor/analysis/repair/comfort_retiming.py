@@ -18,9 +18,9 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     kinematics,
 )
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
-from pd_editor.analysis.repair.friction_pass import highest_speed, slowed_distance
 from pd_editor.analysis.repair.repairable import repairable
 from pd_editor.analysis.repair.retimed_trajectories import Trajectories
+from pd_editor.scene.paths.retiming import highest_speed, slowed_distance
 from pd_editor.scene.scenario import Scenario
 
 SHARES: Final = (0.9, 0.75, 0.6, 0.45)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
 from pd_editor.analysis.metrics.collisions.safety import (
@@ -41,6 +41,16 @@ class Track:
     velocity_mps: Float[np.ndarray, "*N H 2"]
     size_m: Float[np.ndarray, "2"]
 
+    @classmethod
+    def of(cls, states: Any, index: Any, size_m: Float[np.ndarray, "2"]) -> "Track":
+        """Read trajectories at an index of the states of agents of any kind."""
+        return cls(
+            position_m=states.position_m[index],
+            heading_rad=states.heading_rad[index],
+            velocity_mps=states.velocity_mps[index],
+            size_m=size_m,
+        )
+
     def at(self, *index: Any) -> Boxes:
         """Boxes at some of the N trajectories and H steps."""
         return Boxes(
@@ -49,23 +59,9 @@ class Track:
             size_m=self.size_m,
         )
 
-    def stacked(self) -> "Track":
-        """A single trajectory as one of N = 1."""
-        return Track(
-            position_m=self.position_m[None],
-            heading_rad=self.heading_rad[None],
-            velocity_mps=self.velocity_mps[None],
-            size_m=self.size_m,
-        )
-
-    def taken(self, index: Int[np.ndarray, "M"] | Bool[np.ndarray, "N"]) -> "Track":
-        """Select some of N trajectories."""
-        return Track(
-            position_m=self.position_m[index],
-            heading_rad=self.heading_rad[index],
-            velocity_mps=self.velocity_mps[index],
-            size_m=self.size_m,
-        )
+    def taken(self, index: Any) -> "Track":
+        """Some of N trajectories; with None, a single one as one of N = 1."""
+        return Track.of(self, index, self.size_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +132,7 @@ def encounter(
     first: Track, second: Track, step_s: float, approach: Approach = "rear"
 ) -> Encounter:
     """Measure the encounter of two agents, without the current step."""
-    gap = gaps_m(first.stacked(), second)[0, 1:]
+    gap = gaps_m(first.taken(None), second)[0, 1:]
     touching = np.flatnonzero(gap <= 0)
     step = 1 + int(touching[0] if len(touching) else np.argmin(gap))
     until = step if len(touching) else len(gap)
@@ -144,14 +140,14 @@ def encounter(
     return Encounter(
         gap_m=float(gap.min()),
         counted_gap_m=float(
-            counted_gaps_m(first.stacked(), second, gap[None], approach)[0]
+            counted_gaps_m(first.taken(None), second, gap[None], approach)[0]
         ),
         at_s=step * step_s,
         is_contact=bool(len(touching)),
         least_time_to_collision_s=_least_time_s(first, second, velocity, until),
         relative_speed_mps=float(np.hypot(*velocity[step])),
         braking_mps2=float(
-            hardest_braking_mps2(first.stacked(), np.array([step]), step_s)[0]
+            hardest_braking_mps2(first.taken(None), np.array([step]), step_s)[0]
         ),
         side=side_of(first, second, step),
     )

@@ -1,6 +1,7 @@
 """Feasibility of threats before a run, from candidates and limits."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -34,27 +35,15 @@ def expected_tracks(
         return (known,)
     found = candidates(scenario, np.array([row]), max_candidates=8)
     slots = np.flatnonzero(found.is_valid[0])[:_NUM_EXPECTED]
-    return known, *(
-        Track(
-            position_m=found.position_m[0, slot],
-            heading_rad=found.heading_rad[0, slot],
-            velocity_mps=found.velocity_mps[0, slot],
-            size_m=agents.size_m[row],
-        )
-        for slot in slots
-    )
+    size = agents.size_m[row]
+    return known, *(Track.of(found, (0, slot), size) for slot in slots)
 
 
 def recorded_track(scenario: Scenario, row: int) -> Track:
     """Trajectory that an agent has in the scenario from the current step on, to the end."""
     agents = lasting(scenario, (scenario.agents.ids[row],)).agents
     now = scenario.current_step
-    return Track(
-        position_m=agents.position_m[row, now:],
-        heading_rad=agents.heading_rad[row, now:],
-        velocity_mps=agents.velocity_mps[row, now:],
-        size_m=agents.size_m[row],
-    )
+    return Track.of(agents, (row, slice(now, None)), agents.size_m[row])
 
 
 def tracks_in_the_way(
@@ -74,13 +63,9 @@ def tracks_in_the_way(
     found: list[Track] = []
     for row in np.flatnonzero(counts):
         there = agents.is_valid[row, steps[row], None]
+        track = Track.of(agents, (row, steps[row]), agents.size_m[row])
         found.append(
-            Track(
-                position_m=np.where(there, agents.position_m[row, steps[row]], _AWAY_M),
-                heading_rad=agents.heading_rad[row, steps[row]],
-                velocity_mps=agents.velocity_mps[row, steps[row]],
-                size_m=agents.size_m[row],
-            )
+            replace(track, position_m=np.where(there, track.position_m, _AWAY_M))
         )
     return tuple(found)
 

@@ -19,10 +19,10 @@ from pd_editor.scene.paths.driving_paths import (
     paths_along_routes,
 )
 from pd_editor.scene.paths.lanes.route_choice import RouteChoice, choose_routes
-from pd_editor.scene.paths.speed_profiles import MAX_ACCELERATION_MPS2, MAX_BRAKING_MPS2
+from pd_editor.scene.paths.speed_profiles import MAX_BRAKING_MPS2
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, MOVING_MPS
 
 MAX_SPEED_MPS: Final = 30.0
 """Highest target speed of candidates that accelerate."""
@@ -39,7 +39,7 @@ class SpeedPlan:
 
     factor: float
     extra_mps: float = 0.0
-    acceleration_mps2: float = MAX_ACCELERATION_MPS2
+    acceleration_mps2: float = FIRM_ACCELERATION_MPS2
     braking_mps2: float = 2.0
 
 
@@ -165,7 +165,7 @@ def plan_paths(
     drivers_go_straight: bool = False,
 ) -> PlannedPaths:
     """Paths along routes; agents without a route, or all drivers, get free paths."""
-    gained = MAX_ACCELERATION_MPS2 * duration_s**2 / 2
+    gained = FIRM_ACCELERATION_MPS2 * duration_s**2 / 2
     longest = MAX_SPEED_MPS * duration_s
     needed = np.minimum(start.speed_mps * duration_s + gained, longest)
     choice = choose_routes(

@@ -11,6 +11,8 @@ from pd_editor.scene.thresholds import MOVING_MPS
 STANDING_EXTENT_M: Final = 1.0
 """A curve that stays closer to its first point is tracking noise, not a path."""
 
+_SLOWEST_MPS: Final = 0.1
+
 Motion = tuple[
     Float[np.ndarray, "G H 2"], Float[np.ndarray, "G H"], Float[np.ndarray, "G H 2"]
 ]
@@ -113,6 +115,53 @@ def retime(
         np.where(is_valid, wrap_angle(reached[..., 2]), 0.0),
         np.where(mask, velocity, 0.0),
     )
+
+
+def highest_speed(
+    along_m: Float[np.ndarray, "G H"],
+    limit_mps: Float[np.ndarray, "G H"],
+    *,
+    braking_mps2: float,
+    acceleration_mps2: float,
+) -> Float[np.ndarray, "G H"]:
+    """Highest speed at each point that keeps all limits by braking and accelerating."""
+    squared = limit_mps**2
+    braking, gaining = 2 * braking_mps2 * along_m, 2 * acceleration_mps2 * along_m
+    ahead = np.minimum.accumulate((squared + braking)[:, ::-1], axis=1)[:, ::-1]
+    behind = np.minimum.accumulate(squared - gaining, axis=1)
+    return np.sqrt(np.maximum(np.minimum(ahead - braking, behind + gaining), 0.0))
+
+
+def delays_s(
+    along_m: Float[np.ndarray, "G H"],
+    speed_mps: Float[np.ndarray, "G H"],
+    slowed_mps: Float[np.ndarray, "G H"],
+) -> Float[np.ndarray, "G H"]:
+    """How much later each point is reached at lowered speeds; times at rest are kept."""
+
+    def middle(values: Float[np.ndarray, "G H"]) -> Float[np.ndarray, "G H-1"]:
+        return np.maximum((values[:, 1:] + values[:, :-1]) / 2, _SLOWEST_MPS)
+
+    longer = np.maximum(1 / middle(slowed_mps) - 1 / middle(speed_mps), 0.0)
+    delay = np.cumsum(np.diff(along_m, axis=1) * longer, axis=1)
+    return np.concatenate([np.zeros((len(delay), 1)), delay], axis=1)
+
+
+def slowed_distance(
+    along_m: Float[np.ndarray, "G H"],
+    speed_mps: Float[np.ndarray, "G H"],
+    allowed_mps: Float[np.ndarray, "G H"],
+    step_s: float,
+) -> tuple[Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]]:
+    """Distance travelled and speed of each slowed agent at each step.
+
+    Speed is a function of position: where it is lowered, all later points are later.
+    """
+    slowed = np.minimum(speed_mps, allowed_mps)
+    steps = np.broadcast_to(np.arange(along_m.shape[1]) * step_s, along_m.shape)
+    time = steps + delays_s(along_m, speed_mps, slowed)
+    reached = interpolate_rows(steps, time, np.stack([along_m, slowed], axis=-1))
+    return reached[..., 0], reached[..., 1]
 
 
 def with_new_speed(

@@ -8,7 +8,6 @@ from jaxtyping import Float, Int
 from pd_editor.scene.paths.car_following import BoxesAhead, following_acceleration
 from pd_editor.scene.paths.driving_paths import SPACING_M, DrivingPaths
 
-MAX_ACCELERATION_MPS2: Final = 2.5
 MAX_BRAKING_MPS2: Final = 4.0
 RESPONSE_S: Final = 0.8
 """Time constant with which a speed approaches its target."""

@@ -11,8 +11,10 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import left_of, unit_vector, wrap_angle
 from pd_editor.scene.paths.retiming import (
+    delays_s,
     fill_gaps,
     fill_heading_gaps,
+    highest_speed,
     interpolate_rows,
     rate,
     travelled_m,
@@ -21,12 +23,11 @@ from pd_editor.scene.perturbation.friction_limit import friction_limited_speed
 from pd_editor.scene.perturbation.warped_agents import warped_agents
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import AppliedWarp
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 from pd_editor.scene.time_axis import TimeAxis
 
 BRAKING_MPS2: Final = 3.0
 """Deceleration ahead of a curve: firm, but common in normal driving."""
-ACCELERATION_MPS2: Final = 2.5
-"""Acceleration back to the logged speed after a curve."""
 CHORD_M: Final = 4.0
 """Half the length over which the curvature of a logged path is measured.
 
@@ -36,7 +37,6 @@ _NODES_PER_STEP: Final = 8
 """At 30 m/s a node every 0.4 m: the sharpest point of a bend is missed by under 3 %."""
 _TOLERANCE: Final = 1.02
 """Ratio of speed to limit up to which an agent is not slowed."""
-_SLOWEST_MPS: Final = 0.1
 _WORTH_SAYING_MPS: Final = 0.05
 _STRAIGHT_PER_M: Final = 1e-4
 """Second derivative of a warp below which it does not bend the road."""
@@ -249,19 +249,13 @@ def _slowed_time(
     Speed is a function of position. Where it is lowered, an agent takes longer; the
     accumulated delays make all later points later and all earlier points earlier.
     """
-    squared = np.where(limit_mps < speed, limit_mps, np.inf) ** 2
-    braking, gaining = 2 * BRAKING_MPS2 * along, 2 * ACCELERATION_MPS2 * along
-    ahead = np.minimum.accumulate((squared + braking)[:, ::-1], axis=1)[:, ::-1]
-    behind = np.minimum.accumulate(squared - gaining, axis=1)
-    allowed = np.sqrt(np.maximum(np.minimum(ahead - braking, behind + gaining), 0.0))
-    allowed = np.minimum(nodes.speed_mps, allowed)
-
-    def middle(values: Float[np.ndarray, "G K"]) -> Float[np.ndarray, "G K-1"]:
-        return np.maximum((values[:, 1:] + values[:, :-1]) / 2, _SLOWEST_MPS)
-
-    longer = np.maximum(1 / middle(allowed) - 1 / middle(speed), 0.0)
-    delay = np.cumsum(np.diff(along, axis=1) * longer, axis=1)
-    delay = np.concatenate([np.zeros((len(delay), 1)), delay], axis=1)
+    allowed = highest_speed(
+        along,
+        np.where(limit_mps < speed, limit_mps, np.inf),
+        braking_mps2=BRAKING_MPS2,
+        acceleration_mps2=FIRM_ACCELERATION_MPS2,
+    )
+    delay = delays_s(along, speed, np.minimum(nodes.speed_mps, allowed))
     anchor = (anchor_step * _NODES_PER_STEP)[:, None]
     time = nodes.time_s + delay - np.take_along_axis(delay, anchor, axis=1)
     steps_s = np.repeat(nodes.time_s[None, ::_NODES_PER_STEP], len(along), axis=0)

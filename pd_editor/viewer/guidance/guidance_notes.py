@@ -5,7 +5,7 @@ from typing import Final, Literal
 
 from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, approach_obstacles
-from pd_editor.analysis.guidance.outcomes import SLOWED
+from pd_editor.analysis.guidance.report import SLOWED
 from pd_editor.analysis.threats.encounter import APPROACH_WORDS
 from pd_editor.editor.edit_findings import scene_outcomes, unrun_terms
 from pd_editor.scene.generation import GuidanceReport

@@ -13,7 +13,7 @@ from pd_editor.analysis.guidance.kinds.course import FollowLane, GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
 from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine
-from pd_editor.analysis.guidance.outcomes import term_outcomes
+from pd_editor.analysis.guidance.report import term_outcomes
 from pd_editor.analysis.threats.encounter import Approach, Track
 from pd_editor.analysis.threats.threat_feasibility import expected_tracks
 from pd_editor.scene.agent_kind import AgentKind

@@ -11,8 +11,11 @@ from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasibl
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap, gaps_ahead
 from pd_editor.analysis.guidance.kinds.speed import StopAtLine
-from pd_editor.analysis.guidance.outcomes import term_outcomes
-from pd_editor.analysis.guidance.report import AgentRealism, guidance_reports
+from pd_editor.analysis.guidance.report import (
+    AgentRealism,
+    guidance_reports,
+    term_outcomes,
+)
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.generation.trajectory.guidance.interaction_terms import (
     gaps_ahead as gaps_ahead_of_prediction,

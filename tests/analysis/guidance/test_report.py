@@ -13,11 +13,11 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
-from pd_editor.analysis.guidance.outcomes import term_outcomes
 from pd_editor.analysis.guidance.report import (
     AgentRealism,
     guidance_reports,
     motion_problems,
+    term_outcomes,
 )
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.guidance_terms import GuidanceTerm

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Final
 
@@ -10,7 +11,6 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.agent_now import AgentNow
-from pd_editor.analysis.guidance.blocked_way import blocking_rows
 from pd_editor.analysis.guidance.guidance_kind import (
     Driven,
     Found,
@@ -21,10 +21,13 @@ from pd_editor.analysis.guidance.guidance_kind import (
     Tool,
 )
 from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M, OBEYED_PATH_M
+from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
 from pd_editor.analysis.metrics.road.off_road import is_off_road, outside_m
 from pd_editor.base.errors import EditError
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.frenet import FrenetFrames
+from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.guidance_terms import (
     AgentGuidance,
     Form,
@@ -39,6 +42,7 @@ from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lane
 from pd_editor.scene.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_POSITION_M
+from pd_editor.scene.thresholds import STANDING_MPS
 
 MAX_PATH_POINTS: Final = 1_000
 MAX_DRAWN_POINTS: Final = 60
@@ -61,6 +65,9 @@ _GRIP_MPS2: Final = 6.0
 _SAME_PATH_M: Final = 1.0
 """Paths that come as near to a goal as the nearest one, up to this, lead there."""
 _MOST_NAMED: Final = 3
+_SWERVE_M: Final = 1.0
+"""Agents can swerve by so much around one that stands at the side of their way."""
+_LEAST_WIDTH_M: Final = 0.2
 _MERGED_S: Final = 2.0
 """Time after which an agent should be on the path that it follows."""
 
@@ -192,7 +199,7 @@ def _blocked_goal_problems(term: GoalPoint, plan: Plan) -> Found:
     along, beside = _nearest(agent.paths_m, goal)
     leads = beside <= beside.min() + _SAME_PATH_M
     leaving = {name for one in plan.terms for name in one.guided_ids}
-    rows = blocking_rows(agent, agent.paths_m[leads], goal, along[leads], leaving)
+    rows = _blocking_rows(agent, agent.paths_m[leads], goal, along[leads], leaving)
     if not rows:
         return
     names = [plan.scenario.agents.ids[row] for row in rows[:_MOST_NAMED]]
@@ -202,6 +209,58 @@ def _blocked_goal_problems(term: GoalPoint, plan: Plan) -> Found:
         f"{who} on the way of {agent.name} to its goal; put the goal before "
         f"{'it' if one else 'them'}, or move {'it' if one else 'them'} away."
     )
+
+
+def _blocking_rows(
+    agent: AgentNow,
+    paths_m: Float[np.ndarray, "P M 2"],
+    goal_m: Float[np.ndarray, "2"],
+    along_m: Float[np.ndarray, "P"],
+    leaving: Collection[str] = (),
+) -> list[int]:
+    """The first agent that stands on each path to a goal; none if a path is free.
+
+    Args:
+        agent: the agent that drives.
+        paths_m: the paths that lead to the goal, one point every ``SPACING_M``.
+        goal_m: the goal.
+        along_m: its arc length on each path.
+        leaving: agents that are asked to drive elsewhere, which block nothing.
+    """
+    agents, now = agent.scenario.agents, agent.scenario.current_step
+    stands = agents.speed_mps()[:, now] < STANDING_MPS
+    stands &= agents.is_valid[:, now] & agents.kind_mask(LANE_FOLLOWER_KINDS)
+    stands &= ~np.isin(agents.ids, list(leaving))
+    stands[agent.row] = False
+    others = np.flatnonzero(stands)
+    boxes = Boxes(
+        position_m=agents.position_m[others, now],
+        heading_rad=agents.heading_rad[others, now],
+        size_m=agents.size_m[others],
+    )
+    length, width = agents.size_m[agent.row]
+    size = np.array([length, max(width - 2 * _SWERVE_M, _LEAST_WIDTH_M)])
+    found: list[int] = []
+    for path, along in zip(paths_m, along_m, strict=True):
+        count = max(min(int(along / SPACING_M) + 1, len(path)), 2)
+        step = np.gradient(path, axis=0)[:count]
+        heading = np.arctan2(step[:, 1], step[:, 0])
+        heading[0] = agent.heading_rad
+        share = np.arange(count) / (count - 1)
+        left = left_of(unit_vector(heading))
+        aside = ((goal_m - path[count - 1]) * left[-1]).sum() * share**2
+        driven = Boxes(
+            position_m=(path[:count] + aside[:, None] * left)[:, None],
+            heading_rad=heading[:, None],
+            size_m=size,
+        )
+        touches = boxes_touch(driven, boxes)
+        # Agents that overlap now may part.
+        touches &= ~touches[0]
+        if not touches.any():
+            return []
+        found.append(int(others[touches[touches.any(axis=1).argmax()].argmax()]))
+    return list(dict.fromkeys(found))
 
 
 def _nearest(
@@ -239,9 +298,7 @@ def _goal_clash(
 
 
 def _goal_outcome(term: GoalPoint, driven: Driven) -> Measured | None:
-    row = driven.row(term.agent_id)
-    if row is None:
-        return None
+    (row,) = driven.rows
     step = driven.num_steps - 1
     if term.at_s is not None:
         step = min(max(round(term.at_s / driven.step_s), 0), step)
@@ -378,12 +435,10 @@ def _path_clash(
 
 
 def _line_outcome(
-    agent_id: str, line_m: Float[np.ndarray, "N 2"], words: str, driven: Driven
-) -> Measured | None:
+    line_m: Float[np.ndarray, "N 2"], words: str, driven: Driven
+) -> Measured:
     """Mean distance to the side of the path that joins a line, after the first seconds."""
-    row = driven.row(agent_id)
-    if row is None:
-        return None
+    (row,) = driven.rows
     sample = driven.sample
     followed = path_to_follow(
         line_m,
@@ -415,7 +470,7 @@ PATH: Final = GuidanceKind(
     icon="M3.5 16.5c6.5 0 3-6 6.5-7s3-6 6.5-6M13.5 2.5h3.5V6",
     asks=lambda _: "follow this path",
     outcome=lambda term, driven: _line_outcome(
-        term.agent_id, np.array(term.points_m), "the path", driven
+        np.array(term.points_m), "the path", driven
     ),
     check=lambda term, plan: _line_problems(
         plan.agents((term.agent_id,))[0], np.array(term.points_m), "path"
@@ -518,7 +573,7 @@ def _lane_outcome(term: FollowLane, driven: Driven) -> Measured | None:
         return None
     lanes = "lane" if len(term.lane_ids) == 1 else "lanes"
     words = f"{lanes} {', '.join(map(str, term.lane_ids[:3]))}"
-    return _line_outcome(term.agent_id, line, words, driven)
+    return _line_outcome(line, words, driven)
 
 
 LANES: Final = GuidanceKind(

@@ -135,7 +135,7 @@ def _yield_clash(
 def _yield_outcome(term: YieldTo, driven: Driven) -> Measured | None:
     """Time between the agents at the places where both have been."""
     first, second = map(driven.track, term.named_ids)
-    if driven.row(term.agent_id) is None or first is None or second is None:
+    if first is None or second is None:
         return None
     asked = f"passes after agent {term.other_id}"
     place, time = np.nonzero(shared_places(first, second))
@@ -301,7 +301,7 @@ def _threat_clash(
 def _threat_outcome(term: Threaten, driven: Driven) -> Measured | None:
     """Encounter of the agent that threatens with the one that is threatened."""
     first, second = map(driven.track, term.named_ids)
-    if driven.row(term.agent_id) is None or first is None or second is None:
+    if first is None or second is None:
         return None
     found = encounter(first, second, driven.step_s, term.approach)
     words = threat_in_words(ThreatAim.of(term.approach, term.severity), found)

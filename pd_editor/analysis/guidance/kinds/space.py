@@ -23,7 +23,7 @@ from pd_editor.analysis.guidance.limits import (
 from pd_editor.analysis.guidance.road_distance import way_back_m
 from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import BoxStates, box_corners
@@ -31,9 +31,10 @@ from pd_editor.scene.guidance_terms import AgentsGuidance, Form
 from pd_editor.scene.thresholds import STANDING_MPS
 
 _USUAL_GAP_M: Final = 10.0
-_FOLLOWS_COS: Final = 0.5
+FOLLOWS_COS: Final = 0.5
 """A leader's heading differs by less than 60 degrees."""
-_ROAD_STRIDE: Final = 3
+ROAD_STRIDE: Final = 3
+"""Stride of the steps at which boxes are tested."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,15 +45,12 @@ class StayOnRoad(AgentsGuidance):
     noun: ClassVar[str] = "stay on the road"
 
 
-def _road_outcome(term: StayOnRoad, driven: Driven) -> Measured | None:
-    rows = driven.rows(term.agent_ids, LANE_FOLLOWER_KINDS)
-    if not len(rows):
-        return None
+def _road_outcome(_: StayOnRoad, driven: Driven) -> Measured | None:
     sample = driven.sample
-    steps = slice(0, None, _ROAD_STRIDE)
-    position = sample.position_m[rows, steps]
-    size = np.broadcast_to(sample.size_m[rows, None], position.shape)
-    heading = sample.heading_rad[rows, steps]
+    steps = slice(0, None, ROAD_STRIDE)
+    position = sample.position_m[driven.rows, steps]
+    size = np.broadcast_to(sample.size_m[driven.rows, None], position.shape)
+    heading = sample.heading_rad[driven.rows, steps]
     way = way_back_m(driven.scenario, box_corners(position, heading, size), heading)
     outside = np.linalg.norm(way, axis=-1).max(axis=-1)
     # Agents that begin off the road, as on parking lots, are not asked to come back.
@@ -75,6 +73,7 @@ ROAD: Final = GuidanceKind(
     icon="M4.5 17 7.7 3M15.5 17 12.3 3M10 3.5v2.2M10 8.7v2.6M10 14.2v2.6",
     asks=lambda _: "stay on the road",
     outcome=_road_outcome,
+    agents=LANE_FOLLOWER_KINDS,
 )
 
 
@@ -108,15 +107,13 @@ def _gap_problems(term: KeepGap, plan: Plan) -> Found:
 
 def _gap_outcome(term: KeepGap, driven: Driven) -> Measured | None:
     """Least gap to the agent ahead, where it could have been the asked one."""
-    rows = driven.rows(term.agent_ids, LANE_FOLLOWER_KINDS)
-    if not len(rows):
-        return None
     view = generated_traffic(driven.scenario, driven.sample)
-    gap, first = gaps_ahead(view.everyone, rows)
+    gap, first = gaps_ahead(view.everyone, driven.rows)
     time_s = driven.step_s * np.arange(gap.shape[1])
     asked = np.minimum(np.minimum(first, term.gap_m) + OPENING_MPS * time_s, term.gap_m)
     missing = np.where(np.isfinite(gap), asked - gap, -np.inf)
-    short = np.minimum(missing, _could_wait_m(view.everyone, rows, time_s))[:, 1:]
+    could_wait = _could_wait_m(view.everyone, driven.rows, time_s)
+    short = np.minimum(missing, could_wait)[:, 1:]
     words = f"at least {term.gap_m:.1f} m to the agent ahead"
     if not np.isfinite(short).any():
         return Measured(
@@ -173,7 +170,7 @@ def gaps_ahead(
     half = length * np.abs(cos) + width * sin
     wide = width * np.abs(cos) + length * sin
     mine = agents.size_m[rows, None, None] / 2
-    leads = (aside < wide + mine[..., 1]) & (cos > _FOLLOWS_COS)
+    leads = (aside < wide + mine[..., 1]) & (cos > FOLLOWS_COS)
     leads &= (ahead > mine[..., 0]) & agents.is_valid[None]
     gap = ahead - half - mine[..., 0]
     leads &= (gap > 0) | (gap[..., :1] > 0)
@@ -191,6 +188,7 @@ GAP: Final = GuidanceKind(
     icon="M3 4.5v11M17 4.5v11M6 10h8M8 7.8 5.8 10 8 12.2M12 7.8l2.2 2.2-2.2 2.2",
     asks=lambda term: f"keep {term.gap_m:g} m to the agent ahead",
     outcome=_gap_outcome,
+    agents=LANE_FOLLOWER_KINDS,
     check=_gap_problems,
     usual=lambda _, ids: KeepGap(agent_ids=ids, gap_m=_USUAL_GAP_M),
 )
@@ -213,13 +211,10 @@ class AvoidCollisions(AgentsGuidance):
     ] = None
 
 
-def _collision_outcome(term: AvoidCollisions, driven: Driven) -> Measured | None:
+def _collision_outcome(_: AvoidCollisions, driven: Driven) -> Measured:
     """Number of agents that collide after t = 0, but not at t = 0 already."""
-    rows = driven.rows(term.agent_ids, ROAD_USER_KINDS)
-    if not len(rows):
-        return None
     newly = box_overlap(generated_traffic(driven.scenario, driven.sample)).newly()
-    count = int((newly.value.astype(bool) & newly.is_valid)[rows].sum())
+    count = int((newly.value.astype(bool) & newly.is_valid)[driven.rows].sum())
     agents = "agent collides" if count == 1 else "agents collide"
     return Measured(
         asked="no collision after t = 0",

@@ -27,7 +27,6 @@ from pd_editor.analysis.guidance.kinds.course import (
 )
 from pd_editor.analysis.guidance.limits import (
     LIMIT_BRAKING_MPS2,
-    MAX_ACCELERATION_MPS2,
     MAX_BRAKING_MPS2,
     OBEYED_ACCELERATION_MPS2,
     OBEYED_OVERRUN_M,
@@ -40,7 +39,6 @@ from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     MOTOR_VEHICLE_KINDS,
-    ROAD_USER_KINDS,
 )
 from pd_editor.scene.guidance_terms import (
     AgentGuidance,
@@ -54,7 +52,7 @@ from pd_editor.scene.guidance_terms import (
 from pd_editor.scene.paths.driving_paths import SPACING_M
 from pd_editor.scene.paths.lanes.cross_line import cross_line
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, STANDING_MPS
 
 _MAX_SPEED_MPS: Final = 60.0
 _USUAL_SPEED_MPS: Final = 8.0
@@ -168,9 +166,7 @@ def _there(term: GuidanceTerm, plan: Plan) -> GoalPoint | None:
 
 
 def _stop_outcome(term: StopAtLine, driven: Driven) -> Measured | None:
-    row = driven.row(term.agent_id)
-    if row is None:
-        return None
+    (row,) = driven.rows
     sample = driven.sample
     beyond = overrun_m(
         sample.position_m[row],
@@ -238,7 +234,7 @@ class TargetSpeed(AgentsGuidance):
 def _speed_problems(term: TargetSpeed, plan: Plan) -> Found:
     for agent in plan.agents(term.agent_ids):
         change = term.speed_mps - agent.speed_mps
-        rate = MAX_ACCELERATION_MPS2 if change > 0 else MAX_BRAKING_MPS2
+        rate = FIRM_ACCELERATION_MPS2 if change > 0 else MAX_BRAKING_MPS2
         if abs(change) > rate * agent.duration_s:
             reached = agent.speed_mps + np.sign(change) * rate * agent.duration_s
             yield (
@@ -272,8 +268,7 @@ def _speed_clash(
 
 
 def _speed_outcome(term: TargetSpeed, driven: Driven) -> Measured | None:
-    rows = driven.rows(term.agent_ids, MOTOR_VEHICLE_KINDS)
-    speed = driven.speed_mps()[rows]
+    speed = driven.speed_mps()[driven.rows]
     if not term.agent_ids:
         # Stationary agents are not moved unless they are named.
         speed = speed[speed.max(axis=1, initial=0.0) > STANDING_MPS]
@@ -299,6 +294,7 @@ TARGET: Final = GuidanceKind(
     icon="M3.7 15a7.3 7.3 0 1 1 12.6 0M10 12l3.4-4.4",
     asks=lambda term: f"drive at {term.speed_mps:g} m/s",
     outcome=_speed_outcome,
+    agents=MOTOR_VEHICLE_KINDS,
     check=_speed_problems,
     clash=_speed_clash,
     usual=lambda scenario, ids: TargetSpeed(
@@ -351,10 +347,7 @@ def _limit_clash(
 
 
 def _limit_outcome(term: SpeedLimit, driven: Driven) -> Measured | None:
-    rows = driven.rows(term.agent_ids, ROAD_USER_KINDS)
-    if not len(rows):
-        return None
-    speed = driven.speed_mps()[rows]
+    speed = driven.speed_mps()[driven.rows]
     allowed = allowed_mps(term.speed_mps, speed, driven.step_s)
     excess = speed - allowed
     worst = float(excess.max())
@@ -367,7 +360,7 @@ def _limit_outcome(term: SpeedLimit, driven: Driven) -> Measured | None:
         achieved += f", {worst:.1f} more than braking from {start:.1f} m/s allows"
     return Measured(
         asked=f"at most {term.speed_mps:.1f} m/s",
-        achieved=of_several(len(rows), achieved),
+        achieved=of_several(len(driven.rows), achieved),
         error=max(worst, 0.0),
         unit="m/s",
         is_obeyed=is_obeyed,
@@ -438,10 +431,8 @@ class ComfortLimits(AgentsGuidance):
 
 
 def _comfort_outcome(term: ComfortLimits, driven: Driven) -> Measured | None:
-    rows = driven.rows(term.agent_ids, LANE_FOLLOWER_KINDS)
-    if not len(rows):
-        return None
     motion = kinematics(generated_traffic(driven.scenario, driven.sample))
+    rows = driven.rows
     along, across = motion.longitudinal_mps2[rows], np.abs(motion.lateral_mps2[rows])
     excess = {
         "acceleration": along.max(axis=1) - term.max_acceleration_mps2,
@@ -473,4 +464,5 @@ COMFORT: Final = GuidanceKind(
     icon="M2.8 11.5c2.4-5 4.8-5 7.2 0s4.8 5 7.2 0",
     asks=lambda _: "drive comfortably",
     outcome=_comfort_outcome,
+    agents=LANE_FOLLOWER_KINDS,
 )

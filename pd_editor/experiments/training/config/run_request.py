@@ -134,7 +134,7 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
         f"{section}.{name}"
         for section, fields in request.settings.values.items()
         for name, value in fields.items()
-        if _of_section(earlier, section).get(name) != value
+        if section_of(earlier, section).get(name) != value
     ]
     if other:
         raise TrainingError(
@@ -142,25 +142,6 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
             "go on with it, or begin a new run."
         )
     return replace(earlier, budget=_requested_budget(earlier.budget, request))
-
-
-def other_fields(earlier: RunConfig, now: RunConfig) -> dict[str, tuple[Any, Any]]:
-    """Fields by name that make the networks of two runs differ, with both values.
-
-    Data, seed and budget do not count, nor do fields that the earlier run did not have.
-    """
-    found = {}
-    for section in ("model", "loss", "own_samples", "augmentation", "optimisation"):
-        before, after = _of_section(earlier, section), _of_section(now, section)
-        for name in before.keys() & after.keys():
-            if before[name] != after[name]:
-                found[f"{section}.{name}"] = (before[name], after[name])
-    for section in SAMPLING[now.stage]:
-        before, after = _of_section(earlier, section), _of_section(now, section)
-        for name in before.keys() | after.keys():
-            if before.get(name) != after.get(name):
-                found[f"{section}.{name}"] = (before.get(name), after.get(name))
-    return dict(sorted(found.items()))
 
 
 def fast_precision(*, is_gpu: bool) -> Precision:
@@ -193,7 +174,8 @@ def _sampling_of(request: RunRequest) -> Mapping[str, Mapping[str, Any]]:
     return found
 
 
-def _of_section(config: RunConfig, section: str) -> Mapping[str, Any]:
+def section_of(config: RunConfig, section: str) -> Mapping[str, Any]:
+    """Fields of a section of a configuration, as in a file."""
     if section in SAMPLING[config.stage]:
         return config.sampling.get(section, {})
     found = asdict(config)[section]

@@ -30,21 +30,41 @@ def depth_m(
         margin_m: wanted gaps along and across each box.
     """
     turn = heading_rad[1] - heading_rad[0]
-    cos, sin = turn.cos().abs(), turn.sin().abs()
+    turned = turn.cos().abs(), turn.sin().abs()
     depths: list[Tensor] = []
-    for heading, own, other in (
-        (heading_rad[0], size_m[0], size_m[1]),
-        (heading_rad[1], size_m[1], size_m[0]),
+    for heading, sizes in (
+        (heading_rad[0], size_m),
+        (heading_rad[1], (size_m[1], size_m[0])),
     ):
-        x, y = heading.cos(), heading.sin()
-        ahead = (offset_m[..., 0] * x + offset_m[..., 1] * y).abs()
-        aside = (offset_m[..., 1] * x - offset_m[..., 0] * y).abs()
-        length = (own[..., 0] + other[..., 0] * cos + other[..., 1] * sin) / 2
-        width = (own[..., 1] + other[..., 0] * sin + other[..., 1] * cos) / 2
+        ahead, aside, length, width = beside_m(offset_m, heading, turned, sizes)
         if margin_m is not None:
             length, width = length + margin_m[0], width + margin_m[1]
-        depths.append(torch.minimum(length - ahead, width - aside))
+        depths.append(torch.minimum(length - ahead.abs(), width - aside.abs()))
     return torch.minimum(depths[0], depths[1])
+
+
+def beside_m(
+    offset_m: Float[Tensor, "*N 2"],
+    heading_rad: Float[Tensor, "*#N"],
+    turned: tuple[Float[Tensor, "*#N"], Float[Tensor, "*#N"]],
+    size_m: tuple[Float[Tensor, "*#N 2"], Float[Tensor, "*#N 2"]],
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Way ahead and to the left to another box, and where it is within the reach of both.
+
+    Args:
+        offset_m: its centre relative to that of the first box.
+        heading_rad: of the first box.
+        turned: absolute cosine and sine of the difference of the headings.
+        size_m: of the first and of the other box.
+    """
+    x, y = heading_rad.cos(), heading_rad.sin()
+    (cos, sin), (own, other) = turned, size_m
+    return (
+        offset_m[..., 0] * x + offset_m[..., 1] * y,
+        offset_m[..., 1] * x - offset_m[..., 0] * y,
+        (own[..., 0] + other[..., 0] * cos + other[..., 1] * sin) / 2,
+        (own[..., 1] + other[..., 0] * sin + other[..., 1] * cos) / 2,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

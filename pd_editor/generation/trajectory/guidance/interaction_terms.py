@@ -11,15 +11,22 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.analysis.guidance.kinds.pairs import YieldTo
-from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
+from pd_editor.analysis.guidance.kinds.space import (
+    FOLLOWS_COS,
+    AvoidCollisions,
+    KeepGap,
+)
 from pd_editor.analysis.guidance.limits import OPENING_MPS
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.analysis.repair.box_overlaps import counted
-from pd_editor.generation.trajectory.guidance.box_conflicts import BoxTracks, depth_m
+from pd_editor.generation.trajectory.guidance.box_conflicts import (
+    BoxTracks,
+    beside_m,
+    depth_m,
+)
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.trajectory_term import (
     AgentsTerm,
-    GuidedAgents,
     ResidualRows,
     TermContext,
     TermMakers,
@@ -27,7 +34,6 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     row_weights,
     together,
 )
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 
 _SHARE_OF_GAP: Final = 0.8
@@ -44,8 +50,6 @@ _FORWARD_PER_ASIDE: Final = 2.0
 _PARALLEL_COS: Final = 0.8
 """Agents swerve around others of about the same or the opposite heading only."""
 _NEVER: Final = 1e5
-_FOLLOWS_COS: Final = 0.5
-"""A leader's heading differs by less than 60 degrees."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +83,7 @@ class AvoidTerm:
         others where they can. It is as good in the projections alone as in all steps
         (on ``train`` 39 instead of 36 agents collide, 40 unguided), which cost time.
         """
-        agents = context.guided(term.agent_ids, ROAD_USER_KINDS)
+        agents = context.guided(term)
         if not len(agents):
             return None
         avoids = torch.zeros(len(context.ids), dtype=torch.bool, device=agents.device)
@@ -267,14 +271,10 @@ class _Swerving:
         sample, own, other = conflicts.sample, conflicts.own, conflicts.other
         heading = tracks.heading_rad[sample, own]
         turn = tracks.heading_rad[sample, other] - heading
-        x, y = heading.cos(), heading.sin()
         offset = tracks.position_m[sample, other] - tracks.position_m[sample, own]
-        ahead = offset[..., 0] * x + offset[..., 1] * y
-        aside = offset[..., 1] * x - offset[..., 0] * y
-        size, theirs = tracks.size_m[own], tracks.size_m[other]
-        cos, sin = turn.cos().abs(), turn.sin().abs()
-        length = (size[:, :1] + theirs[:, :1] * cos + theirs[:, 1:] * sin) / 2
-        width = (size[:, 1:] + theirs[:, :1] * sin + theirs[:, 1:] * cos) / 2
+        sizes = tracks.size_m[own][:, None], tracks.size_m[other][:, None]
+        turned = turn.cos().abs(), turn.sin().abs()
+        ahead, aside, length, width = beside_m(offset, heading, turned, sizes)
         beside = ahead.abs() < length + conflicts.gap_m[:, None]
         first = conflicts.hits.to(torch.uint8).argmax(dim=-1, keepdim=True)
         place = aside.gather(1, first)[:, 0]
@@ -285,8 +285,8 @@ class _Swerving:
         needed = (reach + sign[:, None] * aside).clamp_min(0) * beside
         most = needed.amax(dim=-1)
         cost = _SWERVE_COST * (most + most.square())
-        crosses = cos.gather(1, first)[:, 0] < _PARALLEL_COS
-        left = torch.stack([-y, x], dim=-1)
+        crosses = turned[0].gather(1, first)[:, 0] < _PARALLEL_COS
+        left = torch.stack([-heading.sin(), heading.cos()], dim=-1)
         moved = (sign[:, None] * needed)[..., None] * left
         cost = cost + _OTHERS_COST * _hits_others(tracks, conflicts, moved)
         way = (tracks.position_m - tracks.position_m[:, :, :1]).norm(dim=-1)[
@@ -330,7 +330,7 @@ class YieldTerm:
     @classmethod
     def of(cls, term: YieldTo, context: TermContext) -> "YieldTerm | None":
         """Make the term; None if the agent is not sampled, or the other is not there."""
-        agents = context.guided((term.agent_id,), ROAD_USER_KINDS)
+        agents = context.guided(term)
         other = context.index_of(term.other_id)
         if not len(agents) or other is None:
             return None
@@ -379,20 +379,12 @@ def last_places(blocked: Bool[Tensor, "P K K"]) -> Int[Tensor, "P K"]:
 class GapTerm(AgentsTerm):
     """Keeps a distance between bumpers to the agent ahead."""
 
-    kinds = LANE_FOLLOWER_KINDS
-    gap_m: Float[Tensor, "G 1"]
-
-    @classmethod
-    def of_guided(cls, guided: GuidedAgents[KeepGap]) -> "GapTerm":
-        """Make the term of the agents that it guides."""
-        gap = guided.of_each(lambda term: term.gap_m)
-        return cls(guided=guided, gap_m=gap[:, None])
-
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of agents that are predicted to be nearer to their leader."""
         gap, first = gaps_ahead(motion, self.agents)
-        shorter = first.minimum(self.gap_m)
-        wanted = (shorter + OPENING_MPS * motion.time_s).minimum(self.gap_m)
+        asked = self.guided.of_each("gap_m")
+        shorter = first.minimum(asked)
+        wanted = (shorter + OPENING_MPS * motion.time_s).minimum(asked)
         position = motion.position_m[:, self.agents]
         heading = motion.heading_rad[:, self.agents]
         forward = torch.stack([heading.cos(), heading.sin()], dim=-1)
@@ -438,7 +430,7 @@ def gaps_ahead(
     theirs = (size[..., 0] * cos.abs() + size[..., 1] * sin) / 2
     width = (size[..., 1] * cos.abs() + size[..., 0] * sin) / 2
     mine = motion.size_m[agents][:, None, None] / 2
-    leads = (aside < width + mine[..., 1]) & (cos > _FOLLOWS_COS)
+    leads = (aside < width + mine[..., 1]) & (cos > FOLLOWS_COS)
     leads = leads & (ahead > mine[..., 0]) & motion.exists
     gap = ahead - theirs - mine[..., 0]
     now = gap[..., 0]

@@ -120,26 +120,22 @@ class GoalTerm(AgentsTerm):
     place in reach is aimed at.
     """
 
-    point_m: Float[Tensor, "G 2"]
-    at_s: Float[Tensor, "G 1"]
-    """Infinite: at the end."""
+    @cached_property
+    def _at_s(self) -> Float[Tensor, "G 1"]:
+        """Infinite: at the end."""
+        at = [np.inf if one.at_s is None else one.at_s for one in self.guided.values]
+        return self.guided.context.tensor(np.array(at))[:, None]
 
-    @classmethod
-    def of_guided(cls, guided: GuidedAgents[GoalPoint]) -> "GoalTerm":
-        """Make the term of the agents that it guides."""
-        at = guided.of_each(lambda term: np.inf if term.at_s is None else term.at_s)
-        return cls(
-            guided=guided,
-            point_m=guided.of_each(lambda term: term.point_m),
-            at_s=at[:, None],
-        )
+    @property
+    def _point_m(self) -> Float[Tensor, "G 2"]:
+        return self.guided.of_each("point_m")
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a way to the goal, and to the goal itself at its step."""
         config, time_s = self.config, motion.time_s
         predicted = extended(predicted_curves(motion, self.agents), self.guided)
         num_steps = len(time_s)
-        step = (self.at_s / motion.step_s).round().clamp(1, num_steps - 1).long()
+        step = (self._at_s / motion.step_s).round().clamp(1, num_steps - 1).long()
         curves, goal_along, goal_left = self._curves(predicted)
         share = time_s / time_s[step]
         early = share.clamp_max(1.0)
@@ -160,7 +156,7 @@ class GoalTerm(AgentsTerm):
         way = replace(target, position_m=target.position_m + aside[..., None] * left)
         moment = torch.arange(num_steps, device=step.device)
         place = torch.where(
-            is_reached[..., None, None], self.point_m[:, None], way.position_m
+            is_reached[..., None, None], self._point_m[:, None], way.position_m
         )
         # The goal is one of many steps.
         accepted = config.goal_m * (10.0 / num_steps) ** 0.5
@@ -205,7 +201,7 @@ class GoalTerm(AgentsTerm):
         self, predicted: Curves
     ) -> tuple[Curves, Float[Tensor, "S G"], Float[Tensor, "S G"]]:
         """The curve to the goal in each sample, with the goal's place on it."""
-        along, left = predicted.nearest(self.point_m)
+        along, left = predicted.nearest(self._point_m)
         planned, planned_along, planned_left = self._planned
         is_planned = left.abs() > planned_left.abs() + _PREFERENCE_M
         node = torch.where(
@@ -224,7 +220,7 @@ class GoalTerm(AgentsTerm):
         """The planned path of each agent that comes nearest to its goal."""
         points, exists = self.guided.planned
         curves = _even_curves(points)
-        along, left = curves.nearest(self.point_m[:, None])
+        along, left = curves.nearest(self._point_m[:, None])
         cost = left.abs() + (-along).clamp_min(0.0)
         best = cost.masked_fill(~exists, torch.inf).argmin(dim=-1)
         agent = torch.arange(len(best), device=best.device)

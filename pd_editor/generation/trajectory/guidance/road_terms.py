@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import torch
 
-from pd_editor.analysis.guidance.kinds.space import StayOnRoad
+from pd_editor.analysis.guidance.kinds.space import ROAD_STRIDE, StayOnRoad
 from pd_editor.analysis.guidance.road_distance import way_back_m
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
@@ -19,11 +19,8 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     row_weights,
     together,
 )
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.geometry.oriented_box import box_corners
 
-_STRIDE: Final = 3
-"""Stride of the steps at which boxes are tested."""
 _FURTHEST_M: Final = 8.0
 """A box further outside is on another ground, such as a parking lot, and stays there."""
 
@@ -31,8 +28,6 @@ _FURTHEST_M: Final = 8.0
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoadTerm(AgentsTerm):
     """Moves boxes that would leave the road back by their worst corner."""
-
-    kinds = LANE_FOLLOWER_KINDS
 
     @classmethod
     def of_guided(cls, guided: GuidedAgents[StayOnRoad]) -> "RoadTerm | None":
@@ -53,8 +48,10 @@ class RoadTerm(AgentsTerm):
         context = self.guided.context
         config, scenario = context.config, context.scenario
         position = motion.position_m[:, self.agents]
-        tested = position[:, :, ::_STRIDE].double().cpu().numpy()
-        heading = motion.heading_rad[:, self.agents, ::_STRIDE].double().cpu().numpy()
+        tested = position[:, :, ::ROAD_STRIDE].double().cpu().numpy()
+        heading = (
+            motion.heading_rad[:, self.agents, ::ROAD_STRIDE].double().cpu().numpy()
+        )
         size = motion.size_m[self.agents].double().cpu().numpy()
         corners = box_corners(
             tested, heading, np.broadcast_to(size[:, None], tested.shape)
@@ -69,12 +66,12 @@ class RoadTerm(AgentsTerm):
         direction /= np.maximum(length, 1e-9)[..., None]
         counts = (length > 0) & (length < _FURTHEST_M)
         wide = torch.zeros_like(position)
-        wide[:, :, ::_STRIDE] = context.tensor(direction)
+        wide[:, :, ::ROAD_STRIDE] = context.tensor(direction)
         asked = torch.zeros_like(position[..., 0])
-        asked[:, :, ::_STRIDE] = context.tensor(length + config.road_margin_m)
+        asked[:, :, ::ROAD_STRIDE] = context.tensor(length + config.road_margin_m)
         wanted = torch.zeros_like(asked, dtype=torch.bool)
-        wanted[:, :, ::_STRIDE] = torch.from_numpy(counts).to(wanted.device)
-        weight = row_weights(config.road_m, self.guided.weight * _STRIDE, asked)
+        wanted[:, :, ::ROAD_STRIDE] = torch.from_numpy(counts).to(wanted.device)
+        weight = row_weights(config.road_m, self.guided.weight * ROAD_STRIDE, asked)
         return [
             ResidualRows(
                 agents=self.agents,

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -27,13 +27,11 @@ from pd_editor.generation.trajectory.guidance.target_motion import (
 )
 from pd_editor.generation.trajectory.guidance.trajectory_term import (
     AgentsTerm,
-    GuidedAgents,
     ResidualRows,
     TermMakers,
     row_weights,
     together,
 )
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 
 _RAMP_SHARE: Final = 0.6
 """Share of the time in which a target speed should be reached."""
@@ -78,28 +76,19 @@ class _Pace:
 class SpeedTerm(AgentsTerm):
     """Reaches and keeps a speed."""
 
-    kinds = MOTOR_VEHICLE_KINDS
-    may_stay: Bool[Tensor, "G 1"]
-    """Stationary agents that are not named."""
-    speed_mps: Float[Tensor, "G 1"]
-
-    @classmethod
-    def of_guided(cls, guided: GuidedAgents[TargetSpeed]) -> "SpeedTerm":
-        """Make the term of the agents that it guides."""
-        standing = torch.from_numpy(guided.context.is_standing)
-        standing = standing.to(guided.index.device)
-        is_named = guided.of_each(lambda term: bool(term.agent_ids)) > 0
-        return cls(
-            guided=guided,
-            may_stay=(standing[guided.index] & ~is_named)[:, None],
-            speed_mps=guided.of_each(lambda term: term.speed_mps)[:, None],
-        )
+    @cached_property
+    def _may_stay(self) -> Bool[Tensor, "G 1"]:
+        """Stationary agents that are not named."""
+        standing = torch.from_numpy(self.guided.context.is_standing)
+        standing = standing.to(self.agents.device)[self.agents]
+        is_named = [bool(term.agent_ids) for term in self.guided.values]
+        return (standing & ~torch.tensor(is_named, device=standing.device))[:, None]
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a ramp to the speed along the predicted or planned path."""
         config, pace = self.config, _Pace.of(motion, self.agents)
         first = pace.speed_mps[..., :1]
-        change = self.speed_mps - first
+        change = self.guided.of_each("speed_mps") - first
         needed = change.abs() / (_RAMP_SHARE * motion.time_s[-1])
         rate = torch.where(
             change > 0,
@@ -108,7 +97,7 @@ class SpeedTerm(AgentsTerm):
         )
         done = (rate * motion.time_s).minimum(change.abs())
         along = distances(first + change.sign() * done, motion.step_s)
-        stays = self.may_stay & (pace.along_m[..., -1:] < _STAYS_M)
+        stays = self._may_stay & (pace.along_m[..., -1:] < _STAYS_M)
         wanted = pace.changed(along) & ~stays
         curves = extended(pace.curves, self.guided)
         return TargetMotion.along(self.agents, curves, along, motion.step_s).rows(
@@ -124,18 +113,11 @@ class SpeedTerm(AgentsTerm):
 class LimitTerm(AgentsTerm):
     """Keeps a speed limit."""
 
-    speed_mps: Float[Tensor, "G 1"]
-
-    @classmethod
-    def of_guided(cls, guided: GuidedAgents[SpeedLimit]) -> "LimitTerm":
-        """Make the term of the agents that it guides."""
-        speed = guided.of_each(lambda term: term.speed_mps)
-        return cls(guided=guided, speed_mps=speed[:, None])
-
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of the agents that are predicted to exceed the limit."""
         config, pace = self.config, _Pace.of(motion, self.agents)
-        limit = (self.speed_mps - config.limit_margin_mps).clamp_min(0.0)
+        limit = self.guided.of_each("speed_mps") - config.limit_margin_mps
+        limit = limit.clamp_min(0.0)
         # The current speed is given, and may be above the limit.
         lost = config.braking_mps2 * motion.time_s
         cap = (pace.speed_mps[..., :1] - lost).maximum(limit)
@@ -155,24 +137,6 @@ class LimitTerm(AgentsTerm):
 class ComfortTerm(AgentsTerm):
     """Keeps limits of acceleration, braking and lateral acceleration."""
 
-    kinds = LANE_FOLLOWER_KINDS
-    max_acceleration_mps2: Float[Tensor, "G 1"]
-    max_braking_mps2: Float[Tensor, "G 1"]
-    max_lateral_mps2: Float[Tensor, "G 1"]
-
-    @classmethod
-    def of_guided(cls, guided: GuidedAgents[ComfortLimits]) -> "ComfortTerm":
-        """Make the term of the agents that it guides."""
-        most = guided.of_each(lambda term: term.max_acceleration_mps2)
-        braking = guided.of_each(lambda term: term.max_braking_mps2)
-        lateral = guided.of_each(lambda term: term.max_lateral_mps2)
-        return cls(
-            guided=guided,
-            max_acceleration_mps2=most[:, None],
-            max_braking_mps2=braking[:, None],
-            max_lateral_mps2=lateral[:, None],
-        )
-
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals at the steps at which a limit is exceeded; paths are held."""
         config, agents = self.config, self.agents
@@ -183,11 +147,11 @@ class ComfortTerm(AgentsTerm):
         along, across = (
             (motion.acceleration_mps2[:, agents] * one).sum(-1) for one in (ahead, left)
         )
-        margin = config.comfort_margin_mps2
-        kept = along.minimum(self.max_acceleration_mps2 - margin)
-        kept = kept.maximum(margin - self.max_braking_mps2)
-        bent = across.minimum(self.max_lateral_mps2 - margin)
-        bent = bent.maximum(margin - self.max_lateral_mps2)
+        margin, most = config.comfort_margin_mps2, self.guided.of_each
+        kept = along.minimum(most("max_acceleration_mps2") - margin)
+        kept = kept.maximum(margin - most("max_braking_mps2"))
+        bent = across.minimum(most("max_lateral_mps2") - margin)
+        bent = bent.maximum(margin - most("max_lateral_mps2"))
         exceeds = (kept != along) | (bent != across)
         held = exceeds.any(dim=-1, keepdim=True).expand_as(exceeds)
         return [
@@ -211,14 +175,6 @@ class ComfortTerm(AgentsTerm):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StopTerm(AgentsTerm):
     """Stops in front of a line, if the agent would cross it."""
-
-    line_m: Float[Tensor, "G 2 2"]
-
-    @classmethod
-    def of_guided(cls, guided: GuidedAgents[StopAtLine]) -> "StopTerm":
-        """Make the term of the agents that it guides."""
-        line = np.array([term.line_m for term in guided.values])
-        return cls(guided=guided, line_m=guided.context.tensor(line))
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a stop with constant braking."""
@@ -272,8 +228,8 @@ class StopTerm(AgentsTerm):
         self, curves: Curves, motion: PredictedMotion
     ) -> tuple[Float[Tensor, "S G 1"], Bool[Tensor, "S G 1"]]:
         """Arc length at which the agent stands in front of the line, if it crosses it."""
-        first = self.line_m[:, :1]
-        across = self.line_m[:, 1:] - first
+        line = self.guided.of_each("line_m")
+        first, across = line[:, :1], line[:, 1:] - line[:, :1]
         length = across.norm(dim=-1)
         across = across / length[..., None]
         normal = torch.stack([-across[..., 1], across[..., 0]], dim=-1)

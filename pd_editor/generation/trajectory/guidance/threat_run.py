@@ -95,12 +95,8 @@ class ThreatScene:
 
     def track(self, motion: Motion, sample: int, agent: int) -> Track:
         """Trajectory of one agent in one sample."""
-        return Track(
-            position_m=motion.position_m[sample, agent],
-            heading_rad=motion.heading_rad[sample, agent],
-            velocity_mps=motion.velocity_mps[sample, agent],
-            size_m=self.scenario.agents.size_m[self.rows[agent]],
-        )
+        size = self.scenario.agents.size_m[self.rows[agent]]
+        return Track.of(motion, (sample, agent), size)
 
     def encoded(
         self, agent: int, position_m: Float[np.ndarray, "N T 2"]

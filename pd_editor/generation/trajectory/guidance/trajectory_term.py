@@ -38,18 +38,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Final, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.guidance_terms import GuidanceTerm, Point
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.paths.candidate_grid import PlannedPaths, Start, plan_paths
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
@@ -111,10 +112,9 @@ class TermContext:
         """Index of an agent; None if it is not there at the current step."""
         return self.ids.index(agent_id) if agent_id in self.ids else None
 
-    def guided(
-        self, agent_ids: Sequence[str], kinds: frozenset[AgentKind]
-    ) -> Int[Tensor, "G"]:
-        """Indices of the sampled agents among some; without names, those of some kinds."""
+    def guided(self, term: GuidanceTerm) -> Int[Tensor, "G"]:
+        """Indices of the sampled agents that a term guides."""
+        agent_ids, kinds = term.guided_ids, KINDS[term.kind].agents
         wanted = self.is_sampled & np.array(
             [
                 one in agent_ids if agent_ids else kind in kinds
@@ -192,16 +192,14 @@ class GuidedAgents(Generic[_Value]):
     values: tuple[_Value, ...]
     """The value of each agent."""
     weight: Float[Tensor, "G 1"]
+    _fields: dict[str, Tensor] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(
-        cls,
-        values: Sequence[_Value],
-        context: TermContext,
-        kinds: frozenset[AgentKind],
+        cls, values: Sequence[_Value], context: TermContext
     ) -> "GuidedAgents[_Value] | None":
-        """Agents that values name, or of some kinds; None if no such agent is sampled."""
-        pairs = [(one, context.guided(one.guided_ids, kinds)) for one in values]
+        """Agents that values guide; None if no such agent is sampled."""
+        pairs = [(one, context.guided(one)) for one in values]
         each = tuple(value for value, some in pairs for _ in range(len(some)))
         if not each:
             return None
@@ -228,30 +226,32 @@ class GuidedAgents(Generic[_Value]):
             weight=self.weight[some],
         )
 
-    def of_each(self, read: Callable[[_Value], float | Point]) -> Float[Tensor, "G *s"]:
-        """What is read from the value of each agent."""
-        return self.context.tensor(np.array([read(one) for one in self.values], float))
+    def of_each(self, name: str) -> Float[Tensor, "G *s"]:
+        """A field of the value of each agent, numbers as [G 1]; read once."""
+        if name not in self._fields:
+            found = np.array([getattr(one, name) for one in self.values], float)
+            found = found[:, None] if found.ndim == 1 else found
+            self._fields[name] = self.context.tensor(found)
+        return self._fields[name]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgentsTerm(ABC):
     """A term on each of some agents by itself."""
 
-    kinds: ClassVar[frozenset[AgentKind]] = ROAD_USER_KINDS
-    """Kinds that values guide which name no agents."""
     guided: GuidedAgents
     is_closed: bool = True
 
     @classmethod
     def of(cls, values: Sequence[Any], context: TermContext) -> "AgentsTerm | None":
         """Make the term; None if no agent of it is sampled."""
-        guided = GuidedAgents.of(values, context, cls.kinds)
+        guided = GuidedAgents.of(values, context)
         return None if guided is None else cls.of_guided(guided)
 
     @classmethod
-    @abstractmethod
     def of_guided(cls, guided: GuidedAgents[Any]) -> "AgentsTerm | None":
         """Make the term of the agents that it guides; None if it has no effect."""
+        return cls(guided=guided)
 
     @abstractmethod
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:

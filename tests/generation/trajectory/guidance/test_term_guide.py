@@ -15,7 +15,7 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
-from pd_editor.analysis.guidance.outcomes import term_outcomes
+from pd_editor.analysis.guidance.report import term_outcomes
 from pd_editor.analysis.metrics.motion.kinematics import (
     WINDOW_STEPS,
     derivative_operators,
