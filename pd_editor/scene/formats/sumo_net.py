@@ -1,6 +1,6 @@
 """What SUMO net files say of lanes, junctions and footways."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +16,7 @@ from pd_editor.scene.geometry.angles import heading_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import arc_length, at_height_zero, offset_line
 from pd_editor.scene.road_map import Crosswalk, LaneKind
+from pd_editor.scene.scene_limits import MAX_COORDINATE_M
 
 _KIND_OF: Final = {
     "passenger": LaneKind.VEHICLE,
@@ -190,8 +191,9 @@ class SumoNet:
         return found
 
     def _road_after(self, via: str, target: Mapping[str, str]) -> str:
-        edge = self.lanes[via].edge
-        while edge.startswith(":"):
+        edge, seen = self.lanes[via].edge, set()
+        while edge.startswith(":") and edge not in seen:
+            seen.add(edge)
             edge = target.get(f"{edge}_{via.rpartition('_')[2]}", edge.lstrip(":"))
         return edge
 
@@ -211,7 +213,7 @@ class SumoNet:
         strips = [
             shapely.LineString(lane.shape_m).buffer(lane.width_m / 2, cap_style="flat")
             for lane in self.lanes.values()
-            if lane.is_parking
+            if lane.is_parking and len(lane.shape_m) > 1
         ]
         junctions, pavements = (
             shapely.union_all([valid_area(area) for area in areas if len(area) > 2])
@@ -249,29 +251,29 @@ def sumo_net(root: Place) -> SumoNet:
     Raises:
         FormatError: it lacks edges, or is damaged.
     """
-    normal, internal, afoot = [], [], {"walkingarea": [], "crossing": []}
-    for edge in root.children("edge"):
-        function = edge.element.get("function") or ""
-        if function in afoot:
-            afoot[function].append(edge.child("lane"))
-        else:
-            (internal if function == "internal" else normal).append(edge)
-    if not normal:
-        raise root.error("has no edges; expected a SUMO net.")
+    normal, afoot = [], {"walkingarea": [], "crossing": []}
     lanes: dict[str, SumoLane] = {}
     for edge in root.children("edge"):
-        if edge.element.get("function") not in afoot:
-            edge.child("lane")
-            for index, place in enumerate(edge.children("lane")):
-                lane = _lane(place, edge.attribute("id"), index)
-                if lane.sumo_id in lanes:
-                    raise place.error("comes twice; expected ids that are unique.")
-                lanes[lane.sumo_id] = lane
+        name, function = edge.attribute("id"), edge.element.get("function") or ""
+        if function in afoot:
+            afoot[function].append(edge.child("lane"))
+            continue
+        if not name.startswith(":"):
+            normal.append(edge)
+        edge.child("lane")
+        for index, place in enumerate(edge.children("lane")):
+            lane = _lane(place, name, index)
+            if lane.sumo_id in lanes:
+                raise place.error("comes twice; expected ids that are unique.")
+            lanes[lane.sumo_id] = lane
+    if not normal:
+        raise root.error("has no edges; expected a SUMO net.")
     ends = {
         edge.attribute("id"): (edge.attribute("from"), edge.attribute("to"))
         for edge in normal
     }
-    connections = _bridged(list(_connections(root, lanes)), lanes, ends)
+    walks = {one.attribute("id") for part in afoot.values() for one in part}
+    connections = _bridged(_connections(root, lanes, walks), lanes, ends)
     return SumoNet(
         lanes=lanes,
         links=tuple(
@@ -315,7 +317,7 @@ def points_of(place: Place) -> Float[np.ndarray, "N 2"]:
         found = np.array([(float(x), float(y)) for x, y, *_ in points])
     except ValueError as error:
         raise place.error(f"has no points as its shape: {text[:40]!r}.") from error
-    if not len(found) or not np.isfinite(found).all():
+    if not len(found) or not (np.abs(found) <= MAX_COORDINATE_M).all():
         raise place.error("has no points as its shape.")
     return found
 
@@ -390,7 +392,9 @@ def _curve(
     return first + t * (last - first) + bow
 
 
-def _connections(root: Place, lanes: Mapping[str, SumoLane]) -> Iterator[Connection]:
+def _connections(
+    root: Place, lanes: Mapping[str, SumoLane], walks: Collection[str]
+) -> list[Connection]:
     """All connections, of roads first, in the order of lanes."""
     rank = {name: (lane.is_internal, n) for n, (name, lane) in enumerate(lanes.items())}
     found = []
@@ -399,11 +403,14 @@ def _connections(root: Place, lanes: Mapping[str, SumoLane]) -> Iterator[Connect
             f"{one.attribute(edge)}_{one.attribute(lane)}"
             for edge, lane in (("from", "fromLane"), ("to", "toLane"))
         )
+        for name in (start, end):
+            if name not in lanes and name not in walks:
+                raise one.error(f"names the lane {name[:40]}, which the net lacks.")
         if start in lanes:
             found.append(
                 (start, one.element.get("via"), end, one.element.get("dir") or "s")
             )
-    yield from sorted(found, key=lambda one: rank[one[0]])
+    return sorted(found, key=lambda one: rank[one[0]])
 
 
 def _num_legs(ends: Mapping[str, tuple[str, str]]) -> dict[str, int]:

@@ -53,6 +53,13 @@ def test_a_net_by_hand(tmp_path: Path):
     assert graph.turns_for("passenger") == {"in": {}}
 
 
+def test_lanes_of_a_junction_that_lead_in_a_circle_are_read(tmp_path: Path):
+    file = tmp_path / "circle.net.xml"
+    again = '<connection from=":b_0" to="in" via=":b_0_0"'
+    file.write_text(NET.replace('<connection from=":b_0" to="out"', again))
+    assert read_sumo_net(file).crossed_junctions == set()
+
+
 @pytest.mark.parametrize("read", [read_sumo_net, read_traffic_graph])
 @pytest.mark.parametrize(
     "text",
@@ -68,6 +75,9 @@ def test_a_net_by_hand(tmp_path: Path):
         NET.replace("0,-4 99.5,-4", "0 99.5"),
         NET.replace('id="in_1"', 'id="in_0"'),
         NET.replace('from="a"', ""),
+        NET.replace("99.5,0", "1e300,0"),
+        NET.replace('to="out" fromLane="1"', 'to="nowhere" fromLane="1"'),
+        NET.replace(':b_0"', 'b_0"'),
     ],
 )
 def test_what_is_no_net_is_refused_in_one_sentence(tmp_path: Path, read, text):
