@@ -17,6 +17,7 @@ from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap, areas_of
 from pd_editor.scene.roles.focal_agent import with_focal_agent
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import signals_of_lanes
 
 DEFAULT_RADIUS_M: Final = 150.0
 MOST_RADIUS_M: Final = 5_000.0
@@ -95,6 +96,7 @@ def within_window(scenario: Scenario, window: MapWindow) -> Scenario:
         scenario,
         scenario_id=name,
         road_map=cut,
+        signals=signals_of_lanes(scenario.signals, cut.lane_of),
         agents=agents,
         focal_id=scenario.focal_id if scenario.focal_id in agents.row_of else "",
         provenance=replace(origin, content_sha256=digest.hexdigest()),

@@ -14,6 +14,7 @@ from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without
 from pd_editor.scene.locks import Lock, kept_steps
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.signals import Signal, stop_lines
 from pd_editor.scene.time_axis import TimeAxis
 
 EGO_ID: Final = "AV"
@@ -91,11 +92,15 @@ class Scenario:
     """Ids of deleted agents, which new agents do not reuse."""
     locks: Mapping[str, Lock] = field(default_factory=dict)
     """What is kept of each locked agent when traffic is generated or edited."""
+    signals: tuple[Signal, ...] = ()
+    """Traffic signals of the road's lanes."""
     source_fields: Mapping[str, Any] = field(default_factory=dict)
     """Unknown scenario-wide fields of the source, written back unchanged."""
 
     def __post_init__(self) -> None:
-        assert self.agents.num_steps == self.time_axis.num_steps
+        num_steps = self.time_axis.num_steps
+        assert self.agents.num_steps == num_steps
+        assert all(len(one.states) == num_steps for one in self.signals)
         self.origin_city_m.flags.writeable = False
 
     @property
@@ -115,6 +120,12 @@ class Scenario:
         """All warps of the road, also before it was exported, in order of application."""
         past = [one.moved(-self.origin_city_m) for one in self.provenance.warps]
         return (*past, *((self.applied_warp.warp,) if self.applied_warp else ()))
+
+    def stop_lines_m(self) -> Float[np.ndarray, "L 3 2"]:
+        """Stop lines of the signals' lanes in turn: left end, middle and right end."""
+        lines = stop_lines(self.signals, self.original_road_map)
+        applied = self.applied_warp
+        return lines if applied is None else applied.warp.apply(lines)
 
     @property
     def friction_coefficient(self) -> float | None:

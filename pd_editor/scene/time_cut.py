@@ -81,6 +81,9 @@ def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
     return replace(
         scenario,
         agents=agents,
+        signals=tuple(
+            replace(one, states=one.states[steps]) for one in scenario.signals
+        ),
         time_axis=replace(
             axis, num_steps=last + 1, current_step=now, end_timestamp_ns=end
         ),

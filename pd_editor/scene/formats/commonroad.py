@@ -1,5 +1,6 @@
 """CommonRoad scenarios, versions 2018b and 2020a (XML)."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.commonroad_writer import write
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml, told_of
 from pd_editor.scene.geometry.angles import unit_vector
@@ -53,7 +55,7 @@ _MARKS: Final = {
 def read(path: Path) -> Scenario:
     """Read a scenario: lanelets, obstacles, and the planning problem's start as the ego.
 
-    Signs and lights are left out, since scenes have no place for them.
+    Signs are left out, since scenes have no place for them.
 
     Raises:
         FormatError: the file is damaged, or of another version.
@@ -83,15 +85,15 @@ def read(path: Path) -> Scenario:
         notes.append(
             f"AV is the start of planning problem {ego_id}, which has no trajectory."
         )
-    signs = len(root.children("trafficSign")) + len(root.children("trafficLight"))
-    if signs:
-        notes.append(f"{signs} traffic signs and lights are left out.")
+    if signs := len(root.children("trafficSign")):
+        notes.append(f"{signs} traffic signs are left out.")
     return FileScene(
         path=path,
         name=element.get("benchmarkID") or path.stem,
         lanes=lanes,
         crosswalks=crosswalks,
         tracks=tuple(tracks),
+        signals=tuple(_signals(root, step_s)),
         current_s=now_s,
         ego_id=ego_id,
         notes=tuple(notes),
@@ -179,6 +181,36 @@ def _point(place: Place) -> tuple[float, float, float]:
 def _mark(bound: Place) -> LaneMark:
     text = bound.element.findtext("lineMarking") or ""
     return _MARKS.get(text, LaneMark.UNKNOWN)
+
+
+def _signals(root: Place, step_s: float) -> Iterator[FileSignal]:
+    """Traffic lights with the lanelets that refer to them, and with their cycles."""
+    stops: dict[int, dict[int, Float[np.ndarray, "2"] | None]] = {}
+    for lanelet in root.children("lanelet"):
+        lines = lanelet.children("stopLine")
+        lights = [n for one in (lanelet, *lines) for n in _refs(one, "trafficLightRef")]
+        points = [_point(one) for line in lines for one in line.children("point")]
+        if lights:
+            # Without a line of its own, it is at the end of the lanelet.
+            ends = [_bound(lanelet, f"{side}Bound")[-1] for side in ("left", "right")]
+            stop = np.mean(points or ends, axis=0)[:2]
+            for number in lights:
+                stops.setdefault(number, {})[lanelet.integer("id")] = stop
+    for light in root.children("trafficLight"):
+        is_off = (light.element.findtext("active") or "").strip() == "false"
+        cycles = [] if is_off else light.children("cycle")
+        parts = [part for one in cycles for part in one.children("cycleElement")]
+        steps = [part.child("duration").number() for part in parts]
+        if not all(one > 0 for one in steps):
+            raise light.error("has an element that does not last; expected steps.")
+        colors = [(part.child("color").element.text or "").strip() for part in parts]
+        offset = sum(n.number() for one in cycles for n in one.children("timeOffset"))
+        yield cyclic_signal(
+            str(light.integer("id")),
+            stops.get(light.integer("id"), {}),
+            [(step_s * n, color) for n, color in zip(steps, colors, strict=True)],
+            step_s * offset,
+        )
 
 
 def _refs(place: Place, name: str) -> tuple[int, ...]:

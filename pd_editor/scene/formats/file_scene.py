@@ -18,6 +18,7 @@ from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, one_line
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import MapWindow
+from pd_editor.scene.formats.file_signal import ON_GRID_S, FileSignal, sampled_signals
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.geometry.polyline import arc_length
@@ -37,8 +38,6 @@ from pd_editor.scene.time_axis import TimeAxis
 _STEP_S: Final = TimeAxis().step_s
 MOST_ID_CHARACTERS: Final = 100
 """Of a scene, so that names of its variants stay usable."""
-_ON_GRID_S: Final = 1e-3
-"""Times this near to multiples of the step are taken as they are."""
 _LONGEST_GAP_S: Final = 0.35
 """States further apart in time have nothing between them, unless the file's steps are."""
 _CROSSING_SINE: Final = 0.34
@@ -74,6 +73,7 @@ class FileScene:
     more_paved: Sequence[BaseGeometry] = ()
     """What is drivable beside the lanes, such as shoulders and junctions."""
     tracks: tuple[FileTrack, ...] = ()
+    signals: tuple[FileSignal, ...] = ()
     current_s: float = 0.0
     """Time of the current step."""
     ego_id: str = ""
@@ -103,7 +103,10 @@ class FileScene:
         agents = replace(
             agents, position_m=np.where(there, agents.position_m - origin, 0.0)
         )
-        road_map = self._road_map().moved(lambda points: points - origin)
+        road_map = self._road_map()
+        times_s = self.current_s + axis.times_s()
+        signals, told = sampled_signals(self.signals, road_map.lanes, times_s)
+        road_map = road_map.moved(lambda points: points - origin)
         excess = agents_excess(agents, road_map) if len(agents) else None
         self._raise_for(road_excess(road_map) or excess, data)
         focal_id = "" if row is None else agents.ids[row]
@@ -115,10 +118,11 @@ class FileScene:
             agents=with_focal_category(agents, focal_id),
             time_axis=axis,
             focal_id=focal_id,
+            signals=signals,
             provenance=Provenance(
                 source=os.path.realpath(self.path),
                 content_sha256=hashlib.sha256(data).hexdigest(),
-                notes=tuple(map(one_line, self.notes)),
+                notes=tuple(map(one_line, (*self.notes, *told))),
                 attribution=one_line(self.attribution) or None,
                 file_format=self.file_format,
             ),
@@ -132,9 +136,12 @@ class FileScene:
             away = np.abs(track.position_m - (window.x_m, window.y_m)).max(axis=1)
             return bool((away <= window.radius_m).any())
 
+        lanes = lanes_within(self.lanes, window)
+        ids = {one.lane_id for one in lanes}
         return replace(
             self,
-            lanes=lanes_within(self.lanes, window),
+            lanes=lanes,
+            signals=tuple(one for one in self.signals if one.stop_m.keys() & ids),
             crosswalks=crosswalks_within(self.crosswalks, window),
             more_paved=[one for one in self.more_paved if one.intersects(square)],
             tracks=tuple(filter(is_inside, self.tracks)),
@@ -193,9 +200,9 @@ class FileScene:
         # At least as many steps as Argoverse 2 has, so that what is generated and
         # exported has a past and a future.
         usual = TimeAxis()
-        before = int((self.current_s - first) / _STEP_S + _ON_GRID_S)
+        before = int((self.current_s - first) / _STEP_S + ON_GRID_S)
         before = max(before, usual.current_step)
-        after = int((last - self.current_s) / _STEP_S + _ON_GRID_S)
+        after = int((last - self.current_s) / _STEP_S + ON_GRID_S)
         after = max(after, usual.num_future_steps)
         if before + after + 1 > MAX_STEPS:
             raise FormatError(
@@ -307,12 +314,10 @@ def _at_times(
 ]:
     """Positions, headings, velocities and presence at some times; 0 where absent."""
     known = track.time_s
-    after = np.clip(np.searchsorted(known, times_s - _ON_GRID_S), 0, len(known) - 1)
-    before = np.clip(
-        np.searchsorted(known, times_s + _ON_GRID_S) - 1, 0, len(known) - 1
-    )
-    is_there = (known[before] <= times_s + _ON_GRID_S) & (
-        known[after] >= times_s - _ON_GRID_S
+    after = np.clip(np.searchsorted(known, times_s - ON_GRID_S), 0, len(known) - 1)
+    before = np.clip(np.searchsorted(known, times_s + ON_GRID_S) - 1, 0, len(known) - 1)
+    is_there = (known[before] <= times_s + ON_GRID_S) & (
+        known[after] >= times_s - ON_GRID_S
     )
     is_there &= known[after] - known[before] <= max(track.longest_gap_s, _LONGEST_GAP_S)
     span = np.maximum(known[after] - known[before], 1e-9)

@@ -11,9 +11,11 @@ from pd_editor.base.errors import FormatError
 from pd_editor.base.regular_file import read_regular
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.recorded_map import (
     CenterLane,
     crosswalk_of,
+    lane_numbers,
     lanes_of,
     points_of,
 )
@@ -36,7 +38,7 @@ _KINDS: Final = {
 
 
 def read(path: Path) -> Scenario:
-    """Read a scene: tracks with sizes, lanes as centre lines, crosswalks.
+    """Read a scene: tracks with sizes, lanes as centre lines, crosswalks, signals.
 
     Lanes lead on where they end, and their boundaries are 3.5 m apart, since the file
     tells neither. The current step is the last that Waymo observes.
@@ -56,16 +58,25 @@ def read(path: Path) -> Scenario:
             int(one["track_index"]) for one in about.get("tracks_to_predict") or ()
         ]
         number = max((len(one["position"]) for one in found["objects"]), default=0)
+        states = found.get("tl_states") or {}
+        row_of = {
+            str(one.get("id", row)): str(row) for row, one in enumerate(found["roads"])
+        }
+        lanes = [
+            CenterLane(key=str(row), line=line)
+            for row, (kind, line) in enumerate(roads)
+            if kind == "lane"
+        ]
+        numbers = lane_numbers(lanes)
+        signals = [
+            _signal(key, one, numbers.get(row_of.get(key, "")), step_s)
+            for key, one in states.items()
+        ]
         name = str(found.get("scenario_id") or path.stem)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise FormatError(
             f"{path}: is no valid GPUDrive scene ({type(error).__name__}: {error})."
         ) from error
-    lanes = [
-        CenterLane(key=str(row), line=line)
-        for row, (kind, line) in enumerate(roads)
-        if kind == "lane"
-    ]
     walks = [
         crosswalk_of(10**6 + row, line)
         for row, (kind, line) in enumerate(roads)
@@ -82,6 +93,7 @@ def read(path: Path) -> Scenario:
             if kind == "driveway" and len(line) > 2
         ],
         tracks=tuple(one for one in tracks if one is not None),
+        signals=tuple(signals),
         current_s=step_s * min(WAYMO_CURRENT_STEP, max(number - 2, 0)),
         ego_id=_id_of(found["objects"], ego),
         focal_id=_id_of(found["objects"], asked[0] if asked else -1),
@@ -113,6 +125,20 @@ def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
         position_m=position[is_valid],
         heading_rad=np.array(one["heading"], float)[is_valid],
         velocity_mps=velocity[is_valid],
+    )
+
+
+def _signal(
+    key: str, found: Mapping[str, Any], lane: int | None, step_s: float
+) -> FileSignal:
+    """The signal of a lane; its states tell at which steps they are."""
+    stop = np.array([(found["x"] or [np.nan])[0], (found["y"] or [np.nan])[0]], float)
+    return FileSignal(
+        signal_id=key,
+        stop_m={} if lane is None else {lane: stop},
+        begins_s=[step_s * float(one) for one in found["time_index"]],
+        words=list(found["state"]),
+        holds_s=step_s,
     )
 
 

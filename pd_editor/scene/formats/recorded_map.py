@@ -41,11 +41,9 @@ def lanes_of(found: Sequence[CenterLane]) -> tuple[Lane, ...]:
 
     Links that the map does not tell lead from the end of a lane to the beginnings there.
     """
-    kept = [
-        one for one in found if len(one.line) > 1 and np.ptp(one.line, axis=0).any()
-    ]
+    number = lane_numbers(found)
+    kept = [one for one in found if _is_line(one)]
     lines = [_simplified(one.line) for one in kept]
-    number = {one.key: row + 1 for row, one in enumerate(kept)}
     follows = _links(kept, lines, number)
     before: dict[int, list[int]] = {}
     for first, others in follows.items():
@@ -72,6 +70,16 @@ def lanes_of(found: Sequence[CenterLane]) -> tuple[Lane, ...]:
             )
         )
     return tuple(lanes)
+
+
+def lane_numbers(found: Sequence[CenterLane]) -> dict[str, int]:
+    """Numbers that lanes get by their keys."""
+    kept = filter(_is_line, found)
+    return {one.key: row for row, one in enumerate(kept, start=1)}
+
+
+def _is_line(lane: CenterLane) -> bool:
+    return len(lane.line) > 1 and bool(np.ptp(lane.line, axis=0).any())
 
 
 def crosswalk_of(number: int, ring: Float[np.ndarray, "N 2"]) -> Crosswalk | None:

@@ -9,10 +9,12 @@ import numpy as np
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.plain_pickle import read_plain_pickle
 from pd_editor.scene.formats.recorded_map import (
     CenterLane,
     crosswalk_of,
+    lane_numbers,
     lanes_of,
     points_of,
 )
@@ -40,7 +42,7 @@ _SUMMARIES: Final = frozenset({"dataset_summary.pkl", "dataset_mapping.pkl"})
 
 
 def read(path: Path) -> Scenario:
-    """Read a scenario description: tracks with sizes, lanes, crosswalks.
+    """Read a scenario description: tracks with sizes, lanes, crosswalks, signals.
 
     Lanes get boundaries at the width that the map tells, else 3.5 m apart.
 
@@ -78,6 +80,11 @@ def read(path: Path) -> Scenario:
             for one in features.values()
             if one["type"] == "DRIVEWAY" and len(one["polygon"]) > 2
         ]
+        numbers = lane_numbers(lanes)
+        states = found.get("dynamic_map_states") or {}
+        signals = [
+            _signal(str(key), one, numbers, time_s) for key, one in states.items()
+        ]
         told = int(about.get("current_time_index", 0))
         # Whole recordings name no current step, or the first one.
         usual = min(TimeAxis().current_step, (len(time_s) - 1) // 2)
@@ -95,6 +102,7 @@ def read(path: Path) -> Scenario:
         crosswalks=tuple(one for one in walks if one is not None),
         more_paved=drives,
         tracks=tuple(tracks),
+        signals=tuple(signals),
         current_s=current_s,
         ego_id=str(about.get("sdc_id", "")),
         focal_id=str(next(iter(asked), "")),
@@ -131,6 +139,21 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         position_m=position[is_valid],
         heading_rad=np.array(state["heading"], float).ravel()[:number][is_valid],
         velocity_mps=np.array(state["velocity"], float)[:number, :2][is_valid],
+    )
+
+
+def _signal(
+    key: str, found: Mapping[str, Any], numbers: Mapping[str, int], time_s: np.ndarray
+) -> FileSignal:
+    number = numbers.get(str(found.get("lane", key)))
+    place = found.get("stop_point")
+    stop = None if place is None else np.array(place, float).ravel()[:2]
+    return FileSignal(
+        signal_id=key,
+        stop_m={} if number is None else {number: stop},
+        begins_s=time_s.tolist(),
+        words=list(found["state"]["object_state"]),
+        holds_s=float(np.diff(time_s).max(initial=0.0)),
     )
 
 

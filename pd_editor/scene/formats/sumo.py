@@ -11,6 +11,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.recorded_map import crosswalk_of
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.sumo_net import (
@@ -58,13 +59,15 @@ def read(path: Path) -> Scenario:
     """Read a network, and the vehicles and persons in the floating-car data beside it.
 
     ``NAME.fcd.xml`` has the states, ``NAME.rou.xml`` and ``NAME.add.xml`` the sizes of
-    ``NAME.net.xml``'s vehicles; each may be gzipped. Signals are left out.
+    ``NAME.net.xml``'s vehicles; each may be gzipped. Signals have the states of their
+    static programmes.
 
     Raises:
         FormatError: a file is damaged, or has no edges.
     """
     element, data = parse_xml(path, "net")
-    net = sumo_net(Place(path, element))
+    root = Place(path, element)
+    net = sumo_net(root)
     name = path.name
     for ending in (".gz", ".xml", ".net"):
         name = name.removesuffix(ending)
@@ -82,23 +85,27 @@ def read(path: Path) -> Scenario:
     tracks: tuple[FileTrack, ...] = ()
     times: list[float] = []
     if "fcd" in beside:
-        root, more = parse_xml(beside["fcd"], "fcd-export")
+        motion, more = parse_xml(beside["fcd"], "fcd-export")
         types = {
             one.get("id"): one for part in roots.values() for one in part.iter("vType")
         }
-        tracks, times = _tracks(Place(beside["fcd"], root), types)
+        tracks, times = _tracks(Place(beside["fcd"], motion), types)
         data += more
+    lanes, number = _lanes(net)
     polygons = _polygons(beside.get("add"), roots.get("add"))
     walks = [crosswalk_of(n, ring) for n, ring in enumerate(polygons[CROSSWALK], 10**6)]
     return FileScene(
         path=path,
         name=name,
-        lanes=_lanes(net),
+        lanes=lanes,
         crosswalks=(*net.crosswalks(1), *(one for one in walks if one is not None)),
         more_paved=[*net.paved_beside_lanes(), *map(valid_area, polygons[PAVED])],
         tracks=tracks,
+        signals=tuple(_signals(root, net, number)),
         current_s=_current_s(times),
-        notes=("Traffic lights are left out.",) if net.has_signals else (),
+        notes=("Signals that react to traffic have unknown states.",)
+        if any(map(_reacts, root.children("tlLogic")))
+        else (),
     ).scenario(data)
 
 
@@ -124,8 +131,8 @@ def _current_s(times: list[float]) -> float:
     return times[0] + axis.step_s * min(axis.current_step, half)
 
 
-def _lanes(net: SumoNet) -> tuple[Lane, ...]:
-    """All lanes for traffic, those through junctions among them, with their own lines."""
+def _lanes(net: SumoNet) -> tuple[tuple[Lane, ...], dict[str, int]]:
+    """All lanes for traffic, those through junctions among them, and their numbers."""
     lines = {
         name: wide_line(points, np.full(len(points), lane.width_m))
         for name, lane in net.lanes.items()
@@ -173,7 +180,52 @@ def _lanes(net: SumoNet) -> tuple[Lane, ...]:
                 right_neighbor=right,
             )
         )
-    return tuple(lanes)
+    return tuple(lanes), number
+
+
+def _signals(
+    root: Place, net: SumoNet, number: Mapping[str, int]
+) -> Iterator[FileSignal]:
+    """Signals of connections; those that always have the same state are one signal."""
+    # Of several programmes of a signal, SUMO runs the last one.
+    phases = {one.attribute("id"): _phases(one) for one in root.children("tlLogic")}
+    stops: dict[tuple[str, str], dict[int, Float[np.ndarray, "2"] | None]] = {}
+    for one in root.children("connection"):
+        name, via = one.element.get("tl"), one.element.get("via")
+        start, end = (
+            f"{one.attribute(edge)}_{one.attribute(lane)}"
+            for edge, lane in (("from", "fromLane"), ("to", "toLane"))
+        )
+        if name not in phases or start not in number:
+            continue
+        within = via or end
+        begins = within in number and (
+            via is not None or net.lanes[end].edge in net.junction_edges
+        )
+        lane, row = (within, 0) if begins else (start, -1)
+        index, states = one.integer("linkIndex"), phases[name][2]
+        if not all(0 <= index < len(state) for state in states):
+            raise one.error(f"has link {index}, which a phase of {name!r} has not.")
+        key = (name, "".join(state[index] for state in states) or str(index))
+        stops.setdefault(key, {})[number[lane]] = net.lanes[lane].shape_m[row]
+    for row, ((name, letters), stop_m) in enumerate(stops.items()):
+        offset, seconds, _ = phases[name]
+        cycle = list(zip(seconds, letters, strict=False))
+        yield cyclic_signal(f"{name}:{row}", stop_m, cycle, offset)
+
+
+def _phases(logic: Place) -> tuple[float, list[float], list[str]]:
+    """Offset, durations and states; none if they react to traffic."""
+    found = logic.children("phase") if not _reacts(logic) else []
+    seconds = [one.number("duration") for one in found]
+    if not all(one > 0 for one in seconds):
+        raise logic.error("has a phase that does not last; expected more than 0 s.")
+    offset = logic.number("offset") if "offset" in logic.element.attrib else 0.0
+    return offset, seconds, [one.attribute("state") for one in found]
+
+
+def _reacts(logic: Place) -> bool:
+    return logic.element.get("type", "static") != "static"
 
 
 def _mark(neighbor: int | None) -> LaneMark:

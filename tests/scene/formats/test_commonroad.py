@@ -130,6 +130,42 @@ def test_obstacles_keep_their_boxes_and_motion(tmp_path: Path):
     assert (scene.time_axis.num_steps, now) == (110, 49)
 
 
+LIGHT = """<trafficLight id="50"><cycle>
+<cycleElement><duration>20</duration><color>red</color></cycleElement>
+<cycleElement><duration>{green}</duration><color>green</color></cycleElement>
+<timeOffset>5</timeOffset></cycle></trafficLight>"""
+
+
+def with_light(more: str, **numbers: float) -> str:
+    light = LIGHT.format(**{"green": 10} | numbers)
+    return text(more=light).replace(
+        '<successor ref="11"/>', f'<successor ref="11"/>{more}'
+    )
+
+
+def test_lights_stand_at_stop_lines_and_have_their_cycles(tmp_path: Path):
+    line = f"<stopLine>{point(45, -1.5)}{point(45, 1.5)}</stopLine>"
+    for more, x in (("", 50.0), (line, 45.0)):
+        reference = '<trafficLightRef ref="50"/>'
+        scene = open_scenario(write(tmp_path, with_light(more + reference)))
+        (signal,) = scene.signals
+        assert signal.lane_ids == (10,)
+        middle = scene.stop_lines_m()[0, 1] + scene.origin_city_m
+        np.testing.assert_allclose(middle, [x + FAR_M[0], FAR_M[1]], atol=1e-6)
+        first = scene.current_step
+        # From the file's step 5 on 20 red ones, 10 green ones, 20 red ones.
+        states = signal.states[first + 5 : first + 55]
+        assert states.tolist() == [1] * 20 + [3] * 10 + [1] * 20
+
+
+def test_a_light_without_duration_is_refused(tmp_path: Path):
+    path = write(tmp_path, with_light('<trafficLightRef ref="50"/>', green=0))
+    with pytest.raises(
+        FormatError, match=r"line \d+: <trafficLight> 50 has an element that does"
+    ):
+        open_scenario(path)
+
+
 def test_other_rates_are_resampled_to_ten_a_second(tmp_path: Path):
     scene = read(write(tmp_path, text(step_s=0.04)))
     row, now = scene.agents.row_of["100"], scene.current_step
@@ -173,3 +209,10 @@ def test_real_files_open_with_all_their_obstacles(format_files: Path):
         assert len(scene.agents) == count + ("<planningProblem " in content), path
         assert scene.agents.has_known_size.sum() == count
         assert scene.scenario_id in content
+
+
+@pytest.mark.real_data
+def test_real_lights_follow_the_cycles_of_their_files(format_files: Path):
+    scene = open_scenario(format_files / "commonroad/DEU_Starnberg-1_1_T-1.xml")
+    lanes = {one.signal_id: len(one.lane_ids) for one in scene.signals}
+    assert lanes == {"152": 1, "153": 4, "154": 2, "156": 1}

@@ -240,3 +240,34 @@ def test_what_sumo_drives_is_where_sumo_has_it(tmp_path: Path, format_files: Pat
     scene = open_scenario(path)
     assert len(scene.agents) >= 3
     np.testing.assert_allclose(scene.agents.size_m, [[4, 2]] * len(scene.agents))
+
+
+SIGNAL = """<tlLogic id="b" type="{kind}" programID="0" offset="2">
+<phase duration="4" state="r"/><phase duration="3" state="G"/></tlLogic><connection"""
+
+
+def with_signal(folder: Path, kind: str = "static", link: int = 0) -> Path:
+    path = folder / "signal.net.xml"
+    net = NET.replace("<connection", SIGNAL.format(kind=kind), 1)
+    tied = f'via=":b_0_0" tl="b" linkIndex="{link}"'
+    path.write_text(net.replace('via=":b_0_0"', tied))
+    return path
+
+
+def test_signals_stop_before_the_junction_and_have_their_programme(tmp_path: Path):
+    scene = open_scenario(with_signal(tmp_path))
+    (signal,) = scene.signals
+    place = scene.stop_lines_m()[0, 1] + scene.origin_city_m
+    np.testing.assert_allclose(place, [99.5, 0.0], atol=1e-6)
+    # SUMO's time 0 is the current step; the cycle begins at 2 s.
+    times = (np.arange(scene.time_axis.num_steps) - scene.current_step) // 10
+    expected = np.where((times - 2) % 7 < 4, 1, 3)
+    np.testing.assert_array_equal(signal.states, expected)
+
+
+def test_signals_that_react_are_unknown_and_bad_links_refused(tmp_path: Path):
+    scene = open_scenario(with_signal(tmp_path, "actuated"))
+    assert not scene.signals[0].states.any()
+    assert "react to traffic" in scene.provenance.notes[-1]
+    with pytest.raises(FormatError, match="has link 1, which a phase of 'b' has not"):
+        open_scenario(with_signal(tmp_path, link=1))
