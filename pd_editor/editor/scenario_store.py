@@ -377,7 +377,7 @@ def check_free(
     files = tracks_name(name), map_name(name)
     check_place(
         Path(out) / name,
-        (*files, RECIPE_NAME),
+        (*files, RECIPE_NAME, ATTRIBUTION_NAME, LOSSES_NAME),
         forbidden=_input_folder(scenario),
         overwrite=overwrite,
     )

@@ -6,7 +6,7 @@ from typing import Final
 from pd_editor.scene.av2_io.file_names import is_tracks_name
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
+from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene, losses_of
 from pd_editor.scene.scenario import Scenario
 
 
@@ -18,7 +18,7 @@ def _recognises(path: Path) -> bool:
 
 
 def _write(scenario: Scenario) -> WrittenScene:
-    return WrittenScene(files=scenario_files(scenario))
+    return WrittenScene(files=scenario_files(scenario), losses=losses_of(scenario))
 
 
 ARGOVERSE2: Final = SceneFormat(

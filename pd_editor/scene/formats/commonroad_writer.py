@@ -10,11 +10,13 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.signals import SignalState
 
 IDS_NAME: Final = "ids.csv"
 _TYPES: Final = {
@@ -66,6 +68,7 @@ def write(scenario: Scenario) -> WrittenScene:
     next_id = 1 + max((*known, *(c.crosswalk_id for c in scenario.road_map.crosswalks)))
     for walk in scenario.road_map.crosswalks:
         next_id = _crosswalk(root, walk, origin, known, next_id)
+    next_id = _lights(root, scenario, next_id)
     rows: list[tuple[str, int]] = []
     place = agents.position_m + origin
     for row, name in enumerate(agents.ids):
@@ -79,6 +82,8 @@ def write(scenario: Scenario) -> WrittenScene:
     _problem(root, scenario, ego, place, next_id)
     split = len(rows) - len(agents)
     losses: list[str] = list(_LOSSES)
+    if scenario.signals:
+        losses.append("Signals after the last step: their states begin again.")
     if split:
         losses.append(f"Gaps in tracks: {split} further obstacles go on after one.")
     data = etree.tostring(
@@ -182,6 +187,29 @@ def _crosswalk(
         _bound(found, tag, line, "unknown")
     _child(found, "laneletType", "crosswalk")
     return next_id
+
+
+def _lights(root: etree._Element, scenario: Scenario, next_id: int) -> int:
+    """Add the signals, with cycles of their states, and stop lines; the next free id."""
+    lanelet_of = {one.get("id"): one for one in root.iterfind("lanelet")}
+    stops = iter(scenario.stop_lines_m() + scenario.origin_city_m)
+    for number, signal in enumerate(scenario.signals, start=next_id):
+        cycle = _child(_child(root, "trafficLight", id=str(number)), "cycle")
+        for states in np.split(
+            signal.states, np.flatnonzero(np.diff(signal.states)) + 1
+        ):
+            part = _child(cycle, "cycleElement")
+            _child(part, "duration", str(len(states)))
+            _child(part, "color", WORDS[SignalState(states[0])][1])
+        for lane in signal.lane_ids:
+            lanelet, (left, _, right) = lanelet_of[str(lane)], next(stops)
+            line = etree.Element("stopLine")
+            _point(line, *left)
+            _point(line, *right)
+            _child(line, "lineMarking", "solid")
+            lanelet.find("laneletType").addprevious(line)
+            _child(lanelet, "trafficLightRef", ref=str(number))
+    return next_id + len(scenario.signals)
 
 
 def _paired(

@@ -21,7 +21,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.formats.commonroad_writer import IDS_NAME
 from pd_editor.scene.formats.openscenario_writer import entity_names, openscenario_file
-from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.formats.scene_format import WrittenScene, losses_of
 from pd_editor.scene.formats.xml_file import added
 from pd_editor.scene.geometry.angles import (
     heading_of,
@@ -140,7 +140,7 @@ def write(scenario: Scenario) -> WrittenScene:
         ]
     )
     files[IDS_NAME] = table.getvalue().encode()
-    return WrittenScene(files=files, losses=_LOSSES)
+    return WrittenScene(files=files, losses=losses_of(scenario, *_LOSSES))
 
 
 def opendrive_file(scenario: Scenario) -> bytes:

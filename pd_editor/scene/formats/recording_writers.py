@@ -1,6 +1,7 @@
 """Writes scenes as ScenarioNet descriptions and as GPUDrive scenes."""
 
 import pickle
+from collections.abc import Iterator
 from typing import Any, Final
 
 import msgspec
@@ -9,10 +10,12 @@ from jaxtyping import Float
 
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.geometry.polyline import at_height_zero
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.signals import SignalState
 
 DATASET: Final = "pd-editor"
 VERSION: Final = "1.0"
@@ -96,7 +99,10 @@ def scenarionet_files(scenario: Scenario) -> WrittenScene:
         "length": axis.num_steps,
         "metadata": about,
         "tracks": tracks,
-        "dynamic_map_states": {},
+        "dynamic_map_states": {
+            str(lane): _light(str(lane), place, words)
+            for lane, place, words in _lights(scenario)
+        },
         "map_features": _map_features(scenario),
     }
     files = {
@@ -155,13 +161,23 @@ def gpudrive_files(scenario: Scenario) -> WrittenScene:
             }
         )
     index = {agents.ids[row]: number for number, row in enumerate(rows)}
+    rank = {lane: number for number, lane in enumerate(scenario.road_map.lane_of)}
     focal = scenario.focal_id
     content = {
         "name": f"{scenario.scenario_id}.json",
         "scenario_id": scenario.scenario_id,
         "objects": objects,
         "roads": _roads(scenario),
-        "tl_states": {},
+        "tl_states": {
+            str(rank[lane]): {
+                "state": [words[step] for step in column[known]],
+                "x": [float(stop[0])] * int(known.sum()),
+                "y": [float(stop[1])] * int(known.sum()),
+                "z": [0.0] * int(known.sum()),
+                "time_index": np.flatnonzero(known).tolist(),
+            }
+            for lane, stop, words in _lights(scenario)
+        },
         "metadata": {
             "sdc_track_index": index[ego],
             "objects_of_interest": [],
@@ -197,6 +213,30 @@ def _ego(scenario: Scenario) -> str:
         f"Scenario {scenario.scenario_id} has neither ego nor focal agent at the "
         "current step; the format needs one as the car that drives itself."
     )
+
+
+def _lights(
+    scenario: Scenario,
+) -> Iterator[tuple[int, Float[np.ndarray, "2"], list[str]]]:
+    """Id, place of the stop line and Waymo's words of each lane that obeys a signal."""
+    stops = iter(scenario.stop_lines_m()[:, 1] + scenario.origin_city_m)
+    for signal in scenario.signals:
+        words = [WORDS[SignalState(one)][0] for one in signal.states]
+        for lane in signal.lane_ids:
+            yield lane, next(stops), words
+
+
+def _light(
+    lane: str, stop_m: Float[np.ndarray, "2"], words: list[str]
+) -> dict[str, Any]:
+    about = {"type": "TRAFFIC_LIGHT", "object_id": lane, "dataset": DATASET}
+    return {
+        "type": about["type"],
+        "state": {"object_state": [f"LANE_STATE_{one.upper()}" for one in words]},
+        "lane": lane,
+        "stop_point": np.append(stop_m, 0.0),
+        "metadata": about | {"track_length": len(words)},
+    }
 
 
 def _track(

@@ -17,6 +17,13 @@ class WrittenScene:
     """One sentence for each part of the scene that the format cannot say."""
 
 
+def losses_of(scenario: Scenario, *losses: str) -> tuple[str, ...]:
+    """What a format without traffic signals cannot say of a scene, besides ``losses``."""
+    return (
+        (*losses, "Traffic signals and their states.") if scenario.signals else losses
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneFormat:
     """A format of files that hold scenes; it reads them, writes them, or both.

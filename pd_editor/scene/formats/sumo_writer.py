@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
-from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.formats.scene_format import WrittenScene, losses_of
 from pd_editor.scene.formats.sumo_net import ALLOWED_ON, CROSSWALK, JUNCTION, PAVED
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, resample
@@ -85,7 +85,7 @@ def write(scenario: Scenario) -> WrittenScene:
     files["ids.csv"] = "\n".join(["ours,sumo", *table, ""])
     return WrittenScene(
         files={name: text.encode() for name, text in files.items()},
-        losses=tuple(losses),
+        losses=losses_of(scenario, *losses),
     )
 
 

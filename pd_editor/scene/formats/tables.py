@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
+from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene, losses_of
 from pd_editor.scene.scenario import Scenario
 
 
@@ -64,7 +64,9 @@ def write(scenario: Scenario) -> WrittenScene:
     }
     return WrittenScene(
         files={**_both("tracks", tracks), **_both("lanes", lanes)},
-        losses=("Links of lanes, crosswalks, drivable areas, and the focal agent.",),
+        losses=losses_of(
+            scenario, "Links of lanes, crosswalks, drivable areas, and the focal agent."
+        ),
     )
 
 

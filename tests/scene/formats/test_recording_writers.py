@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,11 @@ from pd_editor.base.errors import ExportError
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.formats.registry import formats, writer
 from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.signals import Signal, states_at
 
 
 def written(scenario: Scenario, name: str) -> WrittenScene:
@@ -88,6 +93,48 @@ def test_a_scene_without_an_agent_is_refused(name: str):
     scenario = open_scenario("roundabout")
     with pytest.raises(ExportError, match="neither ego nor focal agent"):
         written(scenario.without_agents(scenario.agents.ids), name)
+
+
+def signalled() -> Scenario:
+    """A demo with a signal at the beginning of a lane and the end of another."""
+    scenario = open_scenario("signalised-junction")
+    inside = next(one for one in scenario.road_map.lanes if one.is_intersection)
+    steps = np.arange(scenario.time_axis.num_steps)
+    signal = Signal(
+        signal_id="one",
+        lane_ids=(inside.lane_id, inside.predecessors[0]),
+        stop_share=np.array([0.0, 0.9]),
+        states=np.clip(steps // 25, 0, 3).astype(np.int8),
+    )
+    return replace(scenario, signals=(signal,))
+
+
+@pytest.mark.parametrize("name", ["scenarionet", "gpudrive", "commonroad"])
+def test_signals_come_back_bent_as_the_road_is(name: str, tmp_path: Path):
+    flat = signalled()
+    term = WarpTerm(kind="ripple-road", power=2.0, length_m=40.0, border_m=0.0)
+    away = RigidMotion(x_m=-200.0, y_m=0.0, rotation_rad=0.0)
+    for scenario in (flat, warp_scenario(flat, RoadWarp(anchor=away, terms=(term,)))):
+        folder = tmp_path / str(scenario.is_warped)
+        folder.mkdir()
+        found = there_and_back(scenario, name, folder)
+        stops = found.stop_lines_m()[:, 1] + found.origin_city_m
+        expected = scenario.stop_lines_m()[:, 1] + scenario.origin_city_m
+        np.testing.assert_allclose(stops, expected, atol=0.2)
+        later = found.current_step - scenario.current_step
+        for row in range(len(scenario.time_axis.times_s())):
+            if name == "gpudrive" and not -10 <= row - scenario.current_step <= 60:
+                continue
+            (theirs,) = set(states_at(found.signals, row + later).values())
+            assert theirs == scenario.signals[0].states[row]
+
+
+def test_formats_without_signals_tell_so():
+    scenario = signalled()
+    for name in ("av2", "tables", "sumo", "opendrive"):
+        assert "Traffic signals and their states." in written(scenario, name).losses
+        plain = written(replace(scenario, signals=()), name).losses
+        assert "signal" not in " ".join(plain)
 
 
 def test_tables_hold_every_state_once():
