@@ -26,7 +26,7 @@ from pd_editor.editor.scenario_store import (
 )
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.work_engine import EngineChoice, InThisProcess, run_items
-from pd_editor.scene.map_window import DEFAULT_RADIUS_M, densest_windows
+from pd_editor.scene.map_window import densest_windows, window_of
 
 Options = ParamSpec("Options")
 Scenes = str | Path | tuple[str | Path, ...]
@@ -75,12 +75,14 @@ def over_scenes(
             )
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
-            densest = options.pop("densest", None)
-            if densest is not None:
-                return _run_all(name, _windows(found, densest, options), options)
-            if len(found) == 1:
-                return command(found[0], *values, **options)
-            return _run_all(name, {one: (one, {}) for one in found}, options)
+            items: dict[str, _Item] = {one: (one, {}) for one in found}
+            if (densest := options.pop("densest", None)) is not None:
+                items = _windows(found, densest, options)
+            if len(items) == 1:
+                ((scene, own),) = items.values()
+                options.update(own)
+                return command(scene, *values, **options)
+            return _run_all(name, items, options)
 
         del run.__wrapped__
         words = tyro.conf.arg(metavar=f"{noun} [...]", help_behavior_hint="(required)")
@@ -129,7 +131,8 @@ def _windows(
     scenes: list[str], count: object, options: dict[str, Any]
 ) -> dict[str, _Item]:
     """The densest parts of each scene, by names that say where they are."""
-    radius = options.pop("radius", None) or DEFAULT_RADIUS_M
+    window = window_of((0.0, 0.0), options.pop("radius", None))
+    assert window is not None, "it is around a place"
     if options.pop("around", None) is not None:
         raise InputError("--around and --densest exclude each other.")
     if not isinstance(count, int) or not 1 <= count <= MOST_WINDOWS:
@@ -137,7 +140,7 @@ def _windows(
     found: dict[str, _Item] = {}
     for scene in scenes:
         lanes = lanes_of_file(functools.partial(open_scenario, scene))
-        for one in densest_windows(lanes, count, radius):
+        for one in densest_windows(lanes, count, window.radius_m):
             around = {"around": (one.x_m, one.y_m), "radius": one.radius_m}
             found[f"{scene} around {one.x_m:g} {one.y_m:g}"] = scene, around
     return found

@@ -132,7 +132,7 @@ def default_sizes_m(kinds: tuple[AgentKind, ...]) -> Float[np.ndarray, "A 2"]:
     return np.array([DEFAULT_SIZE_M[kind] for kind in kinds], float).reshape(-1, 2)
 
 
-def drawn_sizes_m(
+def sampled_sizes_m(
     kinds: tuple[AgentKind, ...], random: np.random.Generator
 ) -> Float[np.ndarray, "A 2"]:
     """Length and width of agents, drawn as they are on roads; static objects': defaults.

@@ -135,5 +135,8 @@ def test_the_densest_parts_of_a_map_become_scenes_of_their_own(
     told = shell.refused("convert", "roundabout", "--to", "av2", "--out", out,
                          "--densest", "2", "--around", "0", "0")  # fmt: skip
     assert told == "--around and --densest exclude each other."
+    told = shell.refused("convert", "roundabout", "--to", "av2", "--out", out,
+                         "--densest", "2", "--radius", "nan")  # fmt: skip
+    assert "expected metres of the file" in told
     told = shell.refused("convert", "roundabout", "--to", "av2", "--out", out, "--radius", "3")  # fmt: skip
     assert "--around" in told

@@ -1,6 +1,6 @@
 """Command that places a new agent."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_new_id,
     check_number_of_agents,
     check_position,
+    check_size,
     check_speed,
 )
 from pd_editor.editor.commands.motion import agents_with_trajectory
@@ -38,11 +39,17 @@ class PlaceAgent(Command):
     heading_rad: float
     speed_mps: float
     back_cast: bool = True
+    size_m: tuple[float, float] | None = field(
+        default=None, metadata={"omit_none": True}
+    )
+    """Length and width; None: the default of the kind."""
 
     def __post_init__(self) -> None:
         check_position(self.x_m, self.y_m)
         check_angle("Heading", self.heading_rad)
         check_speed(self.speed_mps)
+        if self.size_m is not None:
+            check_size(*self.size_m)
 
     @property
     def edits_current_state(self) -> bool:
@@ -92,8 +99,10 @@ class PlaceAgent(Command):
             ids=(self.agent_id,),
             kinds=(self.kind,),
             categories=(AgentCategory.UNSCORED,),
-            size_m=default_sizes_m((self.kind,)),
-            has_known_size=np.zeros(1, bool),
+            size_m=default_sizes_m((self.kind,))
+            if self.size_m is None
+            else np.array([self.size_m]),
+            has_known_size=np.array([self.size_m is not None]),
             position_m=np.where(is_valid[:, None], position, 0.0)[None],
             heading_rad=np.where(is_valid, wrap_angle(heading), 0.0)[None],
             velocity_mps=np.where(is_valid[:, None], velocity, 0.0)[None],

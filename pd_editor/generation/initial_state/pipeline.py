@@ -67,7 +67,7 @@ from pd_editor.scene.agent_kind import (
     AgentCategory,
     AgentKind,
     default_sizes_m,
-    drawn_sizes_m,
+    sampled_sizes_m,
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.generation import MAX_SEED, Region
@@ -251,7 +251,7 @@ class SquareTask:
         kinds = self.placing.new_kinds
         random = np.random.default_rng([seed, sample, _SIZES_KEY, self.placing.square])
         rows = np.arange(len(self.placed) - len(kinds), len(self.placed))
-        sizes = drawn_sizes_m(kinds, random)
+        sizes = sampled_sizes_m(kinds, random)
         placed = self.placed.with_rows(rows, size_m=sizes)
         return replace(self, sample=sample, placed=placed)
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.editor.commands import PlaceAgent, new_agent_id
-from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind, default_sizes_m
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind, sampled_sizes_m
 from pd_editor.scene.paths.suggested_state import (
     SUGGESTED_SPEED_MPS,
     suggested_heading,
@@ -74,6 +74,7 @@ class PlacingMode:
             heading_rad=state.heading_rad,
             speed_mps=state.speed_mps,
             back_cast=self.with_past,
+            size_m=self._size_m(),
         )
         self._ui.apply(command)
 
@@ -93,14 +94,20 @@ class PlacingMode:
         for listener in self._listeners:
             listener()
 
+    def _size_m(self) -> tuple[float, float]:
+        """Size of the next agent, drawn anew for each."""
+        random = np.random.default_rng(len(self._ui.session.scenario.agents))
+        ((length, width),) = sampled_sizes_m((self.kind,), random)
+        return float(length), float(width)
+
     def _show_ghost(self) -> None:
-        ((length, width),) = default_sizes_m((self.kind,))
+        length, width = self._size_m()
         palette = DARK if self._ui.workspace.is_dark else LIGHT
         self._overlay.show(
             "placing",
             {
                 "isActive": self.is_active,
-                "sizeM": [float(length), float(width), DEFAULT_HEIGHT_M[self.kind]],
+                "sizeM": [length, width, DEFAULT_HEIGHT_M[self.kind]],
                 "headingRad": round(self._heading_rad, 3),
                 "color": "rgb({}, {}, {})".format(*palette.kinds[self.kind]),
                 "numKinds": len(KEY_KINDS),

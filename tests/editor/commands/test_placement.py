@@ -1,11 +1,13 @@
 """Placed agents drive the lane they are put on, and have a past unless asked not to."""
 
+import json
+
 import numpy as np
 import pytest
 import shapely
 
 from pd_editor.base.errors import EditError
-from pd_editor.editor.commands import PlaceAgent
+from pd_editor.editor.commands import PlaceAgent, command_from_json, command_to_json
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.road_map import RoadMap
@@ -140,3 +142,19 @@ def test_standing_and_rolling_back(speed):
 def test_impossible_placements_are_refused(changes):
     with pytest.raises(EditError):
         placed(**changes)
+
+
+def test_a_size_is_kept_and_told_in_recipes():
+    command = PlaceAgent(
+        agent_id="new", kind=AgentKind.VEHICLE, x_m=-60.0, y_m=0.5,
+        heading_rad=0.0, speed_mps=8.0, size_m=(5.1, 2.0),
+    )  # fmt: skip
+    again = command_from_json(json.loads(json.dumps(command_to_json(command))), "It")
+    assert again == command
+    agents = again.apply(BASE).agents
+    row = agents.row_of["new"]
+    assert agents.size_m[row].tolist() == [5.1, 2.0]
+    assert agents.has_known_size[row]
+    assert not placed().agents.has_known_size[row]
+    with pytest.raises(EditError):
+        placed(size_m=(0.0, 2.0))
