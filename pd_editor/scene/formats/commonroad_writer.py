@@ -12,6 +12,7 @@ from pd_editor.base.errors import ExportError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.formats.xml_file import as_file
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
@@ -86,14 +87,11 @@ def write(scenario: Scenario) -> WrittenScene:
         losses.append("Signals after the last step: their states begin again.")
     if split:
         losses.append(f"Gaps in tracks: {split} further obstacles go on after one.")
-    data = etree.tostring(
-        root, encoding="UTF-8", xml_declaration=True, pretty_print=True
-    )
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows([("agent", "obstacle"), *rows])
     return WrittenScene(
         files={
-            f"{scenario.scenario_id}.xml": data,
+            f"{scenario.scenario_id}.xml": as_file(root),
             IDS_NAME: table.getvalue().encode(),
         },
         losses=tuple(losses),

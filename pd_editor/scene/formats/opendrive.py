@@ -1,7 +1,7 @@
 """ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML)."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -109,8 +109,10 @@ def _offset(header: Place) -> Float[np.ndarray, "2"]:
     """Way from the file's origin to that of its projection; 0 where it is turned, too."""
     for one in header.children("offset"):
         shift = np.array([one.number("x"), one.number("y")])
-        is_turned = float(one.element.get("hdg") or 0.0) != 0.0
-        if not is_turned and (np.abs(shift) <= MAX_COORDINATE_M).all():
+        if (
+            not float(one.element.get("hdg") or 0)
+            and np.abs(shift).max() <= MAX_COORDINATE_M
+        ):
             return shift
     return np.zeros(2)
 
@@ -304,20 +306,19 @@ class _Network:
 
     def lanes(self) -> tuple[Lane, ...]:
         """All lanes that are driven on, with their links."""
-        joints = {
-            self._number[road.name, section.index, lane]
-            for road, section, lane in self._driven
-            if road.is_joint
-        }
-        follows: defaultdict[int, list[int]] = defaultdict(list)
-        for first, second in sorted(set(self._links())):
-            follows[first].append(second)
-        after: defaultdict[int, list[int]] = defaultdict(list)
-        before: defaultdict[int, list[int]] = defaultdict(list)
-        for first in sorted(follows.keys() - joints):
-            for second in _beyond(first, follows, joints):
-                after[first].append(second)
-                before[second].append(first)
+        after: defaultdict[int, set[int]] = defaultdict(set)
+        before: defaultdict[int, set[int]] = defaultdict(set)
+        for first, second in self._links():
+            after[first].add(second)
+            before[second].add(first)
+        for road, section, lane in self._driven:
+            if road.is_joint:
+                number = self._number[road.name, section.index, lane]
+                ends = before[number], after[number]
+                for one in ends[0]:
+                    after[one] = after[one] - {number} | ends[1]
+                for one in ends[1]:
+                    before[one] = before[one] - {number} | ends[0]
         return tuple(
             self._lane(road, section, lane, after, before)
             for road, section, lane in self._driven
@@ -329,8 +330,8 @@ class _Network:
         road: _Road,
         section: _Section,
         lane: int,
-        after: Mapping[int, list[int]],
-        before: Mapping[int, list[int]],
+        after: Mapping[int, set[int]],
+        before: Mapping[int, set[int]],
     ) -> Lane:
         number = self._number[road.name, section.index, lane]
         inner = section.inner(lane)
@@ -368,8 +369,8 @@ class _Network:
             right=_simplified(section.points(right)[::step]),
             left_mark=left_mark,
             right_mark=right_mark,
-            successors=tuple(after.get(number, ())),
-            predecessors=tuple(before.get(number, ())),
+            successors=tuple(sorted(after.get(number, ()))),
+            predecessors=tuple(sorted(before.get(number, ()))),
             left_neighbor=left_neighbor,
             right_neighbor=right_neighbor,
         )
@@ -453,21 +454,6 @@ class _Network:
             yield self._number[one], self._number[other]
         elif not leaves and not enters:
             yield self._number[other], self._number[one]
-
-
-def _beyond(
-    lane: int, follows: Mapping[int, Sequence[int]], joints: Collection[int]
-) -> list[int]:
-    """Lanes that follow a lane, at once or behind joints."""
-    found, seen, left = set(), set(), [*follows.get(lane, ())]
-    while left:
-        one = left.pop()
-        if one in joints and one not in seen:
-            seen.add(one)
-            left += follows.get(one, ())
-        elif one not in joints:
-            found.add(one)
-    return sorted(found)
 
 
 def _mark(section: _Section, lane: int) -> LaneMark:

@@ -22,7 +22,7 @@ from pd_editor.base.errors import ExportError
 from pd_editor.scene.formats.commonroad_writer import IDS_NAME
 from pd_editor.scene.formats.openscenario_writer import entity_names, openscenario_file
 from pd_editor.scene.formats.scene_format import WrittenScene, losses_of
-from pd_editor.scene.formats.xml_file import added
+from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.geometry.angles import (
     heading_of,
     left_of,
@@ -76,6 +76,7 @@ _STRAIGHT: Final = 1e-3
 _SHARPEST: Final = 2.5
 """Corners of smaller and of larger angles are not rounded."""
 _SAME_VALUE_M: Final = 0.005
+_SAME_SLOPE: Final = 1e-9
 _LEAST_WIDTH_M: Final = 0.05
 _STATION_M: Final = 2.0
 
@@ -93,17 +94,14 @@ class _Road:
     def cut(self) -> tuple["_Road", "_Road"]:
         """The road without its last centimetres, and these."""
         start, x, y, heading, length, _ = self.pieces[-1]
-        bridge_m = min(_BRIDGE_M, length / 2)
-        kept_m = length - bridge_m
+        kept_m = length - min(_BRIDGE_M, length / 2)
         last = np.array([[start, x, y, heading, kept_m, 0.0]])
         x, y = (x, y) + kept_m * unit_vector(heading)
-        bridge = np.array([[0.0, x, y, heading, bridge_m, 0.0]])
-        s = np.append(self.s_m[:-1], start + kept_m)
-        ends = np.array([0.0, bridge_m])
-        return (
-            _Road(np.vstack([self.pieces[:-1], last]), s, self.width_m, self.height_m),
-            _Road(bridge, ends, self.width_m[[-1, -1]], self.height_m[[-1, -1]]),
-        )
+        rest = np.array([[0.0, x, y, heading, length - kept_m, 0.0]])
+        pieces = np.concatenate([self.pieces[:-1], last])
+        s, ends = np.append(self.s_m[:-1], start + kept_m), rest[0, [0, 4]]
+        values = self.width_m[[-1, -1]], self.height_m[[-1, -1]]
+        return replace(self, pieces=pieces, s_m=s), _Road(rest, ends, *values)
 
 
 _LOSSES: Final[tuple[str, ...]] = (
@@ -132,13 +130,10 @@ def write(scenario: Scenario) -> WrittenScene:
     if names:
         files[f"{name}.xosc"] = openscenario_file(scenario, f"{name}.xodr", names)
     table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows(
-        [
-            ("kind", "id", "id in the file"),
-            *(("agent", *pair) for pair in names.items()),
-            *(("lane", one, one) for one in scenario.road_map.lane_of),
-        ]
-    )
+    rows = [("kind", "id", "id in the file")]
+    rows += [("agent", *pair) for pair in names.items()]
+    rows += [("lane", str(one), str(one)) for one in scenario.road_map.lane_of]
+    csv.writer(table, lineterminator="\n").writerows(rows)
     files[IDS_NAME] = table.getvalue().encode()
     return WrittenScene(files=files, losses=losses_of(scenario, *_LOSSES))
 
@@ -153,20 +148,11 @@ def opendrive_file(scenario: Scenario) -> bytes:
         ExportError: a lane has no length.
     """
     lanes, origin = scenario.road_map.lanes, scenario.origin_city_m
-    low, high = scenario.road_map.bounds_m
     root = etree.Element("OpenDRIVE")
-    header = added(
-        root,
-        "header",
-        revMajor=1,
-        revMinor=7,
-        name=scenario.scenario_id,
-        north=high[1],
-        south=low[1],
-        east=high[0],
-        west=low[0],
-        vendor="Path Diffuser Editor",
-    )
+    (west, south), (east, north) = scenario.road_map.bounds_m
+    about = {"name": scenario.scenario_id, "vendor": "Path Diffuser Editor"}
+    bounds = {"north": north, "south": south, "east": east, "west": west}
+    header = added(root, "header", revMajor=1, revMinor=7, **about, **bounds)
     added(header, "offset", x=origin[0], y=origin[1], z=0, hdg=0)
     joints = _joints(scenario.road_map)
     roads = _roads(lanes, joints)
@@ -191,17 +177,11 @@ def opendrive_file(scenario: Scenario) -> bytes:
         if row in objects:
             place.append(objects[row])
     _connect(root, lanes, roads, bridges, junctions, ids)
-    return etree.tostring(
-        root, encoding="UTF-8", xml_declaration=True, pretty_print=True
-    )
+    return as_file(root)
 
 
 def _to_road(lane: Lane, contact: str) -> dict[str, object]:
-    return {
-        "elementType": "road",
-        "elementId": lane.lane_id,
-        "contactPoint": contact,
-    }
+    return {"elementType": "road", "elementId": lane.lane_id, "contactPoint": contact}
 
 
 def _joints(road_map: RoadMap) -> list[list[tuple[int, int]]]:
@@ -256,12 +236,10 @@ def _roads(
             mean = (widths[one][-1] + widths[other][0]) / 2
             widths[one][-1] = widths[other][0] = mean
     roads = []
-    for line, pieces, (s, _), width in zip(
-        lines, curves, stations, widths, strict=True
-    ):
-        way = arc_length(line[:, :2])
-        height = np.interp(s * way[-1] / s[-1], way, line[:, 2])
-        roads.append(_Road(pieces, s, width, height))
+    for row, (s, _) in enumerate(stations):
+        way = arc_length(lines[row][:, :2])
+        height = np.interp(s * way[-1] / s[-1], way, lines[row][:, 2])
+        roads.append(_Road(curves[row], s, widths[row], height))
     return roads
 
 
@@ -297,26 +275,22 @@ def _pieces(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "P 6"]:
     step = np.diff(line, axis=0)
     length, heading = np.hypot(*step.T), heading_of(step)
     ahead, turn = unit_vector(heading), wrap_angle(np.diff(heading))
-    half = np.abs(turn) / 2
+    half = np.maximum(np.abs(turn) / 2, 1e-9)
     is_round = (half > _STRAIGHT / 2) & (half < _SHARPEST / 2)
     # The first and the last straight may be used up; others are shared by two corners.
     share = np.full(len(length), 0.45)
     share[[0, -1]] = 0.8
     most = np.minimum((share * length)[:-1], (share * length)[1:])
-    used = np.where(
-        is_round, np.minimum(_CORNER_M / np.tan(np.maximum(half, 1e-9) / 2), most), 0.0
-    )
-    curvature = np.where(
-        is_round, np.sign(turn) * np.tan(half) / np.maximum(used, 1e-9), 0.0
-    )
+    used = np.minimum(_CORNER_M / np.tan(half / 2), most) * is_round
+    radius = np.where(is_round, used / np.tan(half), 1.0)
     table = np.zeros((2 * len(length) - 1, 5))
     before, after = np.append(0.0, used), np.append(used, 0.0)
     table[::2, :2] = line[:-1] + before[:, None] * ahead
     table[::2, 2], table[::2, 3] = heading, length - before - after
     table[1::2, :2] = line[1:-1] - used[:, None] * ahead[:-1]
     table[1::2, 2] = heading[:-1]
-    table[1::2, 3] = np.where(is_round, turn / np.where(is_round, curvature, 1.0), 0.0)
-    table[1::2, 4] = curvature
+    table[1::2, 3] = 2 * half * radius * is_round
+    table[1::2, 4] = np.sign(turn) / radius * is_round
     table = table[table[:, 3] > 0]
     start = np.cumsum(table[:, 3]) - table[:, 3]
     return np.column_stack([start, table])
@@ -375,24 +349,19 @@ def _road(
             added(piece, "line")
     if road.height_m.any():
         profile = added(found, "elevationProfile")
-        _profile(profile, "elevation", "s", road.s_m, road.height_m)
+        _profile(profile, "elevation", road.s_m, road.height_m)
     places = added(found, "lanes")
-    _profile(places, "laneOffset", "s", road.s_m, road.width_m / 2)
+    _profile(places, "laneOffset", road.s_m, road.width_m / 2)
     section = added(places, "laneSection", s=0)
     center = added(added(section, "center"), "lane", id=0, type="none", level="false")
     _mark(center, lane.left_mark)
-    own = added(
-        added(section, "right"),
-        "lane",
-        id=-1,
-        type=_LANE_TYPES[lane.kind],
-        level="false",
-    )
+    right, kind = added(section, "right"), _LANE_TYPES[lane.kind]
+    own = added(right, "lane", id=-1, type=kind, level="false")
     link = added(own, "link")
     for tag, one in zip(tags, links, strict=True):
         if one is not None and one["elementType"] == "road":
             added(link, tag, id=-1)
-    _profile(own, "width", "sOffset", road.s_m, road.width_m)
+    _profile(own, "width", road.s_m, road.width_m)
     _mark(own, lane.right_mark)
     return found
 
@@ -412,16 +381,19 @@ def _tell(road: etree._Element, lane: Lane) -> None:
 def _profile(
     parent: etree._Element,
     tag: str,
-    name: str,
     s_m: Float[np.ndarray, "K"],
     values: Float[np.ndarray, "K"],
 ) -> None:
     """Linear pieces of values along a road, as few as follow them."""
+    name = "sOffset" if tag == "width" else "s"
     line = shapely.LineString(np.column_stack([s_m, values]))
     kept = shapely.get_coordinates(shapely.simplify(line, _SAME_VALUE_M))
     slope = np.diff(kept[:, 1]) / np.diff(kept[:, 0])
-    for (s, value), rise in zip(kept[:-1].tolist(), slope.tolist(), strict=True):
-        added(parent, tag, **{name: s}, a=value, b=rise, c=0, d=0)
+    is_new = np.abs(np.diff(slope, prepend=np.inf)) > _SAME_SLOPE
+    for (s, a), b in zip(
+        kept[:-1][is_new].tolist(), slope[is_new].tolist(), strict=True
+    ):
+        added(parent, tag, **{name: s}, a=a, b=b, c=0, d=0)
 
 
 def _mark(lane: etree._Element, mark: LaneMark) -> None:
@@ -448,15 +420,9 @@ def _connect(
             road = replace(bridges[one], width_m=widths)
             ends = _to_road(lanes[one], "end"), _to_road(lanes[other], "start")
             _road(root, (own, number), lanes[one], road, ends)
-            connection = added(
-                junction,
-                "connection",
-                id=index,
-                incomingRoad=lanes[one].lane_id,
-                connectingRoad=own,
-                contactPoint="start",
-            )
-            added(connection, "laneLink", **{"from": -1, "to": -1})
+            way = {"incomingRoad": lanes[one].lane_id, "connectingRoad": own}
+            way = added(junction, "connection", id=index, contactPoint="start", **way)
+            added(way, "laneLink", **{"from": -1, "to": -1})
         found.append(junction)
     root.extend(found)
 
@@ -484,24 +450,12 @@ def _objects(
         beside = float((middle - places[near]) @ side)
         local = (ring - places[near] - beside * side) @ np.stack([ahead, side], axis=-1)
         length, width = np.maximum(np.ptp(local, axis=0), 0.01)
-        one = added(
-            found.setdefault(row, etree.Element("objects")),
-            "object",
-            id=next(ids),
-            type=kind,
-            name="" if kind == "crosswalk" else "drivable area",
-            s=lines[near, 0] + half[near],
-            t=beside,
-            zOffset=0,
-            hdg=0,
-            orientation="none",
-            length=length,
-            width=width,
-            height=0,
-        )
-        outline = added(
-            added(one, "outlines"), "outline", id=0, closed="true", **filling
-        )
+        place = {"s": lines[near, 0] + half[near], "t": beside, "zOffset": 0, "hdg": 0}
+        size = {"length": length, "width": width, "height": 0}
+        objects = found.setdefault(row, etree.Element("objects"))
+        about = {"id": next(ids), "type": kind, "orientation": "none"}
+        outlines = added(added(objects, "object", **about, **place, **size), "outlines")
+        outline = added(outlines, "outline", id=0, closed="true", **filling)
         for u, v in local.tolist():
             added(outline, "cornerLocal", u=u, v=v, z=0, height=0)
     return found

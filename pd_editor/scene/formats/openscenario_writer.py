@@ -14,7 +14,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.commonroad_writer import unbroken_parts
 from pd_editor.scene.formats.recording_writers import HEIGHT_M
-from pd_editor.scene.formats.xml_file import added
+from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 EGO_NAME: Final = "Ego"
@@ -52,16 +52,9 @@ def openscenario_file(
     """Trajectories of a scenario's agents on a road network, named as given."""
     agents, step_s = scenario.agents, scenario.time_axis.step_s
     root = etree.Element("OpenSCENARIO")
-    added(
-        root,
-        "FileHeader",
-        revMajor=1,
-        revMinor=2,
-        date=_DATE,
-        author="Path Diffuser Editor",
-        description=f"{scenario.scenario_id}; the current state is at "
-        f"{scenario.current_step * step_s:g} s",
-    )
+    told = f"{scenario.scenario_id}, current at {scenario.current_step * step_s:g} s"
+    about = {"author": "Path Diffuser Editor", "date": _DATE, "description": told}
+    added(root, "FileHeader", revMajor=1, revMinor=2, **about)
     added(root, "CatalogLocations")
     added(added(root, "RoadNetwork"), "LogicFile", filepath=road_file)
     entities = added(root, "Entities")
@@ -77,27 +70,22 @@ def openscenario_file(
         for number, steps in enumerate(unbroken_parts(agents.is_valid[row])):
             track = np.column_stack([steps * step_s, states[steps]]).tolist()
             if steps[0] == 0:
-                private = added(init, "Private", entityRef=name)
-                _place(
-                    added(added(private, "PrivateAction"), "TeleportAction"), track[0]
-                )
+                start = added(added(init, "Private", entityRef=name), "PrivateAction")
+                _place(added(start, "TeleportAction"), track[0])
             _follow(maneuver, f"{name} {number}", name, track)
             if steps[-1] < agents.num_steps - 1:
                 event = added(maneuver, "Event", name=f"Leave {name} {number}", **_ONCE)
                 _entity_action(event, "DeleteEntityAction", name)
                 _at(added(event, "StartTrigger"), track[-1][0] + step_s)
-        group = added(
-            act, "ManeuverGroup", name=f"Group {name}", maximumExecutionCount=1
-        )
+        title = {"name": f"Group {name}", "maximumExecutionCount": 1}
+        group = added(act, "ManeuverGroup", **title)
         actors = added(group, "Actors", selectTriggeringEntities="false")
         added(actors, "EntityRef", entityRef=name)
         if len(maneuver):
             group.append(maneuver)
     _at(added(act, "StartTrigger"), 0.0)
     _at(added(story_board, "StopTrigger"), scenario.time_axis.duration_s, "greaterThan")
-    return etree.tostring(
-        root, encoding="UTF-8", xml_declaration=True, pretty_print=True
-    )
+    return as_file(root)
 
 
 def _entity(
@@ -108,35 +96,22 @@ def _entity(
     if kind in _VEHICLES:
         found = added(place, "Vehicle", name=name, vehicleCategory=_VEHICLES[kind])
     elif kind == AgentKind.PEDESTRIAN:
-        found = added(
-            place, "Pedestrian", name=name, mass=80, pedestrianCategory="pedestrian"
-        )
+        about = {"mass": 80, "pedestrianCategory": "pedestrian"}
+        found = added(place, "Pedestrian", name=name, **about)
     else:
-        found = added(
-            place, "MiscObject", name=name, mass=100, miscObjectCategory="obstacle"
-        )
+        about = {"mass": 100, "miscObjectCategory": "obstacle"}
+        found = added(place, "MiscObject", name=name, **about)
     box = added(found, "BoundingBox")
     added(box, "Center", x=0, y=0, z=HEIGHT_M / 2)
     added(box, "Dimensions", width=width, length=length, height=HEIGHT_M)
     if kind in _VEHICLES:
-        added(
-            found,
-            "Performance",
-            maxSpeed=_MOST,
-            maxAcceleration=_MOST,
-            maxDeceleration=_MOST,
-        )
+        most = ("maxSpeed", "maxAcceleration", "maxDeceleration")
+        added(found, "Performance", **dict.fromkeys(most, _MOST))
         axles = added(found, "Axles")
+        wheels = {"wheelDiameter": _WHEEL_M, "trackWidth": width}
         for tag, steering, share in (("FrontAxle", 0.5, 0.3), ("RearAxle", 0.0, -0.3)):
-            added(
-                axles,
-                tag,
-                maxSteering=steering,
-                wheelDiameter=_WHEEL_M,
-                trackWidth=width,
-                positionX=share * length,
-                positionZ=_WHEEL_M / 2,
-            )
+            place = {"positionX": share * length, "positionZ": _WHEEL_M / 2}
+            added(axles, tag, maxSteering=steering, **wheels, **place)
     added(found, "Properties")
 
 
@@ -158,13 +133,8 @@ def _follow(
         line = added(added(path, "Shape"), "Polyline")
         for state in track:
             _place(added(line, "Vertex", time=state[0]), state)
-        added(
-            added(follow, "TimeReference"),
-            "Timing",
-            domainAbsoluteRelative="absolute",
-            scale=1,
-            offset=0,
-        )
+        timing = {"domainAbsoluteRelative": "absolute", "scale": 1, "offset": 0}
+        added(added(follow, "TimeReference"), "Timing", **timing)
         added(follow, "TrajectoryFollowingMode", followingMode="position")
     if len(event):
         _at(added(event, "StartTrigger"), track[0][0])
@@ -185,12 +155,7 @@ def _place(parent: etree._Element, state: Sequence[float]) -> None:
 
 def _at(trigger: etree._Element, time_s: float, rule: str = "greaterOrEqual") -> None:
     """Let a trigger fire at a time of the simulation."""
-    condition = added(
-        added(trigger, "ConditionGroup"),
-        "Condition",
-        name="time",
-        delay=0,
-        conditionEdge="none",
-    )
-    value = added(condition, "ByValueCondition")
-    added(value, "SimulationTimeCondition", value=time_s, rule=rule)
+    about = {"name": "time", "delay": 0, "conditionEdge": "none"}
+    condition = added(added(trigger, "ConditionGroup"), "Condition", **about)
+    time = added(condition, "ByValueCondition")
+    added(time, "SimulationTimeCondition", value=time_s, rule=rule)

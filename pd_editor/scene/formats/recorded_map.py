@@ -8,8 +8,14 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import valid_area
-from pd_editor.scene.geometry.polyline import arc_length, at_height_zero, offset_line
+from pd_editor.scene.geometry.polyline import (
+    arc_length,
+    at_height_zero,
+    offset_line,
+    without_repeats,
+)
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 
 USUAL_WIDTH_M: Final = 3.5
@@ -83,17 +89,28 @@ def _is_line(lane: CenterLane) -> bool:
 
 
 def crosswalk_of(number: int, ring: Float[np.ndarray, "N 2"]) -> Crosswalk | None:
-    """Crosswalk between the long sides of a polygon's smallest rectangle; None of a line."""
+    """Crosswalk between the long sides of a polygon, of which four corners turn most.
+
+    A triangle has those of its smallest rectangle; a line is none.
+    """
     around = shapely.minimum_rotated_rectangle(shapely.MultiPoint(ring))
     if not isinstance(around, shapely.Polygon):
         return None
-    corners = np.asarray(around.exterior.coords)[:4]
-    sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
-    a, b, c, d = corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)
+    ring = without_repeats(ring)
+    ring = ring[:-1] if np.allclose(ring[0], ring[-1]) else ring
+    ring = ring if len(ring) >= 4 else np.asarray(around.exterior.coords)[:4]
+    heading = heading_of(np.roll(ring, -1, axis=0) - ring)
+    turn = np.abs(wrap_angle(heading - np.roll(heading, 1)))
+    at = np.sort(np.argsort(turn)[-4:])
+    ring, at = np.roll(ring, -at[0], axis=0), at - at[0]
+    closed, ends = np.concatenate([ring, ring[:1]]), [*at[1:], len(ring)]
+    sides = [closed[a : b + 1] for a, b in zip(at, ends, strict=True)]
+    length = [float(arc_length(one)[-1]) for one in sides]
+    first = 0 if length[0] + length[2] >= length[1] + length[3] else 1
     return Crosswalk(
         crosswalk_id=number,
-        edge1=at_height_zero(np.stack([a, b])),
-        edge2=at_height_zero(np.stack([d, c])),
+        edge1=at_height_zero(sides[first]),
+        edge2=at_height_zero(sides[first + 2][::-1]),
     )
 
 

@@ -94,6 +94,13 @@ def told_of(element: etree._Element, *names: str) -> str:
     return "; ".join(found)
 
 
+def as_file(root: etree._Element) -> bytes:
+    """The bytes of a file of an element."""
+    return etree.tostring(
+        root, encoding="UTF-8", xml_declaration=True, pretty_print=True
+    )
+
+
 class Place:
     """An element with its file, for errors that name both and the line."""
 
