@@ -227,7 +227,7 @@ def is_foreign(name: str, content: bytes) -> bool:
 
 def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
     """Scenario in a file of another format than Argoverse 2, or a zip of it; else None."""
-    inside = files_in_upload(files, has_foreign_ending, MAX_UNPACKED_BYTES)
+    inside = list(files_in_upload(files, has_foreign_ending, MAX_UNPACKED_BYTES))
     scenes = [one for one in inside if is_foreign(*one)] if len(files) == 1 else []
     if not scenes:
         return None
@@ -238,6 +238,10 @@ def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
         )
     ((name, content),) = scenes
     with _as_file(name, content) as path:
+        # Such as the motion on a SUMO network.
+        for other, data in inside:
+            if not (beside := path.with_name(Path(other).name)).exists():
+                beside.write_bytes(data)
         try:
             scenario = read_scene(path)
         except InputError as error:

@@ -77,10 +77,9 @@ def read(path: Path) -> Scenario:
         for ending in (".xml.gz", ".xml")
         if (found := path.with_name(f"{name}.{part}{ending}")).is_file()
     }
+    # Of these, SUMO does not heed the name of the root.
     roots = {
-        part: parse_xml(one, root)[0]
-        for part, root in (("rou", "routes"), ("add", "additional"))
-        if (one := beside.get(part)) is not None
+        part: parse_xml(one, None)[0] for part, one in beside.items() if part != "fcd"
     }
     tracks: tuple[FileTrack, ...] = ()
     times: list[float] = []

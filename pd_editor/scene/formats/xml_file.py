@@ -25,8 +25,10 @@ def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
         return b""
 
 
-def parse_xml(path: Path, root: str) -> tuple[etree._Element, bytes]:
+def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
     """Root element of a file, which may be gzipped, without comments; the file's bytes.
+
+    It has the name ``root``; None: any.
 
     Raises:
         FormatError: the file is no XML, has another root, or declares a document type,
@@ -50,7 +52,7 @@ def parse_xml(path: Path, root: str) -> tuple[etree._Element, bytes]:
             f"{path}: declares a document type (DOCTYPE); expected none, since it could "
             "hold entities."
         )
-    if found.tag != root:
+    if root is not None and found.tag != root:
         raise FormatError(f"{path}: its root is <{found.tag}>; expected <{root}>.")
     return found, data
 

@@ -2,6 +2,7 @@
 
 import csv
 import subprocess
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -107,6 +108,7 @@ def test_a_demo_is_the_same_for_sumolib_for_sumo_and_back_again(
 
 
 @pytest.mark.slow
+@pytest.mark.oracle
 def test_real_scenes_are_the_same_for_all(
     tmp_path: Path, av2_scenario_folders: list[Path]
 ):
@@ -126,6 +128,16 @@ def test_crosswalks_and_paved_ground_come_back(tmp_path: Path):
         strict=True,
     ):
         assert lane == own
+
+
+def test_a_zip_of_an_export_keeps_its_motion(tmp_path: Path):
+    scenario = open_scenario(DEMO)
+    written(scenario, tmp_path)
+    path = tmp_path / "scene.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        for one in tmp_path.glob("*.xml"):
+            file.write(one, f"{DEMO}/{one.name}")
+    assert len(open_scenario(path).agents) == len(scenario.agents)
 
 
 def test_vehicles_begin_where_they_are_recorded(tmp_path: Path):
