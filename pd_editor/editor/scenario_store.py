@@ -34,6 +34,7 @@ from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_fil
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import (
     format_of,
+    formats,
     has_foreign_ending,
     is_foreign_file,
     read_scene,
@@ -192,12 +193,13 @@ def _no_scenario(text: str, path: str) -> InputError:
         )
     if path.endswith(".json"):
         return InputError(
-            f"{text}: is a file; recipes are replayed by pd-editor replay, and scenarios"
-            " are opened by their folder."
+            f"{text}: is no file of a known format; recipes are replayed by pd-editor"
+            " replay, and scenarios are opened by their folder."
         )
+    known = ", ".join(sorted({e for one in formats().values() for e in one.endings}))
     return InputError(
-        f"{text}: is a file; expected the folder that holds scenario_<id>.parquet and"
-        " log_map_archive_<id>.json, or a zip of it."
+        f"{text}: is no file of a known format ({known}); for Argoverse 2,"
+        " expected the folder that holds scenario_<id>.parquet and log_map_archive_<id>.json, or a zip of it."
     )
 
 

@@ -13,7 +13,8 @@ from pd_editor.scene.formats.file_scene import FileScene, FileTrack
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml, told_of
-from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.angles import heading_of, unit_vector
+from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.geometry.polyline import midline
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
@@ -38,6 +39,8 @@ _KINDS: Final = {
     "median_strip": AgentKind.STATIC,
 }
 """Kinds of obstacles; all others are of unknown kind."""
+_STANDS_M: Final = 0.01
+"""Way of a step that tells no heading."""
 _FINEST: Final = 100
 """Steps of a file for one of a scene, at most."""
 _OBSTACLES: Final = frozenset({"obstacle", "staticObstacle", "dynamicObstacle"})
@@ -87,6 +90,11 @@ def read(path: Path) -> Scenario:
         )
     if signs := len(root.children("trafficSign")):
         notes.append(f"{signs} traffic signs are left out.")
+    others = len(
+        root.children("environmentObstacle") + root.children("phantomObstacle")
+    )
+    if others:
+        notes.append(f"{others} environment and phantom obstacles are left out.")
     return FileScene(
         path=path,
         name=element.get("benchmarkID") or path.stem,
@@ -270,9 +278,14 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
     ]
     time = np.array([step_s * _value(one, "time") for one in states])
     position = np.array([_position(one) for one in states])
-    heading = np.array([_value(one, "orientation") for one in states])
+    heading = _headings(states, position)
     speed = np.array([_value(one, "velocity", 0.0) for one in states])
     velocity = unit_vector(heading) * speed[:, None]
+    has_speeds = all(
+        one.element.find(name) is not None
+        for one in states
+        for name in ("velocity", "orientation")
+    )
     if is_static and (last_s - time[0]) / step_s > MAX_STEPS * _FINEST:
         raise place.error("would have too many states; expected fewer or longer steps.")
     if is_static:
@@ -295,8 +308,23 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
         time_s=time,
         position_m=position,
         heading_rad=heading + turn,
-        velocity_mps=velocity,
+        velocity_mps=velocity if is_static or has_speeds else None,
+        longest_gap_s=1.5 * step_s,
     )
+
+
+def _headings(
+    states: list[Place], position: Float[np.ndarray, "N 2"]
+) -> Float[np.ndarray, "N"]:
+    """Orientations; that of the way where a state has none."""
+    told = np.array([_value(one, "orientation", np.nan) for one in states])
+    is_told = np.isfinite(told)
+    if not is_told.any():
+        raise states[0].error("has no <orientation>.")
+    step = np.gradient(position, axis=0) if len(states) > 1 else np.zeros((1, 2))
+    last = np.maximum.accumulate(np.where(is_told, np.arange(len(told)), 0))
+    moves = np.hypot(*step.T) > _STANDS_M
+    return np.where(is_told, told, np.where(moves, heading_of(step), told[last]))
 
 
 def _start(problem: Place, step_s: float) -> FileTrack:
@@ -318,27 +346,44 @@ def _shape(
     place: Place,
 ) -> tuple[tuple[float, float] | None, float, tuple[float, float]]:
     """Length and width of the box, its turn and its centre in the obstacle's frame."""
-    shape = place.child("shape")
-    for one in shape.children("rectangle"):
+    found = [_box(Place(place.path, one)) for one in place.child("shape").element]
+    boxes = [one for one in found if one is not None]
+    if len(boxes) <= 1:
+        return boxes[0] if boxes else (None, 0.0, (0.0, 0.0))
+    corners = [
+        box_corners(*map(np.array, (center, turn, size)))
+        for size, turn, center in boxes
+    ]
+    return _around(np.concatenate(corners))
+
+
+def _box(
+    one: Place,
+) -> tuple[tuple[float, float], float, tuple[float, float]] | None:
+    if one.element.tag == "rectangle":
         size = one.child("length").number(), one.child("width").number()
         turn = one.element.find("orientation")
         center = one.element.find("center")
         return (
             size,
-            0.0 if turn is None else Place(place.path, turn).number(),
-            (0.0, 0.0) if center is None else _point(Place(place.path, center))[:2],
+            0.0 if turn is None else Place(one.path, turn).number(),
+            (0.0, 0.0) if center is None else _point(Place(one.path, center))[:2],
         )
-    for one in shape.children("circle"):
+    if one.element.tag == "circle":
         across = 2 * one.child("radius").number()
         return (across, across), 0.0, (0.0, 0.0)
-    for one in shape.children("polygon"):
-        points = np.array([_point(p)[:2] for p in one.children("point")])
-        if len(points):
-            low, high = points.min(axis=0), points.max(axis=0)
-            length, width = np.maximum(high - low, 0.1).tolist()
-            x, y = ((low + high) / 2).tolist()
-            return (length, width), 0.0, (x, y)
-    return None, 0.0, (0.0, 0.0)
+    if one.element.tag == "polygon" and len(points := one.children("point")):
+        return _around(np.array([_point(p)[:2] for p in points]))
+    return None
+
+
+def _around(
+    points: Float[np.ndarray, "N 2"],
+) -> tuple[tuple[float, float], float, tuple[float, float]]:
+    low, high = points.min(axis=0), points.max(axis=0)
+    length, width = np.maximum(high - low, 0.1).tolist()
+    x, y = ((low + high) / 2).tolist()
+    return (length, width), 0.0, (x, y)
 
 
 def _position(state: Place) -> tuple[float, float]:
@@ -349,6 +394,11 @@ def _position(state: Place) -> tuple[float, float]:
     for tag in ("rectangle", "circle"):
         for one in position.children(tag):
             return _point(one.child("center"))[:2]
+    for one in position.children("polygon"):
+        (_, _, middle) = _around(
+            np.array([_point(p)[:2] for p in one.children("point")])
+        )
+        return middle
     raise position.error("has no point; expected one.")
 
 

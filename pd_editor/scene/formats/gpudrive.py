@@ -1,5 +1,6 @@
 """GPUDrive (Nocturne) scenes: JSON files of the Waymo Open Motion Dataset."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -48,12 +49,13 @@ def read(path: Path) -> Scenario:
     """
     data = read_regular(path, max_bytes=MAX_GPUDRIVE_BYTES, error=FormatError)
     try:
-        found = msgspec.json.decode(data)
+        found = _decoded(data)
         about = found.get("metadata") or {}
         step_s = TimeAxis().step_s
         tracks = [_track(row, one, step_s) for row, one in enumerate(found["objects"])]
         roads = [(str(one["type"]), _points(one)) for one in found["roads"]]
-        ego = int(about.get("sdc_track_index", -1))
+        told = about.get("sdc_track_index")
+        ego = -1 if told is None else int(told)
         asked = [
             int(one["track_index"]) for one in about.get("tracks_to_predict") or ()
         ]
@@ -73,7 +75,13 @@ def read(path: Path) -> Scenario:
             for key, one in states.items()
         ]
         name = str(found.get("scenario_id") or path.stem)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         raise FormatError(
             f"{path}: is no valid GPUDrive scene ({type(error).__name__}: {error})."
         ) from error
@@ -102,6 +110,14 @@ def read(path: Path) -> Scenario:
     ).scenario(data)
 
 
+def _decoded(data: bytes) -> Any:
+    """A JSON value, in which numbers may be NaN, as Python writes what is unknown."""
+    try:
+        return msgspec.json.decode(data)
+    except msgspec.DecodeError:
+        return json.loads(data)
+
+
 def _id_of(objects: list[Mapping[str, Any]], row: int) -> str:
     return _name(row, objects[row]) if 0 <= row < len(objects) else ""
 
@@ -116,7 +132,7 @@ def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
     is_valid = np.array(one["valid"], bool) & np.isfinite(position).all(axis=1)
     if not is_valid.any():
         return None
-    size = float(one["length"]), float(one["width"])
+    size = float(np.median(one["length"])), float(np.median(one["width"]))
     return FileTrack(
         track_id=_name(row, one),
         kind=_KINDS.get(str(one["type"]), AgentKind.UNKNOWN),

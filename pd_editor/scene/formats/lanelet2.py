@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
 from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.formats.xml_file import Place, parse_xml
+from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
 from pd_editor.scene.geometry.map_projection import utm, utm_zone
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import midline, resample
@@ -390,7 +390,9 @@ def _mark(file: _File, bound: Bound) -> LaneMark:
 
 
 def _recognises(path: Path) -> bool:
-    return path.suffix.lower() == ".osm"
+    return path.suffix.lower() == ".osm" or (
+        path.suffix.lower() == ".xml" and b"<osm" in head_of(path)
+    )
 
 
 LANELET2: Final = SceneFormat(

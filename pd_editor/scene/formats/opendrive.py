@@ -184,6 +184,16 @@ class _Road:
         starts = [one.number("s") for one in places]
         if sorted(starts) != starts or not 0 <= starts[0] <= starts[-1] <= MAX_LINES_M:
             raise lanes.error("has sections that are not in the order of s.")
+        sides = {
+            (one.element.find("left") is None, one.element.find("right") is None)
+            for one in places
+        }
+        if len(sides) > 1:
+            for one in places:
+                if one.element.get("singleSide") in ("true", "1"):
+                    raise one.error(
+                        "is for one side of the road only (singleSide), which is not read."
+                    )
         offset = Cubics.of(lanes.children("laneOffset"), "s")
         return [
             self._section(place, index, start, end, offset)
@@ -201,23 +211,21 @@ class _Road:
         s = np.unique(np.append(np.linspace(start, end, count), corners))
         center = offset.at(s)
         borders, lanes = {0: center}, {}
-        for side, sign in (("left", 1), ("right", -1)):
-            found = place.element.find(side)
-            own = [] if found is None else Place(place.path, found).children("lane")
-            for one in sorted(own, key=lambda lane: abs(lane.integer("id"))):
-                number = one.integer("id")
-                if number * sign <= 0 or number - sign not in borders:
-                    raise one.error(
-                        f"is no lane of the {side}, or not next to another."
-                    )
-                width = one.children("width")
-                if width or not one.children("border"):
-                    lateral = Cubics.of(width, "sOffset").at(s - start)
-                    outer = borders[number - sign] + sign * np.maximum(lateral, 0.0)
-                else:
-                    border = Cubics.of(one.children("border"), "sOffset").at(s - start)
-                    outer = center + border
-                borders[number], lanes[number] = outer, one
+        # The sign of its id tells the side of a lane; netconvert mixes up the elements.
+        own = [*place.children("left/lane"), *place.children("right/lane")]
+        for one in sorted(own, key=lambda lane: abs(lane.integer("id"))):
+            number = one.integer("id")
+            sign = 1 if number > 0 else -1
+            if number in borders or number - sign not in borders:
+                raise one.error("comes twice, or is not next to another.")
+            width = one.children("width")
+            if width or not one.children("border"):
+                lateral = Cubics.of(width, "sOffset").at(s - start)
+                outer = borders[number - sign] + sign * np.maximum(lateral, 0.0)
+            else:
+                border = Cubics.of(one.children("border"), "sOffset").at(s - start)
+                outer = center + border
+            borders[number], lanes[number] = outer, one
         return _Section(place, index, s, self.line.at(s), borders, lanes)
 
     @property
@@ -233,9 +241,10 @@ class _Road:
                 if kind in _LANE_KINDS and section.is_wide(number):
                     yield section, number
 
-    def leads_on(self, lane: int) -> bool:
-        """Whether a lane is driven in the direction of the road."""
-        return (lane < 0) != self.drives_left
+    def leads_on(self, section: int, lane: int) -> bool:
+        """Whether a lane of a section is driven in the direction of the road."""
+        told = self.sections[section].lanes[lane].element.get("direction")
+        return ((lane < 0) != self.drives_left) != (told == "reversed")
 
     def paved(self) -> Iterator[BaseGeometry]:
         """Areas of asphalt, and of lanes that are drivable, but lead nowhere."""
@@ -254,7 +263,8 @@ class _Road:
     def crosswalks(self) -> Iterator[Float[np.ndarray, "_ 2"]]:
         """Corners of the objects that are crosswalks."""
         for one in self.place.element.findall("objects/object"):
-            if (one.get("type") or "").lower() == "crosswalk":
+            is_placed = one.get("length") or one.find(".//outline") is not None
+            if (one.get("type") or "").lower() == "crosswalk" and is_placed:
                 yield self._corners(Place(self.place.path, one))
 
     def _corners(self, place: Place) -> Float[np.ndarray, "N 2"]:
@@ -338,15 +348,16 @@ class _Network:
         sides = section.border_m[inner], section.border_m[lane]
         marks = _mark(section, inner), _mark(section, lane)
         outer = 2 * lane - inner
+        leads_on = road.leads_on(section.index, lane)
         neighbors = tuple(
             self._number.get((road.name, section.index, one))
-            if one and self._leads_alike(road, one, lane)
+            if one in section.lanes and road.leads_on(section.index, one) == leads_on
             else None
             for one in (inner, outer)
         )
         middle = (sides[0] + sides[1]) / 2
-        step = 1 if road.leads_on(lane) else -1
-        order = 1 if not road.drives_left else -1
+        step = 1 if leads_on else -1
+        order = 1 if leads_on == (lane < 0) else -1
         left, right = sides[::order]
         left_mark, right_mark = marks[::order]
         beside = neighbors[::order]
@@ -374,10 +385,6 @@ class _Network:
             left_neighbor=left_neighbor,
             right_neighbor=right_neighbor,
         )
-
-    @staticmethod
-    def _leads_alike(road: _Road, one: int, other: int) -> bool:
-        return road.leads_on(one) == road.leads_on(other)
 
     def _links(self) -> Iterator[tuple[int, int]]:
         """Numbers of lanes of which the second one follows the first one."""
@@ -448,8 +455,8 @@ class _Network:
         """The link of two lanes that touch, in the direction in which they are driven."""
         if one not in self._number or other not in self._number:
             return
-        leaves = self._roads[one[0]].leads_on(one[2]) == (end == "end")
-        enters = self._roads[other[0]].leads_on(other[2]) == (its_end == "start")
+        leaves = self._roads[one[0]].leads_on(*one[1:]) == (end == "end")
+        enters = self._roads[other[0]].leads_on(*other[1:]) == (its_end == "start")
         if leaves and enters:
             yield self._number[one], self._number[other]
         elif not leaves and not enters:

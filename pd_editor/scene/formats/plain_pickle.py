@@ -70,11 +70,20 @@ def _bytes(text: str, codec: str) -> bytes:
     return text.encode("latin1")
 
 
+def _array_of(raw: object, element: _ElementType, shape: Any, order: Any) -> np.ndarray:
+    """An array in a pickle of protocol 5."""
+    return element.values(bytes(raw) if isinstance(raw, bytearray) else raw).reshape(
+        shape, order=order
+    )
+
+
 _NUMPY: Final = {"_reconstruct": _Array, "scalar": _scalar}
+_NUMERIC: Final = {"_frombuffer": _array_of}
 _BUILTINS: Final[dict[str, Any]] = {
     "set": set,
     "frozenset": frozenset,
     "int": None,
+    "long": None,
     "float": None,
     "list": None,
     "dict": None,
@@ -83,6 +92,8 @@ _KNOWN: Final[dict[str, dict[str, Any]]] = {
     "numpy": {"ndarray": None, "dtype": _ElementType},
     "numpy.core.multiarray": _NUMPY,
     "numpy._core.multiarray": _NUMPY,
+    "numpy.core.numeric": _NUMERIC,
+    "numpy._core.numeric": _NUMERIC,
     "collections": {
         "OrderedDict": collections.OrderedDict,
         "defaultdict": _default_dict,

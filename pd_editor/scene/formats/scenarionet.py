@@ -59,7 +59,12 @@ def read(path: Path) -> Scenario:
         )
     about, features = found["metadata"], found["map_features"]
     try:
-        time_s = np.array(about["ts"], float).ravel()
+        told_s = about.get("ts")
+        time_s = (
+            TimeAxis().step_s * np.arange(int(found["length"]))
+            if told_s is None
+            else np.array(told_s, float).ravel()
+        )
         tracks = [
             track
             for name, one in found["tracks"].items()
@@ -138,7 +143,10 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         time_s=time_s[is_valid],
         position_m=position[is_valid],
         heading_rad=np.array(state["heading"], float).ravel()[:number][is_valid],
-        velocity_mps=np.array(state["velocity"], float)[:number, :2][is_valid],
+        velocity_mps=np.array(state["velocity"], float)[:number, :2][is_valid]
+        if "velocity" in state
+        else None,
+        longest_gap_s=1.5 * float(np.median(np.diff(time_s))) if number > 1 else 0.0,
     )
 
 

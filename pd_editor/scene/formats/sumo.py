@@ -1,6 +1,7 @@
 """SUMO networks (.net.xml), and floating-car data (.fcd.xml) beside them."""
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +27,7 @@ from pd_editor.scene.formats.sumo_net import (
 from pd_editor.scene.formats.sumo_writer import write
 from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
+from pd_editor.scene.geometry.map_projection import utm
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import at_height_zero, without_repeats
 from pd_editor.scene.geometry.wide_line import wide_line, with_end_normals
@@ -53,6 +55,7 @@ _CLASSES: Final = {
 _USUAL: Final = "passenger"
 _PERSON: Final = "pedestrian"
 _SAME_POINT_M: Final = 0.01
+_NEAR_DEG: Final = 0.01
 
 
 def read(path: Path) -> Scenario:
@@ -88,7 +91,8 @@ def read(path: Path) -> Scenario:
         types = {
             one.get("id"): one for part in roots.values() for one in part.iter("vType")
         }
-        tracks, times = _tracks(Place(beside["fcd"], motion), types)
+        place = Place(path, element).children("location")[:1]
+        tracks, times = _tracks(Place(beside["fcd"], motion), types, place)
         data += more
     lanes, number = _lanes(net)
     polygons = _polygons(beside.get("add"), roots.get("add"))
@@ -247,7 +251,7 @@ def _next(
 
 
 def _tracks(
-    root: Place, types: Mapping[str | None, etree._Element]
+    root: Place, types: Mapping[str | None, etree._Element], location: Sequence[Place]
 ) -> tuple[tuple[FileTrack, ...], list[float]]:
     """Tracks of vehicles and persons in the order in which they appear; all times."""
     rows: dict[str, list[tuple[float, ...]]] = {}
@@ -266,9 +270,44 @@ def _tracks(
                 )
     steps = np.diff(times)
     step_s = float(np.median(steps)) if len(steps) else 0.0
+    tables = {name: np.array(one) for name, one in rows.items()}
+    if tables and location:
+        points = np.concatenate([one[:, 1:3] for one in tables.values()])
+        if _is_in_degrees(points, location[0]):
+            for one in tables.values():
+                one[:, 1:3] = _in_metres(one[:, 1:3], location[0], root)
     return tuple(
-        _track(first[name], types, np.array(one), step_s) for name, one in rows.items()
+        _track(first[name], types, one, step_s) for name, one in tables.items()
     ), times
+
+
+def _numbers(location: Place, name: str, count: int) -> Float[np.ndarray, "_"]:
+    try:
+        found = np.array((location.element.get(name) or "").split(","), float)
+    except ValueError:
+        found = np.zeros(0)
+    return found if len(found) == count else np.full(count, np.nan)
+
+
+def _is_in_degrees(points: Float[np.ndarray, "N 2"], location: Place) -> bool:
+    """Whether places are those of ``--fcd-output.geo``: all near the net, in degrees."""
+    bounds = _numbers(location, "origBoundary", 4)
+    is_near = (bounds[:2] - _NEAR_DEG < points) & (points < bounds[2:] + _NEAR_DEG)
+    is_projected = (location.element.get("projParameter") or "!") != "!"
+    return is_projected and bool(is_near.all() and (np.abs(bounds) <= 180.0).all())
+
+
+def _in_metres(
+    degrees: Float[np.ndarray, "N 2"], location: Place, root: Place
+) -> Float[np.ndarray, "N 2"]:
+    """Longitudes and latitudes in the net's metres."""
+    zone = re.search(r"\+proj=utm .*\+zone=(\d+)", location.attribute("projParameter"))
+    if zone is None:
+        raise root.error(
+            "is in degrees, of a projection other than UTM; expected metres."
+        )
+    lon, lat = degrees.T
+    return utm(lat, lon, int(zone[1])) + _numbers(location, "netOffset", 2)
 
 
 def _track(

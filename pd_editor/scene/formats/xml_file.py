@@ -12,7 +12,8 @@ from pd_editor.base.errors import FormatError
 from pd_editor.base.regular_file import read_regular
 
 MAX_XML_BYTES: Final = 256 * 2**20
-_HEAD_BYTES: Final = 4096
+_HEAD_BYTES: Final = 1 << 16
+"""Comments of tools may be long."""
 _GZIP: Final = b"\x1f\x8b"
 
 
@@ -52,6 +53,9 @@ def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
             f"{path}: declares a document type (DOCTYPE); expected none, since it could "
             "hold entities."
         )
+    if found.tag != root and etree.QName(found).localname == root:
+        for one in found.iter(etree.Element):
+            one.tag = etree.QName(one).localname
     if root is not None and found.tag != root:
         raise FormatError(f"{path}: its root is <{found.tag}>; expected <{root}>.")
     return found, data

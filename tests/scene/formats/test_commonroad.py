@@ -173,6 +173,38 @@ def test_other_rates_are_resampled_to_ten_a_second(tmp_path: Path):
     # 1 m in 0.04 s: 2.5 m in a step.
     np.testing.assert_allclose(place[:, 0], 2.5 * np.arange(13), atol=1e-6)
     assert scene.agents.is_valid[row].sum() == 13
+    scene = read(write(tmp_path, text(step_s=1.0)))
+    there = scene.agents.is_valid[scene.agents.row_of["100"]]
+    assert there.sum() == 301
+
+
+def test_states_may_be_areas_without_an_orientation(tmp_path: Path):
+    content = text()
+    for n in range(1, 31):
+        corners = "".join(
+            point(n + x, y) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        )
+        full = state("state", n, n * 1.0, 0.0, 0.0, 10.0)
+        area = full.replace(point(n * 1.0, 0.0), f"<polygon>{corners}</polygon>")
+        area = area.replace("<orientation><exact>0.0</exact></orientation>", "")
+        content = content.replace(full, area)
+    agents = (scene := read(write(tmp_path, content))).agents
+    row, now = agents.row_of["100"], scene.current_step
+    place = agents.position_m[row, now : now + 31] + scene.origin_city_m - FAR_M
+    np.testing.assert_allclose(place, [[n, 0] for n in range(31)], atol=1e-6)
+    np.testing.assert_allclose(agents.velocity_mps[row, now : now + 31, 0], 10)
+    np.testing.assert_allclose(agents.heading_rad[row], 0, atol=1e-6)
+
+
+def test_several_shapes_have_one_box_and_what_is_left_out_is_told(tmp_path: Path):
+    trailer = "<rectangle><length>4</length><width>2</width><center><x>-5</x><y>0</y></center></rectangle>"
+    content = text(more='<phantomObstacle id="300"/>')
+    scene = read(write(tmp_path, content.replace("</shape>", f"{trailer}</shape>", 1)))
+    row = scene.agents.row_of["100"]
+    assert scene.agents.size_m[row].tolist() == pytest.approx([9.1, 2])
+    place = scene.agents.position_m[row, scene.current_step] + scene.origin_city_m
+    np.testing.assert_allclose(place - FAR_M, [(2.1 - 7) / 2, 0], atol=1e-6)
+    assert any("phantom obstacles" in one for one in scene.provenance.notes)
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,12 @@ def test_ids_that_scenes_cannot_have_are_new(tmp_path: Path):
     assert sorted(lanes) == [7, 8]
 
 
+def test_a_map_is_known_by_its_root_where_its_name_says_nothing(tmp_path: Path):
+    path = tmp_path / "map.xml"
+    path.write_text(text(STREET, ALL_WAYS))
+    assert len(open_scenario(path).road_map.lanes) == 3
+
+
 def test_degrees_become_metres(tmp_path: Path):
     """A square of 0.001 degrees at 49 degrees north is 73.1 m wide and 111.2 m high."""
     places = {1: (49, 8.4), 2: (49.001, 8.4), 3: (49, 8.401), 4: (49.001, 8.401)}

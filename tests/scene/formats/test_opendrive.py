@@ -300,3 +300,47 @@ def test_real_files_open_with_lanes_that_meet_at_their_links(format_files: Path)
         ]
         # Lanes that begin or end beside another one are linked from side to side.
         assert np.mean(np.array([0.0, *gaps]) < 0.1) > 0.8, path
+
+
+def test_the_sign_of_an_id_tells_the_side_of_a_lane(tmp_path: Path):
+    """As netconvert writes left-hand traffic."""
+    found = section(lane(-1)).replace("<left></left>", "").replace("right>", "left>")
+    offset = '<laneOffset s="0" a="3.5" b="0" c="0" d="0"/>'
+    scene = opened(tmp_path, road(found, offset=offset))
+    np.testing.assert_allclose(
+        at(scene, scene.road_map.lanes[0].centerline)[[0, -1]], [[0, 1.75], [50, 1.75]]
+    )
+
+
+def test_lanes_may_lead_against_their_side(tmp_path: Path):
+    turned = lane(-2).replace("level=", 'direction="reversed" level=')
+    scene = opened(tmp_path, road(section(lane(1), lane(-1), turned)))
+    right, back = lane_at(scene, 25, -1.75), lane_at(scene, 25, -5.25)
+    assert at(scene, right.centerline)[0, 0] == pytest.approx(0)
+    assert at(scene, back.centerline)[0, 0] == pytest.approx(50)
+    assert at(scene, back.left)[0, 1] == pytest.approx(-7)
+    assert right.right_neighbor is None
+    assert back.left_neighbor is None
+
+
+def test_objects_without_a_size_are_no_crosswalks(tmp_path: Path):
+    walk = '<objects><object id="1" type="crosswalk" s="25" t="0"/></objects>'
+    scene = opened(tmp_path, road(section(lane(-1)), more=walk))
+    assert not scene.road_map.crosswalks
+
+
+def test_sections_of_one_side_are_refused(tmp_path: Path):
+    one = section(lane(1)).replace("<right></right>", "")
+    other = section(lane(-1)).replace("<left></left>", "")
+    one = one.replace("<laneSection", '<laneSection singleSide="true"')
+    with pytest.raises(FormatError, match="for one side of the road only"):
+        opened(tmp_path, road(other + one))
+
+
+def test_namespaces_and_long_comments_change_nothing(tmp_path: Path):
+    path = write(tmp_path, road(section(lane(-1))))
+    text = path.read_text().replace("<OpenDRIVE>", '<OpenDRIVE xmlns="http://a/b">')
+    path = tmp_path / "road.xml"
+    path.write_text(f"<!--{'x' * 9000}-->{text}")
+    assert format_of(path) is OPENDRIVE
+    assert len(read(path).road_map.lanes) == 1

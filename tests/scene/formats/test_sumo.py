@@ -140,6 +140,30 @@ def test_boxes_are_behind_the_front_and_follow_at_any_rate(
     np.testing.assert_allclose(place[person, there][0], [30, -4], atol=1e-6)
 
 
+@pytest.mark.parametrize("projection", ["utm +zone=32", "tmerc"])
+def test_degrees_become_the_metres_of_the_net(tmp_path: Path, projection: str):
+    """As ``--fcd-output.geo`` writes them; its place is on the middle meridian."""
+    path = written(tmp_path)
+    location = (
+        '<location netOffset="-500000,-5316300.2244" convBoundary="0,0,200,10" '
+        f'origBoundary="9,48,9.003,48.001" projParameter="+proj={projection} +units=m"/>'
+    )
+    path.write_text(NET.replace('<net version="1.20">', f"<net>{location}"))
+    (tmp_path / "town.fcd.xml.gz").unlink()
+    steps = "".join(
+        f'<timestep time="{n}"><vehicle id="a" x="9" y="48" angle="90" speed="0"/></timestep>'
+        for n in range(3)
+    )
+    (tmp_path / "town.fcd.xml").write_text(FCD.format(steps=steps))
+    if projection == "tmerc":
+        with pytest.raises(FormatError, match="of a projection other than UTM"):
+            open_scenario(path)
+        return
+    scene = open_scenario(path)
+    place = scene.agents.position_m[0, scene.current_step] + scene.origin_city_m
+    np.testing.assert_allclose(place, [-2.5, 0], atol=0.02)
+
+
 @pytest.mark.parametrize(
     ("part", "content", "told"),
     [
