@@ -102,8 +102,8 @@ def sampled_signals(
     uneven = sum(len(one.begins_s) != len(one.words) for one in found)
     some = ", ".join(repr(one) for one in sorted(words)[:3])
     told = (
-        (nowhere, f"{nowhere} signals without a lane of their own are left out."),
-        (uneven, f"{uneven} signals have not as many states as times."),
+        (nowhere, f"Signals without a lane of their own are left out: {nowhere}."),
+        (uneven, f"Signals with more or fewer states than times: {uneven}."),
         (words, f"States of signals with unknown words ({some}) are unknown."),
     )
     return tuple(signals), tuple(text for holds, text in told if holds)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.signals import SignalState
 from pd_editor.viewer.meshes.colors import Rgb
 
 
@@ -37,6 +38,16 @@ class Palette:
     candidate: Rgb
     candidate_speeds: tuple[Rgb, Rgb, Rgb]
     """Slow, middle and fast."""
+
+    @property
+    def signals(self) -> Mapping[SignalState, Rgb]:
+        """Stop lines by what the signal tells."""
+        return {
+            SignalState.UNKNOWN: self.past,
+            SignalState.STOP: self.warning,
+            SignalState.CAUTION: self.yellow_marking,
+            SignalState.GO: self.kinds[AgentKind.CYCLIST],
+        }
 
 
 LIGHT: Final = Palette(

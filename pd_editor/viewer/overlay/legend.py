@@ -4,9 +4,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Final, Literal
 
+import numpy as np
+
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.locks import Kept
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.signals import SignalState
 from pd_editor.viewer.meshes.colors import Rgb
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.overlay.overlay import Overlay
@@ -82,6 +85,15 @@ class Legend:
             _Entry(text, "lock", "", keeps)
             for keeps, text in _LOCKED.items()
             if keeps in kept
+        ]
+        shown = {
+            int(code) for one in scenario.signals for code in np.unique(one.states)
+        }
+        entries += [
+            _Entry(
+                f"Signal: {state.name.lower()}", "line", _css(palette.signals[state])
+            )
+            for state in map(SignalState, sorted(shown))
         ]
         entries += [
             _Entry("Selected", "ring", _css(palette.selection)),

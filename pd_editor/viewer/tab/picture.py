@@ -21,6 +21,7 @@ from pd_editor.viewer.views.locks_view import LocksView
 from pd_editor.viewer.views.map_view import MapView
 from pd_editor.viewer.views.marks_view import MarksView
 from pd_editor.viewer.views.ribbons_view import RibbonsView
+from pd_editor.viewer.views.signals_view import SignalsView
 from pd_editor.viewer.views.view_scale import ViewScale
 
 
@@ -57,6 +58,7 @@ class Picture:
         self._pointed_id: str | None = None
         client, palette = ui.client, self._palette
         self.map = MapView(client, palette)
+        self._signals = SignalsView(client, palette)
         self.agents = AgentsView(client, palette, on_new_body)
         self.ribbons = RibbonsView(client, palette)
         self._marks = MarksView(client, palette)
@@ -75,6 +77,7 @@ class Picture:
         self.candidates = CandidatesView(client, palette, on_fan)
         self._themed = (
             self.map,
+            self._signals,
             self.agents,
             self.ribbons,
             self._marks,
@@ -104,6 +107,7 @@ class Picture:
     def draw_frame(self) -> None:
         """Draw agents and marks at the playhead."""
         self._drawn_step = self._ui.workspace.playback.step
+        self._signals.show(self._scenario, self._drawn_step)
         self.agents.show(self._scenario, self._drawn_step)
         self.show_marks()
 
@@ -157,6 +161,7 @@ class Picture:
         """Draw in the colours of the workspace's theme."""
         for view in self._themed:
             view.set_palette(self._palette)
+        self._signals.show(self._scenario, self._drawn_step)
         self.show_marks()
         self.show_legend()
 

@@ -84,8 +84,8 @@ def test_what_is_left_out_is_told():
     assert [one.lane_ids for one in signals] == [(1,), (2,)]
     assert [one.states.tolist() for one in signals] == [[UNKNOWN], [UNKNOWN]]
     assert told == (
-        "1 signals without a lane of their own are left out.",
-        "1 signals have not as many states as times.",
+        "Signals without a lane of their own are left out: 1.",
+        "Signals with more or fewer states than times: 1.",
         "States of signals with unknown words ('up') are unknown.",
     )
 
@@ -147,14 +147,14 @@ def test_hostile_signals_are_left_out_or_refused(tmp_path: Path, found):
     key = "object_state" if found is scenarionet else "state"
     short = {"state": {key: ["go"]}} if found is scenarionet else {"state": ["go"]}
     scene = opened(tmp_path, found(**short))
-    assert "1 signals have not as many states as times." in scene.provenance.notes
+    assert "Signals with more or fewer states than times: 1." in scene.provenance.notes
     bad = {"state": 3} if found is scenarionet else {"time_index": ["x"]}
     with pytest.raises(FormatError):
         opened(tmp_path, found(**bad))
     if found is scenarionet:
         scene = opened(tmp_path, found(lane="none"))
         assert scene.signals == ()
-        assert "1 signals without a lane" in " ".join(scene.provenance.notes)
+        assert "Signals without a lane" in " ".join(scene.provenance.notes)
 
 
 def test_edits_of_a_scene_with_signals_are_replayed_with_them(tmp_path: Path):
