@@ -11,6 +11,7 @@ import argparse
 import os
 import shutil
 import time
+import traceback
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -120,7 +121,7 @@ CHECKS: dict[str, Callable[..., None]] = {
 
 
 def main() -> None:
-    """Print accepted scenes, times of writing, and why others are not accepted."""
+    """Print why scenes are not accepted, then how many are, and times of writing."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--formats", nargs="*", default=list(CHECKS))
@@ -146,7 +147,10 @@ def main() -> None:
                 try:
                     CHECKS[name](scenario, target, asks=options.loaders)
                 except (AssertionError, PdEditorError) as error:
-                    refused[name].append(f"{folder}: {str(error).strip()[:300]}")
+                    place = traceback.extract_tb(error.__traceback__)[-1]
+                    why = str(error).strip() or place.line
+                    refused[name].append(f"{folder}: {place.name}: {why}"[:400])
+                    print(f"{name}: {refused[name][-1]}", flush=True)
     for name in options.formats:
         times, bad = took[name], refused[name]
         quartiles = np.quantile(times, [0.25, 0.5, 0.75, 1.0])
@@ -155,8 +159,6 @@ def main() -> None:
             f"{1e3 * quartiles[1]:.0f} ms (quartiles {1e3 * quartiles[0]:.0f} to "
             f"{1e3 * quartiles[2]:.0f}, most {1e3 * quartiles[3]:.0f})"
         )
-        for line in bad:
-            print(f"  {line}")
 
 
 if __name__ == "__main__":
