@@ -7,6 +7,7 @@ from pd_editor.viewer.meshes.palette import DARK, LIGHT
 from pd_editor.viewer.overlay.legend import Legend
 from pd_editor.viewer.overlay.overlay import Overlay
 from tests.builders import scenario_with, straight_drivers
+from tests.scene.test_signals import signalled
 
 
 class Page(Overlay):
@@ -33,6 +34,10 @@ def test_the_legend_lists_what_is_there_in_the_theme_s_colours():
     light = page.entries()
     assert light["Focal agent"] == f"rgb{LIGHT.focal}"
     assert light["Pedestrian"] == f"rgb{LIGHT.kinds[AgentKind.PEDESTRIAN]}"
+    assert not any(text.startswith("Signal") for text in light)
+    legend.show(signalled(), LIGHT, has_original_road=False, has_original_agents=False)
+    signals = {text for text in page.entries() if text.startswith("Signal")}
+    assert signals == {"Signal: stop", "Signal: go"}
     assert not {"Ego", "Bus", "Original road", "Not there at t = 0"} & set(light)
     is_valid = agents.is_valid.copy()
     is_valid[1, : scenario.current_step + 5] = False
