@@ -69,7 +69,7 @@ def test_no_route_uses_a_lane_of_pedestrians_or_parked_vehicles(graph: TrafficGr
     for edge in graph.edges.values():
         lanes = edge.lanes_for("passenger")
         assert not any(lane.is_sidewalk for lane in lanes)
-        assert all(lane.allows("passenger") for lane in lanes)
+        assert all("passenger" in lane.admitted for lane in lanes)
 
 
 def test_demand_is_in_order_of_departure_and_names_its_types(graph: TrafficGraph):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.base.errors import SynthesisError
+from pd_editor.base.errors import FormatError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
 from pd_editor.experiments.synthesis.road_network.network import Network
@@ -117,5 +117,5 @@ def test_more_demand_is_more_traffic(network: Network):
 
 
 def test_a_missing_network_is_named(tmp_path: Path):
-    with pytest.raises(SynthesisError, match=r"none\.net\.xml"):
+    with pytest.raises(FormatError, match=r"none\.net\.xml"):
         read_traffic_graph(tmp_path / "none.net.xml")
