@@ -33,7 +33,8 @@ def test_every_module_loads_without_torch_and_av2():
     statement = (
         "import importlib, pkgutil, pd_editor\n"
         "found = pkgutil.walk_packages(pd_editor.__path__, 'pd_editor.')\n"
-        "parts = 'checkpoints core initial_state inputs path_diffuser stages trajectory'\n"
+        "parts = 'checkpoints core initial_state inputs path_diffuser request_options '\n"
+        "parts += 'samples stages trajectory'\n"
         "torch_users = tuple('pd_editor.generation.' + part for part in parts.split())\n"
         "torch_users += ('pd_editor.experiments.training.',)\n"
         "names = [one.name for one in found if not one.name.endswith('__main__')\n"

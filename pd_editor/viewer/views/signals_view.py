@@ -7,14 +7,14 @@ import viser
 
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.signals import states_at
+from pd_editor.scene.signals import SignalState, states_at
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
 from pd_editor.viewer.meshes.palette import Palette
 
 WIDTH_M: Final = 0.8
 HEIGHT_M: Final = 0.06
-"""Above all parts of the road; what tells most to stop is on top."""
+"""Above all parts of the road; stop is on top, then caution, go and unknown."""
 
 
 class SignalsView:
@@ -45,7 +45,7 @@ class SignalsView:
                 Primitive(
                     points_m=mesh.points_m,
                     faces=mesh.faces,
-                    height_m=HEIGHT_M - 0.002 * state,
+                    height_m=HEIGHT_M - 0.002 * ((state - 1) % len(SignalState)),
                     color=shown_exactly(color),
                 )
                 for state, color in self._palette.signals.items()
