@@ -323,10 +323,11 @@ def _route(
             network.groups[edge][index],
             path[path.index(edge) :] if edge in path else [],
         )
-        # SUMO refuses to start on a lane from which the route cannot go on.
-        if rest and (
-            len(rest) == 1 or rest[1] in network.edges_after_lane(lane, vehicle_class)
-        ):
+        # SUMO refuses to start on a lane that is not for the vehicle, or from which the
+        # route cannot go on.
+        is_admitted = vehicle_class in ALLOWED_ON[lane.kind].split()
+        goes_on = network.edges_after_lane(lane, vehicle_class)
+        if rest and is_admitted and (len(rest) == 1 or rest[1] in goes_on):
             length = network.length_m(edge)
             at = match.along_m[n] * length / arc_length(lane.centerline_m)[-1]
             at = min(at + agents.size_m[row, 0] / 2, length - 0.1)

@@ -16,6 +16,7 @@ from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.registry import writer
 from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.road_map import LaneKind
 from pd_editor.scene.scenario import Scenario
 
 DEMO = "signalised-junction"
@@ -128,6 +129,14 @@ def test_crosswalks_and_paved_ground_come_back(tmp_path: Path):
         strict=True,
     ):
         assert lane == own
+
+
+def test_vehicles_on_lanes_that_are_not_for_them_have_no_route(tmp_path: Path):
+    """A car in a bus lane was a route that sumo refused, where no other edge followed."""
+    scenario = open_scenario(DEMO)
+    road_map = scenario.road_map
+    lanes = tuple(replace(one, kind=LaneKind.BUS) for one in road_map.lanes)
+    check(replace(scenario, road_map=replace(road_map, lanes=lanes)), tmp_path)
 
 
 def test_a_zip_of_an_export_keeps_its_motion(tmp_path: Path):
