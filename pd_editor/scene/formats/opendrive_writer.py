@@ -257,7 +257,8 @@ def _turned(
     line: Float[np.ndarray, "N 2"], first: float | None, last: float | None
 ) -> Float[np.ndarray, "M 2"]:
     """The line with a short way of a given heading at each end that has one."""
-    for heading, sign in ((last, -1.0), (first, 1.0)):
+    # Twice, since on a single straight the first end's way turns the last end.
+    for heading, sign in ((last, -1.0), (first, 1.0)) * 2:
         line = line[::-1]
         if heading is None:
             continue

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -270,6 +271,25 @@ def test_crooked_lanes_that_part_come_back(
     )
     scene = replace(two_agents_that_pass(), road_map=RoadMap(lanes=lanes))
     check_roads(scene, written(scene, tmp_path_factory.mktemp("road")))
+
+
+def test_roads_that_meet_have_one_heading(tmp_path: Path):
+    """Also at the straight end of a short lane whose other end is turned."""
+    points = ((0, 0), (10, 0), (13, 0.1), (23, 0.1 + 1 / 3))
+    scene = two_agents_that_pass()
+    lanes = tuple(
+        replace(
+            straight_lane(number, start, end, successors=(number + 1,)),
+            centerline=np.array([(*start, 0.0), (*end, 0.0)]),
+        )
+        for number, (start, end) in enumerate(pairwise(points), start=1)
+    )
+    scene = replace(scene, road_map=RoadMap(lanes=lanes))
+    root = etree.parse(written(scene, tmp_path)).getroot()
+    pieces = [road.findall("planView/geometry") for road in root.findall("road")]
+    for one, other in pairwise(pieces):
+        turn = float(other[0].get("hdg")) - float(one[-1].get("hdg"))
+        assert abs(turn) <= 1e-3
 
 
 def test_roads_alone_are_written_without_agents_and_told_losses(tmp_path: Path):
