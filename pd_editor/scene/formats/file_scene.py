@@ -40,6 +40,8 @@ MOST_ID_CHARACTERS: Final = 100
 """Of a scene, so that names of its variants stay usable."""
 _LONGEST_GAP_S: Final = 0.35
 """States further apart in time have nothing between them, unless the file's steps are."""
+_LEAST_EXTENT_M: Final = 1.0
+"""Roads that are smaller are in degrees, or in kilometres."""
 _CROSSING_SINE: Final = 0.34
 """Centre lines that cross at more than 20 degrees meet in a junction."""
 
@@ -171,6 +173,12 @@ class FileScene:
         for points in lines.polylines:
             if not (np.abs(points) <= MAX_COORDINATE_M).all():
                 raise wrong("has lines without a place; expected finite coordinates.")
+        extent_m = np.ptp(np.concatenate([n.centerline_m for n in self.lanes]), axis=0)
+        if len(self.lanes) > 1 and extent_m.max() < _LEAST_EXTENT_M:
+            raise wrong(
+                f"its lanes lie within {extent_m.max():.2g} m of each other; expected "
+                "metres, not degrees."
+            )
         seen: set[str] = set()
         for one in self.tracks:
             name = EGO_ID if one.track_id == self.ego_id else one.track_id

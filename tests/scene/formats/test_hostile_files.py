@@ -146,3 +146,16 @@ def test_a_folder_is_looked_at_and_not_searched(tmp_path: Path):
     with pytest.raises(Exception, match="found no track files"):
         open_scenario(tmp_path)
     assert open_scenario(deep).scenario_id == "one"
+
+
+def test_degrees_are_not_taken_for_metres(tmp_path: Path):
+    """A network in degrees opened as a road of a few millimetres."""
+    found = description()
+    for feature in found["map_features"].values():
+        for name in ("polyline", "polygon"):
+            if name in feature:
+                feature[name] = np.asarray(feature[name], float) / 111_000
+    with pytest.raises(
+        FormatError, match=r"sd_one\.pkl: its lanes lie within .* degrees"
+    ):
+        open_scenario(pickled(tmp_path, found))
