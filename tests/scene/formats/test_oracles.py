@@ -83,7 +83,7 @@ def check_metadrive(told: list[Scenario], folder: Path, asked: Oracle) -> None:
         place = agents.position_m[row, first:] - agents.position_m[row, first]
         ego = np.array(read["ego_m"])
         # The destination is where the recording ends; a replay ends near it.
-        assert np.hypot(*(ego[-1] - place[-1])) < 5.0
+        assert np.hypot(*(ego[-1] - place[-1])) < 10.0
         np.testing.assert_allclose(ego, place[1 : len(ego) + 1], atol=1e-3)
 
 
