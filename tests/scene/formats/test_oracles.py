@@ -82,8 +82,9 @@ def check_metadrive(told: list[Scenario], folder: Path, asked: Oracle) -> None:
         first = int(agents.is_valid[row].argmax())
         place = agents.position_m[row, first:] - agents.position_m[row, first]
         ego = np.array(read["ego_m"])
-        # The destination is where the recording ends; a replay ends near it.
-        assert np.hypot(*(ego[-1] - place[-1])) < 10.0
+        # The destination is where the recording ends; most of the way is enough.
+        way_m = np.linalg.norm(np.diff(place, axis=0), axis=1).sum()
+        assert np.hypot(*(ego[-1] - place[-1])) < 5.0 + 0.1 * way_m
         np.testing.assert_allclose(ego, place[1 : len(ego) + 1], atol=1e-3)
 
 
