@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.commonroad_writer import unbroken_parts
-from pd_editor.scene.formats.recording_writers import HEIGHT_M
 from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
@@ -93,6 +92,7 @@ def _entity(
 ) -> None:
     """Add what an entity is, with its box around its reference point."""
     length, width = size_m
+    height = DEFAULT_HEIGHT_M[kind]
     if kind in _VEHICLES:
         found = added(place, "Vehicle", name=name, vehicleCategory=_VEHICLES[kind])
     elif kind == AgentKind.PEDESTRIAN:
@@ -102,8 +102,8 @@ def _entity(
         about = {"mass": 100, "miscObjectCategory": "obstacle"}
         found = added(place, "MiscObject", name=name, **about)
     box = added(found, "BoundingBox")
-    added(box, "Center", x=0, y=0, z=HEIGHT_M / 2)
-    added(box, "Dimensions", width=width, length=length, height=HEIGHT_M)
+    added(box, "Center", x=0, y=0, z=height / 2)
+    added(box, "Dimensions", width=width, length=length, height=height)
     if kind in _VEHICLES:
         most = ("maxSpeed", "maxAcceleration", "maxDeceleration")
         added(found, "Performance", **dict.fromkeys(most, _MOST))

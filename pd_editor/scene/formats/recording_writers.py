@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import ExportError
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.geometry.polyline import at_height_zero
@@ -24,8 +24,6 @@ WAYMO_CURRENT_STEP: Final = 10
 """Waymo's motion prediction: 1.1 s are observed, 8 s follow."""
 UNKNOWN_M: Final = -10_000.0
 """Waymo's place of agents that are not there."""
-HEIGHT_M: Final = 1.6
-"""Height of boxes, which scenes do not know."""
 _TYPES: Final = {
     AgentKind.VEHICLE: "VEHICLE",
     AgentKind.BUS: "VEHICLE",
@@ -146,7 +144,7 @@ def gpudrive_files(scenario: Scenario) -> WrittenScene:
                 "position": _points(place[row, column], there),
                 "width": float(agents.size_m[row, 1]),
                 "length": float(agents.size_m[row, 0]),
-                "height": HEIGHT_M,
+                "height": DEFAULT_HEIGHT_M[agents.kinds[row]],
                 "heading": np.where(
                     there, agents.heading_rad[row, column], UNKNOWN_M
                 ).tolist(),
@@ -255,7 +253,7 @@ def _track(
             "valid": there.copy(),
             "length": np.full(count, length),
             "width": np.full(count, width),
-            "height": np.full(count, HEIGHT_M),
+            "height": np.full(count, DEFAULT_HEIGHT_M[agents.kinds[row]]),
         },
         "metadata": {
             "track_length": count,

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from pd_editor.base.errors import ExportError
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.formats.registry import formats, writer
 from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
@@ -156,3 +158,18 @@ def test_equal_scenes_have_equal_files():
         if kind.write is not None:
             one, other = (kind.write(open_scenario("queue")) for _ in range(2))
             assert one.files == other.files, kind.name
+
+
+def test_boxes_are_as_high_as_on_the_screen(tmp_path: Path):
+    """Every box was 1.6 m high: people and buses, too."""
+    scenario = open_scenario("bus-stop")
+    kinds = dict(zip(scenario.agents.ids, scenario.agents.kinds, strict=True))
+    files = written(scenario, "gpudrive").files
+    content = json.loads(files[f"{scenario.scenario_id}.json"])
+    rows = csv.DictReader(files["ids.csv"].decode().splitlines())
+    heights = {
+        kinds[row["agent"]]: content["objects"][int(row["object"])]["height"]
+        for row in rows
+    }
+    assert len(set(heights.values())) > 1
+    assert heights == {kind: DEFAULT_HEIGHT_M[kind] for kind in heights}
