@@ -153,6 +153,28 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     editor.until(lambda: len(watch.new) == count, "the problems again")
 
 
+@pytest.mark.slow
+def test_a_click_beside_a_tick_seeks_and_one_on_it_chooses(editor):
+    """A tick took presses within 30 px, so that scrubbing chose problems and flew there."""
+    page, session, playback = editor.page, editor.session, editor.workspace.playback
+    bend(editor)
+    last = editor._tab().problems.new[-1]
+    wanted = last.first_step
+    name = f"Problem at {(wanted - session.scenario.current_step) / 10:.1f} s"
+    tick = page.get_by_role("button", name=name).bounding_box()
+    track = page.get_by_role("slider", name="Time", exact=True).bounding_box()
+    x = tick["x"] + tick["width"] / 2
+    middle = track["y"] + track["height"] / 2
+    assert tick["y"] + tick["height"] < middle - 6
+    for away in (0.0, -9.0, 9.0):
+        page.mouse.click(x + away, middle)
+        step = wanted + round(away * 109 / track["width"])
+        editor.until(lambda step=step: abs(playback.step - step) <= 1, "the time")
+    assert not session.selection
+    page.mouse.click(x, tick["y"] + tick["height"] / 2)
+    editor.until(lambda: session.selection == last.agent_ids, "the problem")
+
+
 def test_what_cannot_help_is_not_offered(editor):
     """(D13) A collision now is not cured by new futures; removing one agent helps."""
     session, watch = editor.session, editor._tab().problems

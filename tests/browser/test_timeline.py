@@ -3,8 +3,6 @@
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.viewer.overlay.timeline import Mark
-
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
@@ -88,23 +86,3 @@ def test_speed_and_loop(editor):
     editor.until(lambda: playback.step == 109, "the end")
     assert not playback.is_playing
     editor.until(lambda: shown(editor) == "6.0 s", "the end shown")
-
-
-def test_a_click_beside_a_tick_seeks_and_one_on_it_chooses(editor):
-    """A tick took presses within 30 px, so that scrubbing chose problems and flew there."""
-    playback, chosen = editor.workspace.playback, []
-    timeline = editor._tab().timeline
-    timeline.on_mark["problem"] = chosen.append
-    timeline.set_marks("problem", (Mark(step=80, text="a problem"),))
-    track = editor.page.get_by_role("slider", name="Time", exact=True).bounding_box()
-    tick = editor.page.get_by_role("button", name="Problem at 3.1 s").bounding_box()
-    x = tick["x"] + tick["width"] / 2
-    middle = track["y"] + track["height"] / 2
-    assert tick["y"] + tick["height"] < middle - 6
-    for away in (0.0, -9.0, 9.0):
-        editor.page.mouse.click(x + away, middle)
-        wanted = 80 + round(away * 109 / track["width"])
-        editor.until(lambda wanted=wanted: abs(playback.step - wanted) <= 1, "the time")
-    assert not chosen
-    editor.page.mouse.click(x, tick["y"] + tick["height"] / 2)
-    editor.until(lambda: chosen == [80], "the problem")
