@@ -58,12 +58,19 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(
     config: pytest.Config, items: list[pytest.Item]
 ) -> None:
-    """Select by shapes; begin with the tests in a browser, which take longest together."""
+    """Select by shapes; begin with the tests in a browser, which take longest together.
+
+    Those are tried once more, since a busy machine may starve a page; the summary lists
+    them, and one that is listed twice has a fault.
+    """
     wanted = config.getoption("--shapes")
     if wanted != "all":
         leaves = [one for one in items if checks_shapes(one) != (wanted == "only")]
         config.hook.pytest_deselected(items=leaves)
         items[:] = [one for one in items if checks_shapes(one) == (wanted == "only")]
+    for one in items:
+        if one.get_closest_marker("browser"):
+            one.add_marker(pytest.mark.flaky(reruns=1))
     items.sort(key=lambda item: scope_of(item.nodeid) != BROWSER_TESTS)
 
 
