@@ -8,7 +8,7 @@ TORCH_INDEX ?=
 
 PROCESSES := --numprocesses 2 --dist loadscope --no-loadscope-reorder
 
-.PHONY: run test verify check install bench variants docs clean
+.PHONY: run test verify check page install bench variants docs clean
 
 run: install
 	@$(BIN)/python app.py $(ARGS)
@@ -29,10 +29,15 @@ check: install
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/ratchet.py
+	$(BIN)/python .ci/client.py
 
 test: check
 	$(BIN)/pytest $(PROCESSES) --shapes only
 	$(BIN)/pytest $(PROCESSES) --shapes none $(if $(SLOW),-m '',)
+
+# The scripts in the package, from client/.
+page: install
+	$(BIN)/python .ci/client.py --write
 
 # All loaders and checkers that are not ours, in environments under build/oracles.
 verify: install
@@ -50,4 +55,4 @@ docs: install
 	@echo 'Open build/docs/index.html'
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) build client/node_modules dist *.egg-info .pytest_cache .ruff_cache

@@ -15,7 +15,6 @@ from pd_editor.viewer.state.ui_context import UiContext
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
-_SCRIPTS_FIRST: Final = ("base.js", "order.js")
 
 State = Mapping[str, Any]
 Handler = Callable[[Mapping[str, Any]], None]
@@ -90,18 +89,7 @@ class Overlay:
 
 @cache
 def page_script() -> str:
-    """The script of all elements, the frame that holds them, and what hears events first."""
-    folder = files("pd_editor.viewer.overlay").joinpath("page")
-    names = sorted(item.name for item in folder.iterdir() if item.name.endswith(".js"))
-    names.sort(key=lambda name: name not in _SCRIPTS_FIRST)
-    parts = [folder.joinpath(name).read_text("utf-8") for name in names]
-    styles = sorted(
-        item.name for item in folder.iterdir() if item.name.endswith(".css")
-    )
-    style = "\n".join(folder.joinpath(name).read_text("utf-8") for name in styles)
+    """The script of all elements: what ``client/`` is built to."""
+    script = files("pd_editor.viewer.overlay").joinpath("page.js").read_text("utf-8")
     icons = {name: kind.icon for name, kind in KINDS.items()}
-    parts += [
-        f"pdOverlay.guidanceIcons = {json.dumps(icons)};",
-        f"pdOverlay.setStyle({json.dumps(style)});",
-    ]
-    return "\n".join(parts)
+    return f"{script}\npdOverlay.guidanceIcons = {json.dumps(icons)};"

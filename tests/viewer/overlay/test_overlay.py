@@ -6,7 +6,6 @@ import pytest
 
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
-from pd_editor.viewer.overlay.overlay import page_script
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import connected_tab, running_app
 
@@ -21,12 +20,6 @@ def tab(tmp_path):
         connected_tab(app) as opened,
     ):
         yield opened
-
-
-def test_the_frame_comes_before_the_elements():
-    script = page_script()
-    assert 0 <= script.index("window.pdOverlay =") < script.index("\npdOverlay.define(")
-    assert "setStyle(" in script
 
 
 def test_events_reach_their_element_alone(tab):
