@@ -28,7 +28,7 @@ from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.palette import LIGHT
-from pd_editor.viewer.views.map_view import MapView
+from pd_editor.viewer.scene.map_view import MapView
 
 SCENE: Final = "000e1588"
 """98 lanes, 57 agents."""

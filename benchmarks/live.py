@@ -43,7 +43,7 @@ from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.flat_mesh import glb_of
 from pd_editor.viewer.meshes.palette import LIGHT
-from pd_editor.viewer.views.ribbons_view import ribbon_primitives
+from pd_editor.viewer.scene.ribbons_view import ribbon_primitives
 
 NUM_AGENTS = 32
 HALF_SIDE_M = 62.0

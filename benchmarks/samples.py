@@ -19,7 +19,7 @@ from pd_editor.generation import path_diffuser
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.generation import GeneratedTraffic, GenerationRequest, run_to_end
 from pd_editor.scene.roles.traffic_choice import replaceable_agent_ids
-from pd_editor.viewer.overlay.sample_strip import SampleCards, SampleSet
+from pd_editor.viewer.generation.sample_strip import SampleCards, SampleSet
 
 NUM_SCENARIOS = 12
 NUM_SAMPLES = 8

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.chromium import opened_chromium
 from benchmarks.figures import load_in_words, spread
-from pd_editor.viewer.interaction.camera import projected
+from pd_editor.viewer.scene.camera import projected
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.browser.editor_page import EditorPage
 

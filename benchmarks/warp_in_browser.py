@@ -24,10 +24,10 @@ from benchmarks.warp_scenario import busiest_scenario, with_largest_map
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.scene.map_view import MapView
 from pd_editor.viewer.state.inbox import Inbox
-from pd_editor.viewer.state.ui_context import GESTURE_PAUSE_S
+from pd_editor.viewer.tab.ui_context import GESTURE_PAUSE_S
 from pd_editor.viewer.viewer_app import ViewerApp
-from pd_editor.viewer.views.map_view import MapView
 from tests.browser.editor_page import EditorPage
 
 LARGEST_SCENARIO = "00a3ead5-2ab4-4bad-b55f-e519934c056c"

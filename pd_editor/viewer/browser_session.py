@@ -17,40 +17,40 @@ from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.interaction.context_menu import ContextMenu
-from pd_editor.viewer.interaction.framing import FreePart
-from pd_editor.viewer.interaction.hover import Hover
-from pd_editor.viewer.interaction.picking import point_of
-from pd_editor.viewer.interaction.pointer import Pointer
-from pd_editor.viewer.interaction.selecting import Selecting
-from pd_editor.viewer.interaction.viewpoint import Viewpoint
-from pd_editor.viewer.overlay.agent_list import AgentList
-from pd_editor.viewer.overlay.banner import OFFER, Banner
-from pd_editor.viewer.overlay.hints import Hints
-from pd_editor.viewer.overlay.key_sheet import KeySheet
-from pd_editor.viewer.overlay.map_window import MapWindowCard
-from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.overlay.press_order import PressOrder
-from pd_editor.viewer.overlay.scorecard_drawer import ScorecardActions, ScorecardDrawer
-from pd_editor.viewer.overlay.side_panel import SidePanel
-from pd_editor.viewer.overlay.status_chip import ChipActions, StatusChip
-from pd_editor.viewer.overlay.timeline import Timeline
-from pd_editor.viewer.overlay.toolbar import Toolbar
-from pd_editor.viewer.panels.agent_panel import PLACE, STOP_PLACING
-from pd_editor.viewer.panels.generation.generation_panel import (
+from pd_editor.viewer.agents.agent_list import AgentList
+from pd_editor.viewer.agents.agent_panel import PLACE, STOP_PLACING
+from pd_editor.viewer.agents.pointer import Pointer
+from pd_editor.viewer.agents.selecting import Selecting
+from pd_editor.viewer.controls.control_panel import ControlPanel
+from pd_editor.viewer.controls.hints import Hints
+from pd_editor.viewer.controls.hot_keys import add_hot_keys
+from pd_editor.viewer.controls.key_sheet import KeySheet
+from pd_editor.viewer.controls.modes import Modes
+from pd_editor.viewer.controls.picture import Picture
+from pd_editor.viewer.controls.picture_menu import PictureMenu
+from pd_editor.viewer.controls.press_order import PressOrder
+from pd_editor.viewer.controls.side_panel import SidePanel
+from pd_editor.viewer.controls.toolbar import Toolbar
+from pd_editor.viewer.controls.tools import toolbar_tools
+from pd_editor.viewer.files.map_window import MapWindowCard
+from pd_editor.viewer.findings.scorecard_drawer import ScorecardActions, ScorecardDrawer
+from pd_editor.viewer.findings.status_chip import ChipActions, StatusChip
+from pd_editor.viewer.generation.generation_panel import (
     DRAW_REGION,
     STOP_DRAWING,
 )
+from pd_editor.viewer.overlay.banner import OFFER, Banner
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.context_menu import ContextMenu
+from pd_editor.viewer.scene.framing import FreePart
+from pd_editor.viewer.scene.hover import Hover
+from pd_editor.viewer.scene.picking import point_of
+from pd_editor.viewer.scene.timeline import Timeline
+from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.inbox import Inbox
-from pd_editor.viewer.state.ui_context import UiContext
 from pd_editor.viewer.state.workspace import Workspace
-from pd_editor.viewer.tab.control_panel import ControlPanel
-from pd_editor.viewer.tab.hot_keys import add_hot_keys
-from pd_editor.viewer.tab.modes import Modes
-from pd_editor.viewer.tab.picture import Picture
-from pd_editor.viewer.tab.picture_menu import PictureMenu
-from pd_editor.viewer.tab.tools import toolbar_tools
+from pd_editor.viewer.tab.ui_context import UiContext
 
 TIMELINE_REFRESH_S: Final = 0.25
 SEARCH_PAUSE_S: Final = 0.02
@@ -125,7 +125,7 @@ class BrowserSession:
         client, workspace = self._client, self._workspace
         with client.atomic():
             self._configure_page()
-            self.overlay = Overlay(self._ui)
+            self.overlay = Overlay(client, self._ui.post)
             self.overlay.on_ready = self._page_ready
             self.overlay.show("connection", {"isNew": workspace.is_new})
             self._banner = Banner(self.overlay)

@@ -9,7 +9,7 @@ import numpy as np
 from playwright.sync_api import Locator, Page, expect
 
 from pd_editor.editor.session import EditorSession
-from pd_editor.viewer.interaction.camera import projected
+from pd_editor.viewer.scene.camera import projected
 from pd_editor.viewer.viewer_app import ViewerApp
 
 SCREENSHOTS = Path(__file__).parent / "screenshots"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.scene import scene_limits
-from pd_editor.viewer.interaction.camera import projected
+from pd_editor.viewer.scene.camera import projected
 from tests.browser.test_files_and_sessions import notice, upload
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import LINE, lane, road, section, write

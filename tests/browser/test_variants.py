@@ -11,7 +11,7 @@ from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
 from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
-from pd_editor.viewer.panels.panel_style import ROW_PX
+from pd_editor.viewer.tab.panel_style import ROW_PX
 
 pytestmark = pytest.mark.browser
 

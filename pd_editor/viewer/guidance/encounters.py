@@ -16,7 +16,7 @@ from pd_editor.viewer.guidance.guiding import replaced_index
 from pd_editor.viewer.guidance.term_marks import arc_mark
 from pd_editor.viewer.guidance.term_rows import agents_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.tab.ui_context import UiContext
 
 _POSSIBLE: Final = -2
 """Index of the first possible encounter among the marks, downwards; no terms yet."""

@@ -21,10 +21,10 @@ from pd_editor.viewer.guidance.term_marks import (
     offered_goal,
     round_bodies,
 )
-from pd_editor.viewer.interaction.picking import point_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.scene.picking import point_of
+from pd_editor.viewer.tab.ui_context import UiContext
 
 Notes = Mapping[int, tuple[str, ...]]
 

@@ -17,7 +17,7 @@ from pd_editor.scene.guidance_outcome import (
 )
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.tab.ui_context import UiContext
 
 Tone = Literal["plain", "good", "warn", "bad"]
 TAKE_UNGUIDED: Final = "Take the unguided sample"

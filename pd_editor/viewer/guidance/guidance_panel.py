@@ -27,7 +27,7 @@ from pd_editor.viewer.guidance.term_rows import (
     with_input,
 )
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.tab.ui_context import UiContext
 
 HOST: Final = '<div data-pd-host="guidance"></div>'
 NEEDS_ONE: Final = "Select one agent first"

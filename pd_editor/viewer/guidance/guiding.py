@@ -12,11 +12,11 @@ from pd_editor.editor.commands import AddGuidance, ChangeGuidance
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance, forms_of
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.interaction.picking import PointerRay, agent_under, point_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.scene.picking import PointerRay, agent_under, point_of
+from pd_editor.viewer.tab.ui_context import UiContext
 
 MAX_DRAWN_POINTS: Final = 2_000
 ONE_AGENT: Final = "Select one agent first; its guidance is drawn on the road."

@@ -14,11 +14,11 @@ from pd_editor.viewer.guidance.guidance_handles import GuidanceHandles
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
 from pd_editor.viewer.guidance.guidance_panel import GuidanceActions, GuidancePanel
 from pd_editor.viewer.guidance.guiding import TOOLS, Guiding
-from pd_editor.viewer.interaction.context_menu import MenuItem
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.banner import Banner
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.ui_context import UiContext
+from pd_editor.viewer.scene.context_menu import MenuItem
+from pd_editor.viewer.tab.ui_context import UiContext
 
 KEYS: Final = tuple(
     (kind, tool.label, tool.key) for kind, tool in TOOLS.items() if tool.key

@@ -11,7 +11,6 @@ import viser
 from viser import _messages
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.viewer.state.ui_context import UiContext
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
@@ -29,21 +28,23 @@ class Overlay:
     panel, so that a page without the script stays usable.
     """
 
-    def __init__(self, ui: UiContext) -> None:
-        """Start the script in the tab's page."""
-        self._ui = ui
+    def __init__(
+        self, client: viser.ClientHandle, post: Callable[[Callable[[], None]], None]
+    ) -> None:
+        """Start the script in the tab's page; ``post`` runs events on the worker."""
+        self._client = client
         self._handlers: dict[str, Handler] = {}
         self._shown: dict[str, str] = {}
         self.is_ready = False
         self.on_ready: Callable[[], None] = lambda: None
         """Called when the page has begun to draw."""
-        self._answers = ui.client.gui.add_text("overlay", "", visible=False)
+        self._answers = client.gui.add_text("overlay", "", visible=False)
 
         @self._answers.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is not None:
                 text = str(event.target.value)
-                ui.post(lambda: self._heard(text))
+                post(lambda: self._heard(text))
 
         uuid = self._answers._impl.uuid
         self._run(f"{page_script()}\npdOverlay.start({json.dumps(uuid)});")
@@ -64,7 +65,7 @@ class Overlay:
         self._handlers[element] = handler
 
     def _run(self, source: str) -> None:
-        self._ui.client.gui._websock_interface.queue_message(
+        self._client.gui._websock_interface.queue_message(
             _messages.RunJavascriptMessage(source=source)
         )
 

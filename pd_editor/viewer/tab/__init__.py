@@ -1,1 +1,1 @@
-"""Parts of a browser tab: picture, modes, control panel, tools, hot keys, menus."""
+"""What every element of a browser tab shares."""

@@ -28,8 +28,8 @@ from pd_editor.scene.generation import (
     TrafficSample,
 )
 from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
+from pd_editor.viewer.generation.generation_run import GenerationInput
 from pd_editor.viewer.guidance.guidance_notes import NOT_RUN, TAKE_UNGUIDED
-from pd_editor.viewer.panels.generation.generation_run import GenerationInput
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 

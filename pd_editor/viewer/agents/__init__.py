@@ -1,0 +1,1 @@
+"""Agents: choose, place, drag and edit them."""

@@ -1,0 +1,131 @@
+"""The mode in which clicks place new agents on the road."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.editor.commands import PlaceAgent, new_agent_id
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind, sampled_sizes_m
+from pd_editor.scene.paths.suggested_state import (
+    SUGGESTED_SPEED_MPS,
+    suggested_heading,
+    suggested_state,
+)
+from pd_editor.viewer.meshes.palette import DARK, LIGHT
+from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.picking import number_of, point_of
+from pd_editor.viewer.tab.ui_context import UiContext
+
+KEY_KINDS: Final = tuple(SUGGESTED_SPEED_MPS)
+"""Kinds that the keys 1, 2, ... choose: the road users."""
+
+
+class PlacingMode:
+    """Mode in which clicks place agents: state, kind, and ghost under the pointer.
+
+    The page draws the ghost at the pointer, and requests the heading that the road
+    suggests there; a dragged press sets the heading.
+    """
+
+    def __init__(self, ui: UiContext, overlay: Overlay, banner: Banner) -> None:
+        """Make the mode, switched off."""
+        self._ui = ui
+        self._overlay = overlay
+        self._banner = banner
+        self._heading_rad = 0.0
+        self._listeners: list[Callable[[], None]] = []
+        self.is_active = False
+        self.kind = AgentKind.VEHICLE
+        self.with_past = True
+        overlay.on("placing", self._heard)
+
+    def on_change(self, listener: Callable[[], None]) -> None:
+        """Call ``listener`` when the mode or the kind has changed."""
+        self._listeners.append(listener)
+
+    def toggle(self) -> None:
+        """Start the mode, at t = 0 where new agents appear, or end it."""
+        self.is_active = not self.is_active
+        if self.is_active:
+            self._ui.show_current_step()
+        self._changed()
+
+    def stop(self) -> None:
+        """End the mode, if it is active."""
+        if self.is_active:
+            self.toggle()
+
+    def choose(self, kind: AgentKind) -> None:
+        """Place agents of another kind from now on."""
+        self.kind = kind
+        self._changed()
+
+    def place(self, point_m: np.ndarray, heading_rad: float | None = None) -> None:
+        """Place an agent of the chosen kind; without a heading as its lane suggests."""
+        scenario = self._ui.session.scenario
+        state = suggested_state(scenario, point_m, self.kind, heading_rad)
+        command = PlaceAgent(
+            agent_id=new_agent_id(scenario),
+            kind=self.kind,
+            x_m=state.x_m,
+            y_m=state.y_m,
+            heading_rad=state.heading_rad,
+            speed_mps=state.speed_mps,
+            back_cast=self.with_past,
+            size_m=self._size_m(),
+        )
+        self._ui.apply(command)
+
+    def _changed(self) -> None:
+        if self.is_active:
+            self._banner.show(
+                "placing",
+                f"Placing a {str(self.kind).replace('_', ' ')}: click the road; press "
+                f"and drag to turn; keys 1 to {len(KEY_KINDS)} choose the kind.",
+                button="Done (Esc)",
+                on_press=self.toggle,
+                priority=MODE,
+            )
+        else:
+            self._banner.hide("placing")
+        self._show_ghost()
+        for listener in self._listeners:
+            listener()
+
+    def _size_m(self) -> tuple[float, float]:
+        """Size of the next agent, drawn anew for each."""
+        random = np.random.default_rng(len(self._ui.session.scenario.agents))
+        ((length, width),) = sampled_sizes_m((self.kind,), random)
+        return float(length), float(width)
+
+    def _show_ghost(self) -> None:
+        length, width = self._size_m()
+        palette = DARK if self._ui.workspace.is_dark else LIGHT
+        self._overlay.show(
+            "placing",
+            {
+                "isActive": self.is_active,
+                "sizeM": [length, width, DEFAULT_HEIGHT_M[self.kind]],
+                "headingRad": round(self._heading_rad, 3),
+                "color": "rgb({}, {}, {})".format(*palette.kinds[self.kind]),
+                "numKinds": len(KEY_KINDS),
+            },
+        )
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """Handle a pointer event; late events of another mode are ignored."""
+        if not self.is_active:
+            return
+        what, point = event.get("kind"), point_of(event.get("point"))
+        if what == "kind":
+            number = event.get("number")
+            if isinstance(number, int) and 1 <= number <= len(KEY_KINDS):
+                self.choose(KEY_KINDS[number - 1])
+        elif what == "point" and point is not None:
+            road_map = self._ui.session.scenario.road_map
+            self._heading_rad = suggested_heading(road_map, point, self.kind)
+            self._show_ghost()
+        elif what == "place" and point is not None:
+            self.place(point, number_of(event.get("headingRad")))

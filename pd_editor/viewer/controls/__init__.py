@@ -1,0 +1,1 @@
+"""What acts on the whole tab: panel, tools, keys, menus."""

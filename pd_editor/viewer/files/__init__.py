@@ -1,0 +1,1 @@
+"""What is opened, kept and exported."""

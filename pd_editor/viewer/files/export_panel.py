@@ -1,0 +1,199 @@
+"""The export panel: name, tags and note of the result, and where it goes."""
+
+import datetime
+from collections import Counter
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from pd_editor.analysis.findings.finding import Finding, open_in_words
+from pd_editor.base.errors import InputError
+from pd_editor.editor.variant import name_from_text, tags_from_text
+from pd_editor.scene.formats.registry import formats
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.viewer.tab.panel_style import FixedText
+from pd_editor.viewer.tab.ui_context import UiContext, set_value
+
+
+class ExportPanel:
+    """Names and writes the current scenario, and shows what it lacks."""
+
+    def __init__(
+        self,
+        ui: UiContext,
+        problems: Callable[[], Collection[Finding]],
+        on_star: Callable[[], None],
+    ) -> None:
+        """Build it; ``on_star`` adds the current state to the basket."""
+        self._ui = ui
+        self._workspace = ui.workspace
+        self._problems = problems
+        self._typed: str | None = None
+        self._base = ui.session.base
+        self._dialog: Any = None
+        gui = ui.client.gui
+        with gui.add_folder("Export"):
+            self._preflight = FixedText(gui, 1)
+            download = gui.add_button(
+                "Download zip",
+                icon=viser.Icon.DOWNLOAD,
+                hint="Files of the format below, with recipe.json",
+            )
+            self._star = gui.add_button(
+                "Star: into the basket",
+                icon=viser.Icon.STAR,
+                color="gray",
+                hint="S: keeps this state in the list at the end of this tab",
+            )
+            self._name = gui.add_text(
+                "Name",
+                "",
+                hint="Id of the exported scenario: letters, digits, hyphens, underscores",
+            )
+            self._tags = gui.add_text("Tags", "", hint="Separated by commas")
+            self._note = gui.add_text("Note", "")
+            self._format = gui.add_dropdown(
+                "Format",
+                tuple(one.title for one in formats().values() if one.write),
+                hint="What a format cannot say is listed in losses.txt",
+            )
+            self._out = gui.add_text(
+                "Into folder", "", hint="A folder on the server's machine."
+            )
+            write = gui.add_button("Write to folder", color="gray")
+            edits = gui.add_button(
+                "Download the edits alone",
+                color="gray",
+                hint="recipe.json, which pd-editor replay applies again",
+            )
+        ui.on_click(download, self.download)
+        ui.on_click(self._star, on_star)
+        ui.on_click(write, self._write)
+        ui.on_click(edits, self._download_edits)
+        ui.on_change(self._name, self._name_typed, merge_key="variant name")
+        for handle in (self._tags, self._note):
+            ui.on_change(handle, lambda _text: self._describe(), merge_key="variant")
+
+    def show(self, scenario: Scenario) -> None:
+        """Show name, tags, note, and what the result lacks."""
+        session = self._ui.session
+        variant = session.variant
+        is_other_base, self._base = session.base is not self._base, session.base
+        if is_other_base or name_from_text(self._typed or "") != variant.name:
+            self._typed = None
+        if self._typed is None:
+            set_value(self._name, session.name)
+        if tags_from_text(str(self._tags.value)) != variant.tags:
+            set_value(self._tags, ", ".join(variant.tags))
+        set_value(self._note, variant.note)
+        self.show_preflight(scenario)
+
+    def show_preflight(self, scenario: Scenario) -> None:
+        """One line: focal agent, ego, open problems."""
+        agents = scenario.agents
+        focal = (
+            "focal agent ok" if scenario.focal_id in agents.row_of else "no focal agent"
+        )
+        ego = "ego ok" if EGO_ID in agents.row_of else "ego missing"
+        counts = Counter(one.kind for one in self._problems())
+        line = f"{focal} · {ego} · {open_in_words(counts)}"
+        # In bold where the export lacks something.
+        is_good = scenario.focal_id in agents.row_of and not counts
+        self._preflight.show(*(("", line) if is_good else (line,)))
+
+    def download(self) -> None:
+        """Send the scenario to the browser as a zip.
+
+        Raises:
+            InputError: the typed name has no letter or digit.
+        """
+        self._refuse_empty_name()
+        self._ui.commit_gesture()
+        name, content = self._workspace.exported_zip(self.format_name())
+        self._ui.client.send_file_download(name, content, save_immediately=True)
+
+    def format_name(self) -> str:
+        """Name of the chosen format."""
+        return next(
+            one.name for one in formats().values() if one.title == self._format.value
+        )
+
+    def _download_edits(self) -> None:
+        self._ui.commit_gesture()
+        name, content = self._workspace.recipe_text()
+        self._ui.client.send_file_download(name, content, save_immediately=True)
+
+    def _name_typed(self, text: str) -> None:
+        self._typed = text
+        self._describe()
+
+    def _refuse_empty_name(self) -> None:
+        typed = (self._typed or "").strip()
+        if typed and not name_from_text(typed):
+            raise InputError(
+                f"Name: {typed[:40]} has no letter or digit; type another name, or none "
+                "for the proposed one."
+            )
+
+    def _describe(self) -> None:
+        session = self._ui.session
+        typed = session.variant.name if self._typed is None else self._typed
+        session.describe(
+            replace(
+                session.variant,
+                name=name_from_text(typed),
+                tags=tags_from_text(str(self._tags.value)),
+                note=str(self._note.value).strip(),
+            )
+        )
+
+    def _write(self) -> None:
+        path = str(self._out.value).strip()
+        if not path:
+            raise InputError("Type the folder to write into first.")
+        out = self._workspace.folders.named(path)
+        self._refuse_empty_name()
+        self._ui.commit_gesture()
+        earlier = self._workspace.earlier_export(out)
+        if earlier is None:
+            self._write_into(out)
+        else:
+            self._ask(out, earlier)
+
+    def _ask(self, out: Path, earlier: float) -> None:
+        """Let the user choose between a new name and replacing."""
+        self._close_dialog()
+        free = self._workspace.free_name_in(out)
+        gui = self._ui.client.gui
+        self._dialog = gui.add_modal("There is an export of this name")
+        with self._dialog:
+            beside = gui.add_button(f"Write as {free}")
+            overwrite = gui.add_button(
+                f"Replace the export of {_moment(earlier)}", color="red"
+            )
+            cancel = gui.add_button("Cancel", color="gray")
+        self._ui.on_click(beside, lambda: self._write_into(out))
+        self._ui.on_click(overwrite, lambda: self._write_into(out, replaces=True))
+        self._ui.on_click(cancel, self._close_dialog)
+
+    def _write_into(self, out: Path, *, replaces: bool = False) -> None:
+        self._close_dialog()
+        written = self._workspace.export_into(
+            out, replaces=replaces, format_name=self.format_name()
+        )
+        title = "Replaced the earlier export" if replaces else "Exported"
+        self._ui.notify(title, str(written), "success")
+
+    def _close_dialog(self) -> None:
+        if self._dialog is not None:
+            self._dialog.close()
+            self._dialog = None
+
+
+def _moment(time_s: float) -> str:
+    moment = datetime.datetime.fromtimestamp(time_s)
+    is_today = moment.date() == datetime.datetime.now().date()
+    return f"{moment:%H:%M}" if is_today else f"{moment:%d %b %H:%M}"

@@ -1,0 +1,277 @@
+"""The scenario panel: shows the open scenario, and opens demos, folders and uploads."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import viser
+
+from pd_editor.base.errors import ArchiveError, InputError
+from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
+from pd_editor.editor.basket.thumbnail import thumbnail
+from pd_editor.editor.recipe import is_recipe
+from pd_editor.editor.scenario_store import is_foreign
+from pd_editor.scene.av2_io.upload import (
+    MAX_UPLOAD_BYTES,
+    scenario_from_upload,
+    scenario_of_upload,
+    scenarios_in_upload,
+)
+from pd_editor.scene.formats.registry import formats
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import FUTURE_S, is_long
+from pd_editor.viewer.server.server_guard import limit_uploads
+from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.tab.panel_style import FixedText, PictureRows
+from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+
+CARD_LINES: Final = 4
+NO_DEMO: Final = "Choose a demo"
+UPLOAD_TYPES: Final = (
+    ".zip,.parquet,.json,.xml,.xodr,.osm,.gz,.pkl,application/zip,application/json"
+)
+"""Endings of what can be uploaded, and types for browsers that go by them."""
+
+
+class ScenarioPanel:
+    """Shows the open scenario, and opens others."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Build it into the current tab."""
+        self._ui = ui
+        self._workspace = ui.workspace
+        self._uploads: dict[str, bytes] = {}
+        self._base: Scenario | None = None
+        self._dialog: Any = None
+        self._zip: tuple[str, Mapping[str, bytes], tuple[str, ...]] | None = None
+        """Name, files and scenarios of the last upload with several scenarios."""
+        gui = ui.client.gui
+        self._rows = PictureRows(gui)
+        self._card = FixedText(gui, CARD_LINES)
+        self._cut = gui.add_button("", color="gray", visible=False)
+        ui.on_click(self._cut, self._workspace.open_cut)
+        self.on_part: Callable[[], None] = lambda: None
+        """Lets the user choose a part of the map."""
+        self._part = gui.add_button(
+            "Choose a part of the map", color="gray", icon=viser.Icon.MARQUEE_2
+        )
+        ui.on_click(self._part, self._choose_part)
+        with gui.add_folder("Open"):
+            self._demo = gui.add_dropdown("Demo", (NO_DEMO, *demo_names()))
+            self._shows = FixedText(gui, 2)
+            open_demo = gui.add_button("Open demo", icon=viser.Icon.FOLDER_OPEN)
+            self._folder = gui.add_text(
+                "Folder", "", hint="A scenario folder, or a file of another format"
+            )
+            open_folder = gui.add_button("Open folder", color="gray")
+            upload = gui.add_upload_button(
+                "Upload zip, or parquet and map",
+                mime_type=UPLOAD_TYPES,
+                color="gray",
+                icon=viser.Icon.UPLOAD,
+                hint="Also OpenDRIVE, Lanelet2, SUMO, CommonRoad, ScenarioNet and GPUDrive files, and edits "
+                "that were downloaded alone (.recipe.json)",
+            )
+            self._of_zip = gui.add_button("", color="gray", visible=False)
+        ui.on_click(self._of_zip, self._choose_scenario)
+        ui.on_change(self._demo, self._tell_demo)
+        ui.on_click(open_demo, self._open_demo)
+        ui.on_click(open_folder, self._open_folder)
+
+        limit_uploads(ui.client, MAX_UPLOAD_BYTES, self._upload_refused)
+
+        @upload.on_upload
+        async def _(event: viser.GuiEvent[Any]) -> None:
+            uploaded = event.target.value
+            ui.post(
+                lambda: self._uploaded(uploaded.name, uploaded.content),
+                failure=f"Not opened: {uploaded.name[:60]}",
+            )
+
+    def show(self, scenario: Scenario) -> None:
+        """Show the open scenario; the menu of demos follows it."""
+        if self._base is not self._ui.session.base:
+            self._base = self._ui.session.base
+            name = self._base.provenance.source.removeprefix(DEMO_PREFIX)
+            name = name if name in self._demo.options else NO_DEMO
+            set_value(self._demo, name)
+            self._tell_demo(name)
+            self._ui.post(self._offer_continuation)
+            self._offer_cut(self._base)
+            set_property(self._part, "visible", self._workspace.can_open_again)
+        agents, road = scenario.agents, scenario.road_map
+        has_future = bool(agents.is_valid[:, scenario.current_step + 1 :].any())
+        origin = scenario.provenance
+        parts = (
+            origin.file_format,
+            scenario.city,
+            f"{len(agents)} agents",
+            f"{len(road.lanes)} lanes",
+        )
+        size = " · ".join(part for part in parts if part)
+        if not has_future:
+            size += " · no logged future"
+        # The newest first; the tooltip has the rest.
+        notes = [*filter(None, [origin.attribution]), *reversed(origin.notes)]
+        card = (scenario.scenario_id, size, *notes)
+        self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
+
+    def _choose_part(self) -> None:
+        self.on_part()
+
+    def _offer_cut(self, base: Scenario) -> None:
+        """A button for recordings that are longer than models sample."""
+        whole = f"Keep {FUTURE_S:g} s after t = 0"
+        label = whole if is_long(base) else "Open the whole recording"
+        set_property(self._cut, "label", label)
+        set_property(self._cut, "visible", self._workspace.can_cut)
+        if is_long(base):
+            self._ui.notify(
+                "A long recording",
+                f"Models sample {FUTURE_S:g} s; '{whole}' under Scene leaves out the rest.",
+            )
+
+    def _offer_continuation(self) -> None:
+        """If an opened export's base is available, let the user choose between both."""
+        offered = self._workspace.continuation
+        self._close_dialog()
+        if offered is None:
+            return
+        gui = self._ui.client.gui
+        count = len(offered.recipe.commands)
+        edits = "its edit" if count == 1 else f"its {count} edits"
+        self._dialog = gui.add_modal("This is an export of the editor")
+        with self._dialog:
+            gui.add_markdown(
+                f"{plain(offered.recipe.result_id)} was made from "
+                f"{plain(offered.recipe.base.scenario_id)}, which is here as well."
+            )
+            go_on = gui.add_button(f"Continue with {edits}")
+            as_it_is = gui.add_button("Open as it is", color="gray")
+        self._ui.on_click(
+            go_on, lambda: self._answered(self._workspace.continue_export)
+        )
+        self._ui.on_click(as_it_is, lambda: self._answered(self._decline))
+
+    def _answered(self, action: Callable[[], None]) -> None:
+        self._close_dialog()
+        action()
+
+    def _decline(self) -> None:
+        self._workspace.continuation = None
+
+    def _tell_demo(self, name: str) -> None:
+        self._shows.show("", _shows(name))
+
+    def _open_demo(self) -> None:
+        if self._demo.value == NO_DEMO:
+            raise InputError("Choose a demo first.")
+        self._ui.commit_gesture()
+        self._workspace.open_reference(str(self._demo.value))
+
+    def _open_folder(self) -> None:
+        path = str(self._folder.value).strip()
+        if not path:
+            raise InputError("Type the path of a scenario folder first.")
+        folder = self._workspace.folders.named(path)
+        if any(folder.glob("*/*.parquet")) or any(folder.glob("*/*/*.parquet")):
+            raise InputError(
+                f"{folder} holds scenario folders: type one of them, or start the editor "
+                "with --data and this folder to get their list."
+            )
+        self._ui.commit_gesture()
+        self._workspace.open_reference(str(folder))
+
+    def _uploaded(self, name: str, content: bytes) -> None:
+        """Open an upload; a parquet and a map may come one after the other."""
+        if is_recipe(content):
+            self._ui.commit_gesture()
+            self._workspace.open_edits(content)
+            return
+        if name.lower().endswith(".zip") or is_foreign(name, content):
+            files = {name: content}
+        else:
+            suffix = Path(name).suffix.lower()
+            if suffix not in (".parquet", ".json"):
+                readable = [one.title for one in formats().values() if one.endings]
+                in_words = " or ".join([", ".join(readable[:-1]), readable[-1]])
+                raise InputError(
+                    f"{name}: expected a .zip, a .parquet and the .json of its map, or a "
+                    f"file of {in_words}."
+                )
+            kept = {
+                n: c for n, c in self._uploads.items() if not n.lower().endswith(suffix)
+            }
+            files = {**kept, name: content}
+            if len(files) < 2:
+                self._uploads = files
+                missing = "map JSON" if suffix == ".parquet" else "parquet"
+                self._ui.notify(
+                    f"{name} received", f"Now upload the {missing} that belongs to it."
+                )
+                return
+        self._uploads = {}
+        several = scenarios_in_upload(files)
+        if several:
+            self._zip = name, files, several
+            self._choose_scenario()
+            return
+        self._ui.commit_gesture()
+        self._workspace.open_upload(files)
+
+    def _choose_scenario(self) -> None:
+        """Let the user choose among the scenarios of the zip that was uploaded last."""
+        if self._zip is None:
+            return
+        name, files, several = self._zip
+        self._close_dialog()
+        label = f"Scenarios of {name[:40]}"
+        set_property(self._of_zip, "label", label)
+        set_property(self._of_zip, "visible", True)
+        gui = self._ui.client.gui
+        self._dialog = gui.add_modal(label)
+        with self._dialog:
+            rows = self._rows = PictureRows(gui)
+            buttons = [rows.add(one) for one in several]
+            cancel = gui.add_button("Cancel", color="gray")
+        for button, one in zip(buttons, several, strict=True):
+            self._ui.on_click(
+                button, lambda one=one: self._answered(lambda: self._open_one(one))
+            )
+        self._ui.on_click(cancel, self._close_dialog)
+
+        def picture(one: str) -> str:
+            return thumbnail(scenario_from_upload(scenario_of_upload(files, one)))
+
+        rows.draw_later(
+            self._ui.post,
+            [
+                (button, partial(picture, one))
+                for button, one in zip(buttons, several, strict=True)
+            ],
+        )
+
+    def _open_one(self, name: str) -> None:
+        assert self._zip is not None
+        self._ui.commit_gesture()
+        self._workspace.open_upload(scenario_of_upload(self._zip[1], name))
+
+    def _close_dialog(self) -> None:
+        if self._dialog is not None:
+            self._dialog.close()
+            self._rows.is_closed, self._dialog = True, None
+
+    def _upload_refused(self, name: str, size_bytes: int) -> None:
+        limit, size = MAX_UPLOAD_BYTES >> 20, size_bytes / 2**20
+        error = ArchiveError(
+            f"{name} has {size:.0f} MiB; at most {limit} MiB are taken."
+        )
+        self._ui.post(lambda: self._ui.report(error))
+
+
+def _shows(name: str) -> str:
+    if name == NO_DEMO:
+        return "Small scenes that come with the editor."
+    sentence = demo_sentence(name)
+    return f"{sentence[:1].upper() + sentence[1:]}." if sentence else ""

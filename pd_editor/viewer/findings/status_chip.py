@@ -1,0 +1,308 @@
+"""The status chip with problems and progress, and the list that it opens."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
+from pd_editor.editor.cures import Cure, cures
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.timeline import Timeline, marks_of
+from pd_editor.viewer.state.finding_watch import FindingWatch
+from pd_editor.viewer.state.run_state import RunState
+from pd_editor.viewer.tab.ui_context import UiContext
+
+MAX_ROWS: Final = 200
+_REGENERATE: Final = "Regenerate"
+Group = Literal["new", "notices", "ignored", "recorded"]
+_SOURCES: Final[dict[Source, str]] = {
+    "recorded": "This is in the recording itself.",
+    "edited": "An edit caused this.",
+    "model": "The model's trajectories caused this.",
+    "guidance": "Guidance caused this.",
+}
+_ICON: Final[dict[FindingKind, str]] = {
+    "collision": "collision",
+    "later-collision": "collision",
+    "off-road": "road",
+    "later-off-road": "road",
+    "friction": "speed",
+    "sharp-road": "bend",
+    "folded-road": "bend",
+    "impossible-motion": "speed",
+    "against-traffic": "against",
+    "guidance-not-run": "goal",
+    "guidance-not-met": "goal",
+    "near-pass": "collision",
+    "short-time": "collision",
+    "harsh-motion": "speed",
+    "harsh-past": "speed",
+    "impossible-past": "speed",
+    "beyond-map": "beyond",
+    "no-past": "past",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChipActions:
+    """Actions of the chip."""
+
+    cure: Callable[[Cure], None]
+    cancel: Callable[[], None]
+    use_result: Callable[[], None]
+    run_guidance: Callable[[], None]
+    download: Callable[[], None]
+    frame: Callable[[Finding, float], None]
+    """Shows a place in so much of the picture's width, from the left."""
+    redraw: Callable[[], None]
+    """Draws rings again."""
+
+
+class StatusChip:
+    """The element ``status``; a row of its list selects, frames and goes to the time."""
+
+    def __init__(
+        self,
+        ui: UiContext,
+        overlay: Overlay,
+        timeline: Timeline,
+        watch: FindingWatch,
+        run: Callable[[], RunState | None],
+        actions: ChipActions,
+    ) -> None:
+        """Show the chip; ``run`` returns the state of a generation."""
+        self._ui = ui
+        self._overlay = overlay
+        self._timeline = timeline
+        self._watch = watch
+        self._run = run
+        self._actions = actions
+        self._active: tuple[Group, Finding] | None = None
+        self._cures: tuple[Cure, ...] | None = ()
+        """What helps against the chosen problem; None until it is known."""
+        self._free_share = 1.0
+        self._is_open = False
+        self._num_closed = 0
+        overlay.on("status", self._heard)
+        timeline.on_mark["problem"] = self._mark_chosen
+
+    def show(self) -> None:
+        """Show what is known now."""
+        groups = self._groups()
+        self._follow_active(groups)
+        marks = [(p.shown_step, p.message) for p in groups["new"] if _has_time(p)]
+        self._timeline.set_marks("problem", marks_of(marks))
+        run, count = self._run(), len(groups["new"])
+        text, tone = "No new problems", "good"
+        if count:
+            text, tone = f"{count} problem{'s' if count > 1 else ''}", "warn"
+        unrun = sum(one.kind == "guidance-not-run" for one in groups["new"])
+        action = "" if run is None else run.action
+        if run is not None and run.text:
+            text, tone = run.text, "busy"
+        elif not action and self._ui.session.awaits_guided_run:
+            if unrun:
+                which = "" if unrun == count else f"{unrun} "
+                text += f", {which}not yet guided"
+            tone, action = "busy", _REGENERATE
+        study = self._ui.workspace.study
+        if study.is_running:
+            text, tone = f"{text} \u00b7 study at {study.fraction:.0%}", "busy"
+        problem = self._ui.session.journal_problem
+        self._overlay.show(
+            "status",
+            {
+                "text": text,
+                "tone": tone,
+                "fraction": None if run is None else run.fraction,
+                "action": action,
+                "unsaved": "" if problem is None else _unsaved(problem),
+                "groups": [
+                    {
+                        "name": name,
+                        "title": _title(name, problems),
+                        "rows": [self._row(problem) for problem in problems[:MAX_ROWS]],
+                        "more": max(len(problems) - MAX_ROWS, 0),
+                    }
+                    for name, problems in groups.items()
+                ],
+                "active": self._active_state(),
+                "numClosed": self._num_closed,
+            },
+        )
+
+    def close_list(self) -> bool:
+        """Close the list of problems; returns whether it was open."""
+        if not self._is_open:
+            return False
+        self._is_open = False
+        self._num_closed += 1
+        self.show()
+        return True
+
+    def after_check(self) -> None:
+        """Update the cures of the chosen problem, and show all."""
+        self._follow_active(self._groups())
+        self._find_cures()
+        self.show()
+
+    def choose(self, group: Group, problem: Finding) -> None:
+        """Select the agents of a problem, show them, and go to its time.
+
+        What helps is found out afterwards, so that keys walk fast through the rows.
+        """
+        self._active, self._cures = (group, problem), None
+        self._timeline.seek(float(_step_to_show(problem, self._ui)))
+        there = self._ui.session.scenario.agents.row_of
+        self._ui.session.select(n for n in problem.agent_ids if n in there)
+        self._actions.frame(problem, self._free_share)
+        self.show()
+        self._ui.post(self._offer_cures, "cures")
+
+    def _offer_cures(self) -> None:
+        self._find_cures()
+        self.show()
+
+    def _groups(self) -> dict[Group, tuple[Finding, ...]]:
+        watch = self._watch
+        return {
+            "new": watch.new,
+            "notices": watch.notices,
+            "ignored": watch.ignored,
+            "recorded": watch.recorded,
+        }
+
+    def _follow_active(self, groups: Mapping[Group, tuple[Finding, ...]]) -> None:
+        """The chosen problem as it is after an edit; none if it is gone."""
+        if self._active is None:
+            return
+        key = self._active[1].key
+        for name, problems in groups.items():
+            for problem in problems:
+                if problem.key == key:
+                    self._active = name, problem
+                    return
+        self._active, self._cures = None, ()
+
+    def _find_cures(self) -> None:
+        self._cures = ()
+        if self._active is not None and self._active[0] in ("new", "notices"):
+            self._cures = cures(
+                self._ui.session.scenario,
+                self._active[1],
+                self._watch.new + self._watch.notices,
+                self._watch.untouched(),
+            )
+
+    def _active_state(self) -> dict[str, Any] | None:
+        if self._active is None:
+            return None
+        group, problem = self._active
+        # All buttons come at once, so that none moves under the pointer.
+        ignore = {"ignored": "No longer ignore", "recorded": ""}.get(group, "Ignore")
+        buttons = [cure.label for cure in self._cures or ()]
+        return {
+            "id": _id(problem),
+            "message": problem.message,
+            "cures": buttons,
+            "ignore": "" if self._cures is None else ignore,
+            "note": _SOURCES[problem.source],
+        }
+
+    def _row(self, problem: Finding) -> dict[str, Any]:
+        scenario = self._ui.session.scenario
+        later = problem.shown_step - scenario.current_step
+        return {
+            "id": _id(problem),
+            "icon": _ICON[problem.kind],
+            "severity": problem.severity,
+            "text": problem.headline,
+            "hint": problem.message,
+            "time": ""
+            if not _has_time(problem)
+            else f"{later * scenario.time_axis.step_s:.1f} s",
+        }
+
+    def _mark_chosen(self, step: int) -> None:
+        for problem in self._watch.new:
+            if _has_time(problem) and problem.shown_step == step:
+                self.choose("new", problem)
+                return
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        kind, value = event.get("kind"), event.get("value")
+        if kind in ("list", "choose"):
+            self._free_share = _share(event.get("free"))
+        if kind == "list":
+            self._is_open = event.get("isOpen") is True
+        if kind == "choose":
+            for name, problems in self._groups().items():
+                for problem in problems:
+                    if _id(problem) == value:
+                        self.choose(name, problem)
+                        return
+        elif kind == "cure":
+            for cure in self._cures or ():
+                if cure.label == value:
+                    self._actions.cure(cure)
+                    return
+        elif kind == "ignore" and self._active is not None:
+            group, problem = self._active
+            if group != "recorded":
+                self._watch.ignore(problem, group != "ignored")
+                self.after_check()
+                self._actions.redraw()
+        elif kind == "cancel":
+            self._actions.cancel()
+        elif kind == "use":
+            run = self._run()
+            if run is not None and run.action:
+                self._actions.use_result()
+            elif self._ui.session.awaits_guided_run:
+                self._actions.run_guidance()
+        elif kind == "download":
+            self._actions.download()
+
+
+def _share(value: object) -> float:
+    """A share between 0 and 1; the whole where the page tells none."""
+    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
+        return float(value)
+    return 1.0
+
+
+def _step_to_show(problem: Finding, ui: UiContext) -> int:
+    """Step at which a problem is shown; the current step for problems of the road."""
+    return (
+        problem.shown_step if _has_time(problem) else ui.session.scenario.current_step
+    )
+
+
+def _has_time(finding: Finding) -> bool:
+    """Whether it is of agents at certain steps, not of the road or of guidance."""
+    return bool(finding.agent_ids and finding.spans)
+
+
+def _unsaved(problem: str) -> str:
+    reason = problem.removeprefix("Edits are not kept on disk: ")
+    return f"Edits are not saved: {reason}"
+
+
+def _id(problem: Finding) -> str:
+    return json.dumps(problem.key)
+
+
+def _title(group: Group, findings: tuple[Finding, ...]) -> str:
+    count = len(findings)
+    others = sum(not one.is_problem for one in findings)
+    notices = f"{others} notice{'s' if others != 1 else ''}"
+    if group == "recorded":
+        if count == others:
+            return f"{notices if count else 'Nothing'} in the recording"
+        return f"{count - others} in the recording{f', {notices}' * (others > 0)}"
+    if group == "ignored":
+        return f"{count} ignored"
+    if group == "notices":
+        return notices
+    return "No new problems" if not count else f"{count} new"

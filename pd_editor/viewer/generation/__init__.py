@@ -1,0 +1,1 @@
+"""Traffic that is generated: candidates, runs, samples, live reactions."""

@@ -1,0 +1,252 @@
+"""The candidates panel: trajectories that a selected agent could take."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import viser
+
+from pd_editor.analysis.metrics.collisions.path_collision import (
+    PathCollision,
+    first_collisions,
+)
+from pd_editor.base.errors import EditError
+from pd_editor.editor.commands import AdoptTrajectory
+from pd_editor.scene.paths.candidate_words import candidate_texts
+from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.generation.candidates_view import FAST_MPS, CandidatesView
+from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.tab.panel_style import FixedText
+from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+
+NO_CANDIDATE: Final[str] = "none"
+_NO_CHOICE: Final[list[str]] = [NO_CANDIDATE]
+SHOW: Final = "Show possible trajectories"
+HIDE: Final = "Hide possible trajectories"
+SELECT_ONE: Final = "Select one agent to see its possible trajectories."
+
+
+class CandidatesPanel:
+    """Shows an agent's candidates, one of which can be adopted."""
+
+    def __init__(
+        self,
+        ui: UiContext,
+        view: CandidatesView,
+        on_guided: Callable[[str, np.ndarray], None],
+    ) -> None:
+        """Build it into the tab; ``on_guided`` guides an agent along a candidate."""
+        self._ui = ui
+        self._on_guided = on_guided
+        self._view = view
+        self._agent_id: str | None = None
+        self._base: Scenario | None = None
+        self._collisions: tuple[PathCollision | None, ...] = ()
+        self._pointed: int | None = None
+        gui = ui.client.gui
+        with gui.add_folder("Possible trajectories"):
+            self._show = gui.add_button(SHOW, color="gray", hint="G")
+            self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+                "Trajectory", _NO_CHOICE
+            )
+            self._note = FixedText(gui, 2)
+            self._legend = gui.add_html("")
+            self._adopt = gui.add_button("Use this trajectory", disabled=True)
+            self._guide = gui.add_button(
+                "Guide along this trajectory",
+                color="gray",
+                disabled=True,
+                hint="The model follows its path at a speed of its own",
+            )
+        self._ui.on_click(self._show, self.toggle_candidates)
+        self._ui.on_click(
+            self._adopt, self._adopt_chosen, failure="Trajectory not used"
+        )
+        self._ui.on_click(self._guide, self._guide_along, failure="Path not set")
+        self._ui.on_change(self._choice, lambda _value: self._highlight())
+
+    @property
+    def shows_candidates(self) -> bool:
+        """Whether the fan is drawn."""
+        return self._view.shown is not None
+
+    def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
+        """Follow the session: hide the fan of an agent that changed or was removed."""
+        set_property(self._show, "disabled", len(selection) != 1)
+        palette = DARK if self._ui.workspace.is_dark else LIGHT
+        set_property(self._legend, "content", _legend(palette))
+        if self._agent_id is None:
+            self._note.show("", "" if len(selection) == 1 else SELECT_ONE)
+            self._set_shown(False)
+            return
+        if selection != (self._agent_id,):
+            self.hide_candidates()
+        elif scenario is not self._base:
+            self._draw_candidates(scenario)
+
+    def toggle_candidates(self) -> None:
+        """Show the possible trajectories of the selected agent, or hide them.
+
+        Raises:
+            EditError: not exactly one agent is selected, or it is not there now.
+        """
+        if self.shows_candidates:
+            self.hide_candidates()
+            return
+        selection = self._ui.session.selection
+        if len(selection) != 1:
+            raise EditError(SELECT_ONE)
+        self._agent_id = selection[0]
+        self._draw_candidates(self._ui.session.scenario)
+
+    def hide_candidates(self) -> None:
+        """Hide the fan of candidates."""
+        self._agent_id, self._base, self._pointed = None, None, None
+        self._view.show(None)
+        set_property(self._show, "label", SHOW)
+        self._offer((NO_CANDIDATE,))
+        self._set_shown(False)
+        self._note.show()
+
+    def point_at(self, point_m: np.ndarray | None) -> bool:
+        """Highlight the candidate under the pointer; whether there is one."""
+        if self._view.shown is None:
+            return False
+        index = None if point_m is None else self._view.candidate_near(point_m)
+        if index != self._pointed:
+            self._pointed = index
+            self._highlight()
+        return index is not None
+
+    def adopt_near(self, point_m: np.ndarray) -> bool:
+        """Adopt the candidate that was clicked; False if none was hit."""
+        index = self._view.candidate_near(point_m)
+        if index is None:
+            return False
+        self._adopt_candidate(index)
+        return True
+
+    def _draw_candidates(self, scenario: Scenario) -> None:
+        assert self._agent_id is not None
+        rows = scenario.agents.rows([self._agent_id])
+        if not scenario.agents.is_valid[rows[0], scenario.current_step]:
+            agent_id = self._agent_id
+            self.hide_candidates()
+            raise EditError(f"Agent {agent_id} is not there at t = 0.")
+        found = candidates(scenario, rows)
+        self._base, self._pointed = scenario, None
+        self._collisions = first_collisions(
+            scenario,
+            int(rows[0]),
+            found.position_m[0],
+            found.heading_rad[0],
+            found.is_valid[0],
+        )
+        self._view.show(found, scenario.road_map)
+        self._offer((NO_CANDIDATE, *candidate_labels(found, scenario)))
+        self._set_shown(True)
+        set_property(self._show, "label", HIDE)
+        self._highlight()
+
+    def _set_shown(self, is_shown: bool) -> None:
+        """Offer what chooses among trajectories only while these are shown."""
+        for handle in (self._choice, self._legend, self._adopt, self._guide):
+            set_property(handle, "visible", is_shown)
+
+    def _offer(self, options: tuple[str, ...]) -> None:
+        if tuple(self._choice.options) != options:
+            self._choice.options = options
+        set_value(self._choice, NO_CANDIDATE)
+
+    def _chosen_index(self) -> int | None:
+        """Index of the chosen candidate among all, the invalid ones included."""
+        value, shown = self._choice.value, self._view.shown
+        if value == NO_CANDIDATE or shown is None:
+            return None
+        place = tuple(self._choice.options).index(value) - 1
+        return int(np.flatnonzero(shown.is_valid[0])[place])
+
+    def _highlight(self) -> None:
+        """Highlight the candidate under the pointer, or else the chosen one."""
+        shown = self._view.shown
+        if shown is None:
+            return
+        chosen = self._chosen_index()
+        index = chosen if self._pointed is None else self._pointed
+        self._view.show(shown, self._ui.session.scenario.road_map, index)
+        for button in (self._adopt, self._guide):
+            set_property(button, "disabled", chosen is None)
+        if index is None:
+            self._note.show("", "Choose one here, or click one on the road.")
+            return
+        place = int(shown.is_valid[0, :index].sum()) + 1
+        self._note.show("", self._choice.options[place], self._collision_text(index))
+
+    def _collision_text(self, index: int) -> str:
+        scenario = self._ui.session.scenario
+        return collision_in_words(scenario, self._collisions[index])
+
+    def _adopt_chosen(self) -> None:
+        self._adopt_candidate(self._needed_index())
+
+    def _guide_along(self) -> None:
+        """Guide the agent along the path of the chosen candidate."""
+        index, found, agent_id = self._needed_index(), self._view.shown, self._agent_id
+        assert found is not None
+        assert agent_id is not None
+        self.hide_candidates()
+        self._on_guided(agent_id, found.position_m[0, index])
+
+    def _needed_index(self) -> int:
+        """Index of the chosen candidate."""
+        index = self._chosen_index()
+        if index is None:
+            raise EditError(
+                "Choose a trajectory in the list, or click one on the road."
+            )
+        return index
+
+    def _adopt_candidate(self, index: int) -> None:
+        found, agent_id = self._view.shown, self._agent_id
+        assert found is not None
+        assert agent_id is not None
+        self.hide_candidates()
+        self._ui.apply(
+            AdoptTrajectory.of_arrays(
+                agent_id=agent_id,
+                position_m=found.position_m[0, index],
+                heading_rad=found.heading_rad[0, index],
+                velocity_mps=found.velocity_mps[0, index],
+            )
+        )
+
+
+def candidate_labels(found: CandidateSet, scenario: Scenario) -> tuple[str, ...]:
+    """A short unique text for each valid candidate of the first agent."""
+    return tuple(
+        f"{number}. {text}"
+        for number, text in enumerate(candidate_texts(found, scenario.road_map), 1)
+    )
+
+
+def collision_in_words(scenario: Scenario, collision: PathCollision | None) -> str:
+    """Describe the first collision of a trajectory, if any."""
+    if collision is None:
+        return "No collision with the other agents as they move now."
+    kind = scenario.agents.kinds[scenario.agents.row_of[collision.agent_id]]
+    seconds = (collision.step - scenario.current_step) * scenario.time_axis.step_s
+    name = f"{kind.value.replace('_', ' ')} {collision.agent_id}"
+    return f"Collides with {name} in {seconds:.1f} s."
+
+
+def _legend(palette: Palette) -> str:
+    """Legend of the fan's colours."""
+    colors = ",".join(f"rgb{color}" for color in palette.candidate_speeds)
+    return (
+        '<div style="display:flex;align-items:center;gap:0.5em;height:20px;'
+        'margin:0 0.75em 0.6em;font-size:12.5px"><span>0 m/s</span>'
+        '<span style="flex:1;height:8px;border-radius:4px;background:'
+        f'linear-gradient(90deg,{colors})"></span>'
+        f"<span>{FAST_MPS:.0f} m/s and more</span></div>"
+    )

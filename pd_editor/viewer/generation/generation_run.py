@@ -1,0 +1,444 @@
+"""Runs one generation at a time: progress, samples, and their application."""
+
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from pd_editor.base.errors import GenerationError
+from pd_editor.editor.commands import Command, ReplaceTraffic, traffic_command
+from pd_editor.editor.generation_job import GenerationJob
+from pd_editor.scene.generation import (
+    GeneratedTraffic,
+    GenerationProgress,
+    GenerationRequest,
+    ScenarioGenerator,
+    check_placed,
+)
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_sample import TrafficSample
+from pd_editor.viewer.generation.sample_strip import SampleSet, SampleStrip
+from pd_editor.viewer.state.guided_runs import GuidedRun
+from pd_editor.viewer.state.run_state import RunState
+from pd_editor.viewer.tab.panel_style import FixedText
+from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+
+REPORT_LINES: Final = 6
+CLOSE_WAIT_S: Final = 2.0
+"""Time in which a cancelled generator finishes its step when its page is gone."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GenerationInput:
+    """Input of a generation: the request and the state of the session."""
+
+    base: Scenario
+    """The session's scenario, which still contains the agents to be removed."""
+    request: GenerationRequest
+    removed_ids: tuple[str, ...] = ()
+    is_cure: bool = False
+    """Whether it mends the sample that is applied: the others can still be chosen."""
+
+    def command(
+        self, traffic: GeneratedTraffic, index: int, edited: Scenario
+    ) -> ReplaceTraffic:
+        """The edit that applies a sample to a scenario."""
+        removed = self.removed_ids
+        return traffic_command(
+            self.request, traffic, index, removed_ids=removed, edited=edited
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LazyGenerator:
+    """A generator that is made in the thread that runs it."""
+
+    name: str
+    make: Callable[[], ScenarioGenerator]
+
+    def generate(
+        self, request: GenerationRequest
+    ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
+        """Make the generator, then run it.
+
+        Raises:
+            PdEditorError: the generator cannot be made, or refuses the request.
+        """
+        yield GenerationProgress(fraction=0.0, message=f"Preparing {self.name}")
+        return (yield from self.make().generate(request))
+
+
+class GenerationRun:
+    """Runs a generator in a background thread and applies its samples.
+
+    Its controls always exist and are only enabled and disabled. The report is below all
+    of them, with a constant height: a panel that is scrolled to its end would move with
+    the length of the text.
+    """
+
+    def __init__(
+        self,
+        ui: UiContext,
+        strip: SampleStrip,
+        on_running: Callable[[bool], None],
+        on_change: Callable[[], None],
+    ) -> None:
+        """Build cancel, the choice of a sample and the report.
+
+        ``on_running`` is called when a run begins and ends, ``on_change`` when
+        ``state`` has changed.
+        """
+        self._ui = ui
+        self._strip = strip
+        strip.adopt = self.adopt
+        self._on_running = on_running
+        self._on_change = on_change
+        self._job: GenerationJob | None = None
+        self._state: RunState | None = None
+        self._generated: tuple[GenerationInput, GeneratedTraffic] | None = None
+        self._waits = False
+        self._before: Scenario | None = None
+        """The scenario to which a sample of the last run was applied."""
+        self._applied: Scenario | None = None
+        self._cured: list[Scenario] = []
+        """What cures have made of it."""
+        self._index = 0
+        self._took_s = 0.0
+        gui = ui.client.gui
+        self._sample = gui.add_slider(
+            "Sample shown",
+            1,
+            2,
+            1,
+            1,
+            disabled=True,
+            hint="Which of the samples of the last run",
+        )
+        self._take = gui.add_button(
+            "Use the result",
+            color="gray",
+            disabled=True,
+            hint="Of a run during which the scenario was edited",
+        )
+        self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
+        self._report = FixedText(gui, REPORT_LINES)
+        ui.on_click(self._cancel, self.cancel)
+        ui.on_click(self._take, self.use_result)
+        ui.on_change(self._sample, self._sample_chosen, merge_key="sample")
+        if ui.workspace.has_lost_run:
+            ui.workspace.has_lost_run = False
+            self._say(_LOST)
+            ui.notify("Generation cancelled", _LOST, "warning", stays=True)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a generation is running."""
+        return self._job is not None
+
+    @property
+    def state(self) -> RunState | None:
+        """State for the page; None without a run and a waiting result."""
+        if self._state is not None:
+            return self._state
+        use = self._use()
+        if use is None:
+            return None
+        return RunState(
+            action="Use result" if use == "here" else "Go to its state, use result"
+        )
+
+    def start(
+        self, name: str, make: Callable[[], ScenarioGenerator], task: GenerationInput
+    ) -> None:
+        """Start a generation; the generator is made and loaded in the background.
+
+        Raises:
+            GenerationError: a generation is running already.
+        """
+        if self._job is not None:
+            raise GenerationError("A generation is running already; cancel it first.")
+        if not task.is_cure:
+            self.forget()
+        self._set_running(True)
+        started = time.monotonic()
+        post = self._ui.post
+
+        def only_if_current(action: Callable[[], None]) -> Callable[[], None]:
+            return lambda: action() if self._job is job else None
+
+        job = GenerationJob(
+            generator=LazyGenerator(name=name, make=make),
+            request=task.request,
+            on_progress=lambda p: post(
+                only_if_current(lambda: self._progressed(task, p)), "progress"
+            ),
+            on_done=lambda t: post(
+                only_if_current(lambda: self._finished(task, t, started))
+            ),
+            on_error=lambda e: post(only_if_current(lambda: self._failed(e))),
+        )
+        self._job = job
+        self._progressed(task, GenerationProgress(fraction=0.0, message=""))
+        job.start()
+
+    def show(self) -> None:
+        """Follow the session: remove texts about another state."""
+        now = self._ui.session.scenario
+        is_shown = self._applied is not None and now is self._applied
+        samples = () if self._generated is None else self._generated[1].samples
+        count = len(samples) if _differ(samples) else 1
+        has_choice = is_shown and count > 1
+        set_property(self._sample, "disabled", not has_choice)
+        # The number of an earlier run would be taken for that of this scene.
+        set_property(self._sample, "max", count if has_choice else 2)
+        set_value(self._sample, self._index + 1 if has_choice else 1)
+        is_cured = any(now is one for one in self._cured)
+        is_offered = is_cured or (self._before is not None and now is self._before)
+        self._strip.follow(
+            self._index if is_shown else None,
+            is_valid=count > 1 and (is_shown or is_offered),
+        )
+        if (self._applied or self._cured) and not (is_shown or is_cured):
+            self._say("")
+        use = self._use()
+        if self._waits:
+            self._say(_WORDS_OF_USE[use])
+        set_property(self._take, "disabled", use is None)
+
+    def close(self) -> None:
+        """Stop a running generation, because its page is gone."""
+        if self._job is not None:
+            self._ui.workspace.has_lost_run = True
+            self._job.cancel()
+            # A thread that is ended inside torch aborts the process at its exit.
+            self._job.wait(CLOSE_WAIT_S)
+
+    def cancel(self) -> None:
+        """Stop the generator within one step; nothing changes."""
+        if self._job is not None:
+            self._job.cancel()
+            self._job = None
+            self._set_running(False)
+            self._say("Cancelled.")
+
+    def use_result(self) -> None:
+        """Apply a result that came after an edit.
+
+        If the road and the agents' states are still the same, it is applied to the
+        current scenario; otherwise later edits are undone first.
+        """
+        use = self._use()
+        if use is None or self._generated is None:
+            return
+        base = self._generated[0].base
+        self._waits = False
+        if use == "back":
+            position = self._position_of(base)
+            assert position is not None
+            self._ui.commit_gesture()
+            self._ui.session.jump_to(position)
+        self._apply(0)
+
+    def forget(self) -> None:
+        """Remove the report of the last run and its samples."""
+        self._generated, self._applied, self._waits = None, None, False
+        self._before, self._cured = None, []
+        self._strip.forget()
+        self._say("")
+        self.show()
+
+    def tell_reaction(
+        self, request: GenerationRequest, traffic: GeneratedTraffic
+    ) -> None:
+        """Report on trajectories that were regenerated for the edit that is shown."""
+        self.forget()
+        agents = self._ui.session.scenario.agents
+        run = GuidedRun(request=request, traffic=traffic, index=0)
+        self._ui.workspace.guided_runs.keep(agents, run)
+        count = len(request.agent_ids)
+        self._say(
+            f"{count} agent{'s' if count != 1 else ''} reacted to the edit."
+            f" {' '.join(traffic.notes)}"
+        )
+
+    def _use(self) -> Literal["here", "back"] | None:
+        """How a waiting result can be applied; None without one, or if it cannot."""
+        if self._generated is None or not self._waits:
+            return None
+        base, now = self._generated[0].base, self._ui.session.scenario
+        if now.road_map is base.road_map and _same_states(base, now):
+            return "here"
+        return None if self._position_of(base) is None else "back"
+
+    def _position_of(self, scenario: Scenario) -> int | None:
+        """Number of edits in force when the session had a scenario.
+
+        None if it never had, or if that state cannot be restored any more.
+        """
+        for index, entry in enumerate(self._ui.session.entries):
+            for snapshot, position in ((entry.before, index), (entry.after, index + 1)):
+                if snapshot is not None and snapshot.scenario is scenario:
+                    return position
+        return None
+
+    def _progressed(self, task: GenerationInput, progress: GenerationProgress) -> None:
+        request = task.request
+        text = "Resampling" if request.samples_states else "Regenerating"
+        has_several = request.num_samples > 1
+        is_told = progress.fraction == 0 or (has_several and request.samples_states)
+        if is_told and progress.message:
+            text = progress.message
+        elif has_several:
+            number = int(progress.fraction * request.num_samples + 1e-6) + 1
+            number = min(number, request.num_samples)
+            text = f"Sample {number} of {request.num_samples}"
+        self._set_state(RunState(text=text, fraction=round(progress.fraction, 3)))
+        self._say(f"{text} ...")
+
+    def _finished(
+        self, task: GenerationInput, traffic: GeneratedTraffic, started: float
+    ) -> None:
+        self._job = None
+        self._set_running(False)
+        try:
+            check_placed(traffic, len(task.removed_ids))
+        except GenerationError as error:
+            self._failed(error)
+            return
+        self._took_s = time.monotonic() - started
+        if task.is_cure and self._ui.session.scenario is task.base:
+            self._put(task, traffic, 0)
+            self._cured.append(self._ui.session.scenario)
+            self.show()
+            self._on_change()
+            return
+        if task.is_cure:
+            self.forget()
+        self._generated = task, traffic
+        if self._ui.session.scenario is task.base:
+            self._apply(0)
+        else:
+            self._waits = True
+            self.show()
+        self._on_change()
+
+    def _apply(self, index: int) -> None:
+        assert self._generated is not None
+        task, traffic = self._generated
+        self._applied = None
+        self._ui.commit_gesture()
+        before, done = self._ui.session.scenario, self._ui.session.commands_in_force
+        self._put(task, traffic, index)
+        self._applied, self._index = self._ui.session.scenario, index
+        self._cured = []
+        if before is not self._before:
+            self._before = before
+            self._offer_samples(before, done)
+        self.show()
+
+    def _put(
+        self, task: GenerationInput, traffic: GeneratedTraffic, index: int
+    ) -> None:
+        """Apply a sample, and report on it."""
+        command = task.command(traffic, index, self._ui.session.scenario)
+        self._ui.apply(command)
+        self._ui.workspace.guided_runs.keep(
+            self._ui.session.scenario.agents,
+            GuidedRun(
+                request=task.request,
+                traffic=traffic,
+                index=index,
+                removed_ids=task.removed_ids,
+            ),
+        )
+        count = len(traffic.samples[index].ids)
+        self._say(
+            f"{count} agent{'s' if count != 1 else ''} in {self._took_s:.1f} s, seed"
+            f" {task.request.seed}. {' '.join((*traffic.notes, *command.notes))}"
+        )
+
+    def _offer_samples(self, before: Scenario, done: tuple[Command, ...]) -> None:
+        assert self._generated is not None
+        task, traffic = self._generated
+        if not _differ(traffic.samples):
+            return
+        indices = range(len(traffic.samples))
+        commands = tuple(task.command(traffic, index, before) for index in indices)
+        self._strip.open(
+            SampleSet(
+                before=before,
+                base=self._ui.session.base,
+                done=done,
+                samples=traffic.samples,
+                commands=commands,
+            )
+        )
+
+    def adopt(self, index: int) -> None:
+        """Apply a sample of the last run in the place of the one that is applied.
+
+        Nothing happens if the scenario was edited since.
+        """
+        now = self._ui.session.scenario
+        mine = (self._applied, *self._cured)
+        if self._generated is not None and any(now is one for one in mine):
+            while self._ui.session.scenario is not self._before:
+                self._ui.session.undo()
+            self._apply(index)
+        elif self._generated is not None and now is self._before:
+            self._apply(index)
+        else:
+            self.show()
+
+    def _sample_chosen(self, number: float) -> None:
+        """Replace the sample that was just applied by another one."""
+        self.adopt(int(number) - 1)
+
+    def _failed(self, error: Exception) -> None:
+        self._job = None
+        self._set_running(False)
+        self._say("")
+        self._ui.report(error)
+
+    def _say(self, text: str) -> None:
+        self._report.show("", text)
+
+    def _set_state(self, state: RunState | None) -> None:
+        if state != self._state:
+            self._state = state
+            self._on_change()
+
+    def _set_running(self, is_running: bool) -> None:
+        set_property(self._cancel, "disabled", not is_running)
+        if not is_running:
+            self._set_state(None)
+        self._on_running(is_running)
+
+
+_LOST: Final = "Its page was closed or loaded again while it ran."
+_WORDS_OF_USE: Final[Mapping[str | None, str]] = {
+    "here": "The scenario was edited during the run, and the result still fits: "
+    '"Use the result" applies it.',
+    "back": 'The scenario was edited during the run. "Use the result" goes to the state '
+    "that it was made for; edits after it are undone.",
+    None: "The state that the result was made for is no longer in the history, so it "
+    "cannot be used.",
+}
+
+
+def _differ(samples: Sequence[TrafficSample]) -> bool:
+    """Whether there is a choice among some samples."""
+    return any(not samples[0].is_equal(one) for one in samples[1:])
+
+
+def _same_states(one: Scenario, other: Scenario) -> bool:
+    """Whether the same agents have equal states at the current step."""
+    step = one.current_step
+    return one.agents.ids == other.agents.ids and all(
+        np.array_equal(
+            getattr(one.agents, name)[:, step], getattr(other.agents, name)[:, step]
+        )
+        for name in ("position_m", "heading_rad", "velocity_mps", "is_valid")
+    )

@@ -1,0 +1,117 @@
+"""Switch of live regeneration, and the choice of the agents that react."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from pd_editor.base.errors import GenerationError
+from pd_editor.editor.commands.carried_trajectories import generated_agent_ids
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.scene.original_view import changed_rows
+from pd_editor.viewer.state.view_memory import LiveAgents
+from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+
+GENERATED: Final = "Generated ones"
+ALL: Final = "All agents"
+_NEAREST: Final = 16
+"""Number of agents that react during an edit if more than four times as many could."""
+_SCOPES: Final[dict[str, LiveAgents]] = {GENERATED: "generated", ALL: "all"}
+
+
+def nearest_to_edit(
+    before: Scenario, edited: Scenario, ids: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Of very many agents, those near the edited ones, if the road is as before."""
+    agents, now = edited.agents, edited.current_step
+    rows = changed_rows(agents, before.agents)
+    is_other = edited.road_map is not before.road_map
+    if len(ids) <= 4 * _NEAREST or is_other or not len(rows):
+        return ids
+    place = agents.position_m[:, now]
+    gap = np.hypot(*(place[agents.rows(ids), None] - place[rows]).T)
+    near = np.fmin.reduce(gap, axis=0).argsort(kind="stable")[:_NEAREST]
+    return tuple(ids[index] for index in np.sort(near))
+
+
+class LiveSwitch:
+    """A checkbox and a menu; the choices are kept for the next connection."""
+
+    def __init__(self, ui: UiContext, on_change: Callable[[], None]) -> None:
+        """Build it into the current folder; ``on_change`` hears of switching."""
+        self._ui = ui
+        self._on_change = on_change
+        gui, view = ui.client.gui, ui.workspace.view
+        self._box = gui.add_checkbox(
+            "Live (Shift+R)",
+            view.is_live,
+            hint="Trajectories follow while you drag an agent, a slider or a goal",
+        )
+        scope = next(name for name, kept in _SCOPES.items() if kept == view.live_agents)
+        self._scope = gui.add_dropdown(
+            "Agents that react",
+            tuple(_SCOPES),
+            initial_value=scope,
+            disabled=not view.is_live,
+            hint="Others keep their trajectories, which move with their agents",
+        )
+        ui.on_change(self._box, lambda value: self._set(bool(value)))
+        ui.on_change(self._scope, self._scope_chosen)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether traffic reacts during edits."""
+        return self._ui.workspace.view.is_live
+
+    def toggle(self) -> None:
+        """Switch it on or off."""
+        self._set(not self.is_on)
+
+    def reacting_ids(self, scenario: Scenario) -> tuple[str, ...]:
+        """Ids of the agents that react to an edit; empty if none does.
+
+        Besides generated agents, those react whose trajectory guidance changes. An edit
+        of the guidance of some agents is about these alone, as Regenerate in Guide is.
+        """
+        wanted = None
+        if self._ui.workspace.view.live_agents == "generated":
+            wanted = self._guided_anew(scenario)
+            if not wanted:
+                wanted.update(generated_agent_ids(self._ui.session.commands_in_force))
+                for term in scenario.guidance:
+                    wanted.update(term.guided_ids if term.is_on else ())
+        if not scenario.time_axis.num_future_steps:
+            return ()
+        there = scenario.agents.row_of
+        names = None if wanted is None else [name for name in there if name in wanted]
+        if names == []:
+            return ()
+        try:
+            return drivable_agent_ids(scenario, names)
+        except GenerationError:
+            return ()
+
+    def _guided_anew(self, scenario: Scenario) -> set[str]:
+        """Agents of changed terms, if nothing else was edited; empty for terms of all."""
+        before = self._ui.session.committed_scenario
+        terms = [term for term in scenario.guidance if term not in before.guidance]
+        is_other = (
+            scenario.agents is not before.agents
+            or scenario.road_map is not before.road_map
+        )
+        if is_other or not all(term.guided_ids for term in terms):
+            return set()
+        return {name for term in terms for name in term.guided_ids}
+
+    def _set(self, is_on: bool) -> None:
+        self._ui.workspace.view = replace(self._ui.workspace.view, is_live=is_on)
+        set_value(self._box, is_on)
+        set_property(self._scope, "disabled", not is_on)
+        self._on_change()
+
+    def _scope_chosen(self, name: str) -> None:
+        self._ui.workspace.view = replace(
+            self._ui.workspace.view, live_agents=_SCOPES[name]
+        )

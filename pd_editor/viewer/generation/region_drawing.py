@@ -1,0 +1,127 @@
+"""The mode in which a drag on the road draws the region that is resampled."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from pd_editor.base.errors import GenerationError
+from pd_editor.scene.generation import Region
+from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.picking import point_of
+from pd_editor.viewer.tab.ui_context import UiContext
+
+LEAST_SIDE_M: Final = 10.0
+"""Least side; a smaller square has no room for an agent and its leader."""
+
+
+class RegionDrawing:
+    """A square of the road, drawn by a drag from corner to corner.
+
+    It belongs to the tab and not to the scenario: undo leaves it, a page that is loaded
+    again takes it over, and it enters a recipe only with the traffic that is sampled in
+    it. The page draws it; it moves with the picture.
+    """
+
+    def __init__(self, ui: UiContext, overlay: Overlay, banner: Banner) -> None:
+        """Make the mode, without a region."""
+        self._ui = ui
+        self._overlay = overlay
+        self._banner = banner
+        self._listeners: list[Callable[[], None]] = []
+        self._is_shown = False
+        self.is_active = False
+        self.region: Region | None = None
+        overlay.on("region", self._heard)
+
+    def on_change(self, listener: Callable[[], None]) -> None:
+        """Call ``listener`` when the mode or the region has changed."""
+        self._listeners.append(listener)
+
+    def toggle(self) -> None:
+        """Begin to draw a region, or stop."""
+        self.is_active = not self.is_active
+        self._changed()
+
+    def stop(self) -> None:
+        """End the mode, if it is active; a region stays."""
+        if self.is_active:
+            self.toggle()
+
+    def take(self, region: Region) -> None:
+        """Take the region of the page before, while this page is built."""
+        self.region = region
+
+    def clear(self) -> None:
+        """Remove the region and end the mode."""
+        if self.region is None and not self.is_active:
+            return
+        self.region, self.is_active = None, False
+        self._changed()
+
+    def set_shown(self, is_shown: bool) -> None:
+        """Draw the region, or hide it while it is not what is resampled."""
+        if is_shown != self._is_shown:
+            self._is_shown = is_shown
+            self._show()
+
+    def _changed(self) -> None:
+        if self.is_active:
+            self._banner.show(
+                "region",
+                "Drawing a region, a square along the map's axes: press on the road and drag.",
+                button="Done (Esc)",
+                on_press=self.stop,
+                priority=MODE,
+            )
+        else:
+            self._banner.hide("region")
+        for listener in self._listeners:
+            listener()
+        self._show()
+
+    def _show(self) -> None:
+        region = self.region if self._is_shown else None
+        self._overlay.show(
+            "region",
+            {
+                "isActive": self.is_active,
+                "leastM": LEAST_SIDE_M,
+                "square": None
+                if region is None
+                else [*np.round(region.center_m, 3).tolist(), region.half_side_m],
+            },
+        )
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """Handle a pointer event; late events of another mode are ignored."""
+        if event.get("kind") == "clear":
+            self.clear()
+            return
+        start, end = point_of(event.get("from")), point_of(event.get("to"))
+        if not self.is_active or start is None or end is None:
+            return
+        self.region, self.is_active = square_between(start, end), False
+        self._changed()
+
+
+def square_between(start_m: np.ndarray, end_m: np.ndarray) -> Region:
+    """The square with a corner at the start of a drag, as large as the drag is long.
+
+    Raises:
+        GenerationError: it is too small, or leaves the scene.
+    """
+    drag = end_m - start_m
+    side = float(np.abs(drag).max())
+    if side < LEAST_SIDE_M:
+        raise GenerationError(
+            f"The region would be {side:.1f} m wide; drag over at least "
+            f"{LEAST_SIDE_M:g} m."
+        )
+    half = round(side / 2, 2)
+    center = start_m + half * np.where(drag < 0, -1.0, 1.0)
+    return Region(
+        center_m=(round(float(center[0]), 2), round(float(center[1]), 2)),
+        half_side_m=half,
+    )

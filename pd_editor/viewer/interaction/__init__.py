@@ -1,1 +1,0 @@
-"""Mouse, camera and gizmos: from events on the canvas to commands."""

@@ -1,1 +1,0 @@
-"""The control panels, one module each."""

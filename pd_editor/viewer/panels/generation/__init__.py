@@ -1,1 +1,0 @@
-"""The generation panel with its parts: runs, candidates, live regeneration."""

@@ -1,0 +1,1 @@
+"""The road: its warp and where it bends."""

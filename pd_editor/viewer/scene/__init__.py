@@ -1,0 +1,1 @@
+"""The scene in the picture: what is drawn, from where, and at which time."""

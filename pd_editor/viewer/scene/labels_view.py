@@ -1,0 +1,63 @@
+"""Names of selected agents, beside them on top of the picture."""
+
+from collections.abc import Collection, Mapping
+from typing import Final
+
+import numpy as np
+
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.timeline import in_seconds
+from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
+
+MAX_LABELS: Final = 3
+"""More selected agents than this get none: their labels would cover each other."""
+
+
+class LabelsView:
+    """The labels of one browser; the page puts them 18 px beside their agents."""
+
+    def __init__(self, overlay: Overlay) -> None:
+        """Show none yet."""
+        self._overlay = overlay
+        self._view: ViewScale | None = None
+
+    def set_view(self, view: ViewScale) -> None:
+        """Know how large agents are drawn."""
+        self._view = view
+
+    def show(
+        self,
+        scenario: Scenario,
+        poses: AgentPoses,
+        step: float,
+        selection: Collection[str],
+        notes: Mapping[str, str],
+    ) -> None:
+        """Label the selected agents where they are drawn, with notes below."""
+        agents = scenario.agents
+        rows = [agents.row_of[agent] for agent in selection if agent in agents.row_of]
+        rows = [row for row in rows if poses.is_present[row]]
+        if len(selection) > MAX_LABELS:
+            rows = []
+        time_s = (step - scenario.current_step) * scenario.time_axis.step_s
+        # The panel's numbers are those of t = 0: the label says when its own are not.
+        when = "" if abs(time_s) < 0.05 else f" at {in_seconds(time_s)}"
+        nearest = int(np.clip(np.round(step), 0, agents.num_steps - 1))
+        sizes = drawn_sizes_m(agents, self._view) if rows else agents.size_m
+        labels = []
+        for row in rows:
+            speed = float(np.hypot(*agents.velocity_mps[row, nearest]))
+            agent_id = agents.ids[row]
+            point = [*poses.position_m[row], DEFAULT_HEIGHT_M[agents.kinds[row]] / 2]
+            labels.append(
+                {
+                    "text": f"{agents.kinds[row]} {agent_id} · {speed:.1f} m/s{when}",
+                    "note": notes.get(agent_id, ""),
+                    "point": [round(float(value), 2) for value in point],
+                    "radius": round(float(np.hypot(*sizes[row])) / 2, 2),
+                }
+            )
+        self._overlay.show("labels", {"labels": labels})

@@ -1,0 +1,159 @@
+"""Draws past and later positions of all agents, fading with time."""
+
+from typing import Final
+
+import numpy as np
+import viser
+
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.viewer.meshes.colors import Rgb, inverse_aces, srgb_to_linear
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
+from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.meshes.ribbons import (
+    MIN_MOTION_M,
+    dotted,
+    motion_m,
+    path_heights,
+    path_ribbons,
+)
+from pd_editor.viewer.scene.agents_view import agent_color
+
+STRIDE: Final = 2
+"""Every second step is drawn; at 10 Hz that is still under 6 m at 30 m/s."""
+HEIGHT_M: Final = 0.065
+DOT_WIDTH_M: Final = 0.22
+DOT_OPACITY: Final = 0.6
+
+
+class RibbonsView:
+    """One node of one browser with the ribbons of all agents."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        """Draw nothing yet."""
+        self._client = client
+        self._palette = palette
+        self._handle: viser.GlbHandle | None = None
+        self._drawn: tuple[AgentTracks, str, Palette] | None = None
+        self._is_visible = True
+        self._is_muted = False
+        self._scenario: Scenario | None = None
+
+    def show(self, scenario: Scenario) -> None:
+        """Show the ribbons of a scenario."""
+        self._scenario = scenario
+        wanted = (scenario.agents, scenario.focal_id, self._palette)
+        is_current = self._drawn is not None and all(
+            shown is asked for shown, asked in zip(self._drawn, wanted, strict=True)
+        )
+        if is_current or not self._is_visible:
+            return
+        self._drawn = wanted
+        data = glb_of(ribbon_primitives(scenario, self._palette))
+        if self._handle is None:
+            self._handle = self._client.scene.add_glb(
+                "/ribbons", data, cast_shadow=False, receive_shadow=False
+            )
+        else:
+            self._handle.glb_data = data
+
+    def set_palette(self, palette: Palette) -> None:
+        """Redraw in another theme."""
+        self._palette = palette
+        if self._scenario is not None:
+            self.show(self._scenario)
+
+    def set_muted(self, is_muted: bool) -> None:
+        """Mute the ribbons while other elements are shown."""
+        self._is_muted = is_muted
+        self._apply_visibility()
+
+    def _apply_visibility(self) -> None:
+        if self._handle is not None:
+            self._handle.visible = self._is_visible and not self._is_muted
+
+    def set_visible(self, is_visible: bool) -> None:
+        """Show or hide all ribbons."""
+        self._is_visible = is_visible
+        self._apply_visibility()
+        if is_visible and self._scenario is not None:
+            self.show(self._scenario)
+
+
+def ribbon_primitives(scenario: Scenario, palette: Palette) -> list[Primitive]:
+    """Past and future of every agent as transparent meshes.
+
+    Tracks of agents that are not there at the current step are thin and dotted. Every
+    agent has a height of its own; the ego lies above the others, the focal agent on top.
+    """
+    agents, current = scenario.agents, scenario.current_step
+    if not len(agents):
+        return []
+    past = np.unique(np.r_[current % STRIDE : current : STRIDE, current])
+    future = np.unique(np.r_[current : agents.num_steps : STRIDE, agents.num_steps - 1])
+    is_there = agents.is_valid[:, current]
+    order = _bottom_up(scenario)
+    # Tracks of static objects are noise.
+    order = order[agents.kind_mask(ROAD_USER_KINDS)[order]]
+    height = path_heights(HEIGHT_M, np.arange(len(order)))
+    own_color = _linear([agent_color(scenario, palette, int(row)) for row in order])
+    past_color = np.broadcast_to(_linear([palette.past]), (len(order), 3))
+    half_width = np.clip(agents.size_m[order, 1], 0.4, 1.4) * 0.5
+    # Paths that end within the agent's own box are left out.
+    least = np.clip(agents.size_m[order, 0] / 2, MIN_MOTION_M, 2.5)
+
+    def band(
+        steps: np.ndarray,
+        color: np.ndarray,
+        opacity: tuple[float, float],
+        taper: tuple[float, float],
+    ) -> list[Primitive]:
+        points = agents.position_m[order][:, steps]
+        is_valid = agents.is_valid[order][:, steps]
+        moves = motion_m(points, is_valid) >= least
+        solid, thin = moves & is_there[order], moves & ~is_there[order]
+        dots, is_dot = dotted(points[thin], is_valid[thin])
+        count, length = int(solid.sum()), len(steps)
+        return [
+            path_ribbons(
+                dots,
+                is_dot,
+                color=color[thin],
+                opacity=np.full(is_dot.shape, DOT_OPACITY),
+                width_m=np.full(is_dot.shape, DOT_WIDTH_M),
+                height_m=height[thin],
+            ),
+            path_ribbons(
+                points[solid],
+                is_valid[solid],
+                color=color[solid],
+                opacity=_along(opacity, count, length),
+                width_m=half_width[solid, None] * _along(taper, count, length),
+                height_m=height[solid],
+            ),
+        ]
+
+    return [
+        *band(past, past_color, (0.0, 0.55), (0.5, 0.8)),
+        *band(future, own_color, (0.75, 0.12), (1.0, 0.7)),
+    ]
+
+
+def _bottom_up(scenario: Scenario) -> np.ndarray:
+    """Rows in the order in which they are drawn: the ego and the focal agent last."""
+    rank = np.zeros(len(scenario.agents), int)
+    for place, agent_id in enumerate((EGO_ID, scenario.focal_id), start=1):
+        row = scenario.agents.row_of.get(agent_id)
+        if row is not None:
+            rank[row] = place
+    return np.argsort(rank, kind="stable")
+
+
+def _linear(colors: list[Rgb]) -> np.ndarray:
+    shown = np.array(colors, float).reshape(-1, 3)
+    return inverse_aces(srgb_to_linear(shown / 255.0))
+
+
+def _along(ends: tuple[float, float], num_paths: int, num_points: int) -> np.ndarray:
+    return np.broadcast_to(np.linspace(*ends, num_points), (num_paths, num_points))

@@ -1,0 +1,174 @@
+"""Looks of single inputs that viser's own options do not reach."""
+
+import base64
+import html
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
+
+import viser
+
+from pd_editor.base.errors import PdEditorError
+from pd_editor.viewer.tab.ui_context import set_property
+
+_LOG: Final = logging.getLogger(__name__)
+LINE_PX: Final = 20
+ROW_PX: Final = 72
+WITH_PAST: Final = "With a made-up past (5 s)"
+
+
+class PanelStyle:
+    """Style rules for inputs of the panel, each named by the id of its element."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        """Add an empty element for the rules to the current container."""
+        self._rules: list[str] = []
+        self._element = gui.add_html("")
+
+    def as_list(self, buttons: Iterable[viser.GuiButtonHandle]) -> None:
+        """Show buttons as the rows of a list, each with a stripe in its colour."""
+        self._add(
+            buttons,
+            "{padding:0 0.6em;font-weight:500;color:var(--mantine-color-text);"
+            "background:rgba(128,144,160,0.12);border-radius:2px;"
+            "border:0 solid var(--button-bg);border-left-width:4px}",
+            ":hover:not([data-disabled]){background:rgba(128,144,160,0.3)}",
+            "[data-disabled]{opacity:0.4;background:none}",
+            " .mantine-Button-inner{justify-content:flex-start;min-width:0}",
+            # Of a long text only what fits counts for the width of the panel.
+            "{width:0;min-width:100%}",
+            # Mantine trims a block's text to its capitals, which cuts a "g".
+            " .mantine-Button-label{display:block;height:auto;text-box:normal;"
+            "line-height:1.5;"
+            "overflow:hidden;text-overflow:ellipsis;white-space:nowrap}",
+        )
+
+    def in_sight(self, buttons: Iterable[viser.GuiButtonHandle]) -> None:
+        """Keep buttons at the lower edge of the panel while their folder goes on below."""
+        for button in buttons:
+            place = f'[id="{button._impl.uuid}"]'
+            self._rules += [
+                # Parts around it that scroll or are "hidden" would be what it sticks to.
+                f"[data-scrollarea-viewport] :has(.mantine-Paper-root {place}){{overflow:clip !important}}",
+                f":has(> {place}){{position:sticky;bottom:0;z-index:4;"
+                "background:var(--mantine-color-body)}",
+            ]
+        self._add(())
+
+    def unfilled(self, sliders: Iterable[viser.GuiSliderHandle[Any]]) -> None:
+        """Show a slider whose zero is in its middle as a bare line.
+
+        A fill from the left end would look half switched on at zero.
+        """
+        self._add(
+            sliders,
+            " .mantine-Slider-bar{display:none}",
+            " .mantine-Slider-mark{border-color:transparent !important;"
+            "background:rgb(160,170,180) !important}",
+        )
+
+    def _add(self, handles: Iterable[Any], *rules: str) -> None:
+        for handle in handles:
+            self._rules += [f'[id="{handle._impl.uuid}"]{rule}' for rule in rules]
+        self._element.content = f"<style>{''.join(self._rules)}</style>"
+
+
+class PictureRows:
+    """A list of buttons with a small picture at the left of each, and its text beside it."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        """Begin an empty list in the current container."""
+        self._gui = gui
+        self.is_closed = False
+        """Whether the list is gone, so that no picture is needed any more."""
+        self._rules: dict[str, str] = {}
+        self._element = gui.add_html("")
+
+    def add(
+        self,
+        label: str,
+        picture: str = "",
+        *,
+        hint: str = "",
+        order: float | None = None,
+    ) -> viser.GuiButtonHandle:
+        """Add a row to the current container; ``picture`` is SVG."""
+        row = self._gui.add_button(label, color="gray", hint=hint or None, order=order)
+        self.draw(row, picture)
+        return row
+
+    def draw(self, row: viser.GuiButtonHandle, picture: str) -> None:
+        """Show another picture in a row."""
+        uuid = row._impl.uuid
+        content = base64.b64encode(picture.encode()).decode()
+        image = f'url("data:image/svg+xml;base64,{content}")' if picture else "none"
+        name = f'[id="{uuid}"]'
+        self._rules[uuid] = (
+            f"{name}{{height:{ROW_PX}px !important;"
+            f"padding:0 0.6em 0 {ROW_PX * 3 // 2 + 8}px;"
+            "font-weight:500;color:var(--mantine-color-text);border-radius:3px;"
+            "border:1px solid rgba(128,144,160,0.4);"
+            f"background:{image} no-repeat left center/"
+            f"{ROW_PX * 3 // 2}px {ROW_PX - 2}px,rgba(128,144,160,0.1)}}"
+            f"{name} .mantine-Button-inner{{justify-content:flex-start}}"
+            f"{name} .mantine-Button-label{{display:block;height:auto;text-box:normal;"
+            "line-height:1.3;text-align:left;white-space:normal;overflow-wrap:anywhere}"
+        )
+        self._show()
+
+    def draw_later(
+        self,
+        post: Callable[[Callable[[], None]], object],
+        pictures: Sequence[tuple[viser.GuiButtonHandle, Callable[[], str]]],
+    ) -> None:
+        """Make one picture after another, so that the page goes on meanwhile."""
+        if self.is_closed or not pictures:
+            return
+        (row, make), *others = pictures
+        try:
+            self.draw(row, make())
+        except PdEditorError as error:
+            _LOG.info("There is no picture of %s: %s", row.label, error)
+        post(lambda: self.draw_later(post, others))
+
+    def remove(self, row: viser.GuiButtonHandle) -> None:
+        """Remove a row."""
+        del self._rules[row._impl.uuid]
+        row.remove()
+        self._show()
+
+    def _show(self) -> None:
+        self._element.content = f"<style>{''.join(self._rules.values())}</style>"
+
+
+class FixedText:
+    """Lines of text in a space of constant height, so that elements below do not move.
+
+    Texts are never interpreted as HTML. Long texts end in an ellipsis; the tooltip has the
+    whole text.
+    """
+
+    def __init__(self, gui: viser.GuiApi, num_lines: int) -> None:
+        """Reserve room for some lines in the current container."""
+        self._num_lines = num_lines
+        self._element = gui.add_html("")
+        self.text = ""
+        self.show()
+
+    def show(self, title: str = "", *lines: str, tooltip: str | None = None) -> None:
+        """Show a title in bold and lines under it; either may be empty."""
+        shown = [line for line in (title, *lines) if line]
+        self.text = "\n".join(shown)
+        parts = [html.escape(line) for line in lines if line]
+        if title:
+            parts.insert(0, f"<b>{html.escape(title)}</b>")
+        hint = html.escape(self.text if tooltip is None else tooltip)
+        set_property(
+            self._element,
+            "content",
+            f'<div title="{hint}" style="height:{self._num_lines * LINE_PX}px;'
+            f"overflow:hidden;display:-webkit-box;-webkit-box-orient:vertical;"
+            f"-webkit-line-clamp:{self._num_lines};"
+            f"margin:0 0.75em 0.5em;font-size:13.5px;line-height:{LINE_PX}px;"
+            f'overflow-wrap:anywhere">{"<br>".join(parts)}</div>',
+        )

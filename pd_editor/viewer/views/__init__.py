@@ -1,1 +1,0 @@
-"""Scene nodes that show a scenario: map, agents, trajectories, marks."""

@@ -1,0 +1,74 @@
+"""Drag messages as viser sends them, for tests without a browser."""
+
+import numpy as np
+
+from pd_editor.viewer.agents.agent_drag import DragEvent
+from pd_editor.viewer.scene.camera import projected
+from pd_editor.viewer.scene.seen_camera import CameraPose
+from tests.viewer.fake_browser import FakeTab
+
+GRAB_HEIGHT_M = 1.0
+
+
+def camera_above(x_m: float, y_m: float) -> CameraPose:
+    """A camera that looks straight down, north up."""
+    return CameraPose(
+        position=np.array([x_m, y_m, 900.0]),
+        wxyz=np.array([0.0, 1.0, 0.0, 0.0]),
+        fov=0.14,
+        aspect=1.4,
+    )
+
+
+class DragByHand:
+    """One press on an agent; says what viser would say."""
+
+    def __init__(self, tab: FakeTab, agent_id: str, *, rotates: bool = False) -> None:
+        self.tab = tab
+        agents = tab.session.scenario.agents
+        row = agents.row_of[agent_id]
+        self._kind = agents.kinds[row]
+        batch = tab.tab.picture.agents._batches[self._kind]
+        self._instance = int(np.flatnonzero(batch.rows == row)[0])
+        self._rotates = rotates
+        self._start = agents.position_m[row, 49]
+        self.camera = camera_above(*self._start)
+        """The camera that the browser shows the picture through."""
+        self.known_camera: CameraPose | None = None
+        """What the server takes it for, if that is another."""
+        self.pixel_shift = (0.0, 0.0)
+        """By how much the page's own positions are off."""
+
+    @property
+    def drags(self):
+        return self.tab.tab.pointer._drag
+
+    def on_screen(self, point_m) -> tuple[float, float]:
+        """Where the browser shows a point at the height of the grab."""
+        point = np.array([[*point_m, GRAB_HEIGHT_M]])
+        screen, _ = projected(self.camera, point)
+        return (
+            float(screen[0, 0]) + self.pixel_shift[0],
+            float(screen[0, 1]) + self.pixel_shift[1],
+        )
+
+    def say(self, phase: str, point_m) -> None:
+        """Send one message with the pointer at a point."""
+        event = DragEvent(
+            kind=self._kind,
+            instance=self._instance,
+            phase=phase,
+            rotates=self._rotates,
+            camera=self.known_camera or self.camera,
+            start_m=(*self._start, GRAB_HEIGHT_M),
+            end_m=(*point_m, GRAB_HEIGHT_M),
+            end_screen=self.on_screen(point_m),
+        )
+        self.tab.run(lambda: self.drags.dragged(event))
+
+    def box(self, start_m, end_m) -> None:
+        """The rectangle that a plain drag also draws in the top view."""
+        corners = np.array([self.on_screen(start_m), self.on_screen(end_m)])
+        low, high = tuple(corners.min(axis=0)), tuple(corners.max(axis=0))
+        pointer = self.tab.tab.pointer
+        self.tab.run(lambda: pointer._box_selected(low, high, self.camera))

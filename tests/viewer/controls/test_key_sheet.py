@@ -1,0 +1,19 @@
+from pd_editor.viewer.controls.key_sheet import _of_hotkeys, key_name
+from pd_editor.viewer.tab.ui_context import Hotkey
+
+
+def test_names_of_keys():
+    assert key_name("Z", "cmd/ctrl+shift") == "Ctrl+Shift+Z"
+    assert key_name("space", None) == "Space"
+    assert key_name("arrowleft", "shift") == "Shift+\u2190"
+
+
+def test_keys_that_do_the_same_share_a_row():
+    rows = _of_hotkeys(
+        [
+            Hotkey(label="Redo", key="Z", modifier="cmd/ctrl+shift"),
+            Hotkey(label="Redo (Ctrl+Y)", key="Y", modifier="cmd/ctrl"),
+            Hotkey(label="Reset road", key=None, modifier=None),
+        ]
+    )
+    assert [(row.keys, row.does) for row in rows] == [("Ctrl+Shift+Z, Ctrl+Y", "Redo")]
