@@ -1,11 +1,11 @@
 """ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML)."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import shapely
@@ -13,6 +13,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
+from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.opendrive_writer import (
     INTERSECTION,
     JOINT_M,
@@ -57,6 +58,10 @@ _LANE_KINDS: Final = {
 _PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
 """Types of lanes that are drivable, but lead nowhere."""
 _MARKS: Final = {kind: mark for mark, kind in ROAD_MARKS.items()}
+_STOP_LINE: Final = "294"
+_LIGHTS: Final = "10000"
+"""How types of traffic lights begin; these are not for vehicles."""
+_OTHER_LIGHTS: Final = frozenset({"1000002", "1000007", "1000013"})
 End = Literal["start", "end"]
 Key = tuple[str, int, int]
 """Road, index of the section, id of the lane."""
@@ -66,9 +71,9 @@ def read(path: Path) -> Scenario:
     """Read a road network as a scene without agents.
 
     Lanes are one for each lane of each section; elevations are kept, cross falls are not.
-    Connecting roads of a few centimetres only join lanes. Signals, and objects other than
-    crosswalks and asphalt, are left out. City coordinates are those that the header's
-    offset leads to, unless it turns the road.
+    Connecting roads of a few centimetres only join lanes. Traffic lights have unknown
+    states; signs, and objects other than crosswalks and asphalt, are left out. City
+    coordinates are those that the header's offset leads to, unless it turns the road.
 
     Raises:
         FormatError: the file is damaged, of an unknown version, or without lanes.
@@ -90,6 +95,7 @@ def read(path: Path) -> Scenario:
     network = _Network(root, roads)
     paved = [area for road in roads.values() for area in road.paved()]
     walks = [walk for road in roads.values() for walk in road.crosswalks()]
+    signals, notes = network.signals()
     scene = FileScene(
         path=path,
         name=path.stem,
@@ -100,6 +106,8 @@ def read(path: Path) -> Scenario:
             if (walk := crosswalk_of(number, ring)) is not None
         ),
         more_paved=paved,
+        signals=signals,
+        notes=notes,
         attribution=told_of(header.element, "vendor", "name", "license", "copyright"),
     ).scenario(data)
     return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
@@ -288,6 +296,29 @@ class _Road:
         half = np.array([place.number("length"), place.number("width")]) / 2
         return center + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ axis
 
+    def obeying(self, place: Place) -> dict[Key, Float[np.ndarray, "2"]]:
+        """Lanes for which a signal, or a reference to one, is valid, and places on them."""
+        s, way = place.number("s"), place.element.get("orientation")
+        index = max(int(sum(one.s_m[0] <= s for one in self.sections)) - 1, 0)
+        section, found = self.sections[index], {}
+        spans = [
+            sorted((one.integer("fromLane"), one.integer("toLane")))
+            for one in place.children("validity")
+        ]
+        for lane in section.lanes:
+            leads_on = self.leads_on(index, lane)
+            fits = way in (None, "none", "+-"[not leads_on])
+            told = [
+                low * high > 0 or fits for low, high in spans if low <= lane <= high
+            ]
+            if any(told) if spans else fits:
+                sides = section.border_m[lane], section.border_m[section.inner(lane)]
+                line = section.points((sides[0] + sides[1]) / 2)
+                found[self.name, index, lane] = np.array(
+                    [np.interp(s, section.s_m, axis) for axis in line.T[:2]]
+                )
+        return found
+
     def end_m(self, end: End) -> Float[np.ndarray, "2"]:
         """Place of an end of the reference line."""
         s = 0.0 if end == "start" else self.length_m
@@ -334,6 +365,38 @@ class _Network:
             for road, section, lane in self._driven
             if not road.is_joint
         )
+
+    def signals(self) -> tuple[tuple[FileSignal, ...], tuple[str, ...]]:
+        """Traffic lights at the stop lines of their lanes, and notes on what is left out.
+
+        Of several for a lane, which are repeated heads or for turns, it obeys the first.
+        """
+        known = {one.get("id"): one for one in self._root.element.iter("signal")}
+        kinds = Counter(map(_kind_of_sign, known.values()))
+        lines: dict[int, Float[np.ndarray, "2"]] = {}
+        heads: defaultdict[str, dict[int, Any]] = defaultdict(dict)
+        for road in self._roads.values():
+            for one in road.place.element.iterfind("signals/*"):
+                sign = known.get(one.get("id"))
+                kind = None if sign is None else _kind_of_sign(sign)
+                if kind is not None and one.tag in ("signal", "signalReference"):
+                    here = lines if kind == _STOP_LINE else heads[one.get("id") or ""]
+                    for key, at in road.obeying(Place(road.place.path, one)).items():
+                        if key in self._number:
+                            here[self._number[key]] = at
+        found, taken = [], set()
+        for name, stops in heads.items():
+            own = {n: lines.get(n, at) for n, at in stops.items() if n not in taken}
+            taken |= own.keys()
+            if own or not stops:
+                found.append(FileSignal(signal_id=name, stop_m=own))
+        bare = len(lines.keys() - taken)
+        told = (
+            (found, "Traffic lights have unknown states: OpenDRIVE tells none."),
+            (bare, f"Stop lines without a traffic light are left out: {bare}."),
+            (kinds[None], f"{kinds[None]} signs and other signals are left out."),
+        )
+        return tuple(found), tuple(text for holds, text in told if holds)
 
     def _lane(
         self,
@@ -461,6 +524,14 @@ class _Network:
             yield self._number[one], self._number[other]
         elif not leaves and not enters:
             yield self._number[other], self._number[one]
+
+
+def _kind_of_sign(sign: Any) -> str | None:
+    """The beginning of a light's type, or a stop line's type; None for all else."""
+    kind = sign.get("type") or ""
+    if sign.get("dynamic") == "yes" and kind not in _OTHER_LIGHTS:
+        return _LIGHTS if kind.startswith(_LIGHTS) else None
+    return kind if kind == _STOP_LINE else None
 
 
 def _mark(section: _Section, lane: int) -> LaneMark:

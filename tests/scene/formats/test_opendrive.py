@@ -344,3 +344,54 @@ def test_namespaces_and_long_comments_change_nothing(tmp_path: Path):
     path.write_text(f"<!--{'x' * 9000}-->{text}")
     assert format_of(path) is OPENDRIVE
     assert len(read(path).road_map.lanes) == 1
+
+
+def sign(name: str, s: float, kind: str, more: str = "", *, way: str = "+") -> str:
+    dynamic = "yes" if kind.startswith("10000") else "no"
+    return (
+        f'<signal id="{name}" s="{s}" t="-5" type="{kind}" dynamic="{dynamic}" '
+        f'orientation="{way}">{more}</signal>'
+    )
+
+
+def test_traffic_lights_stand_at_the_stop_lines_of_their_lanes(tmp_path: Path):
+    """They were left out without a word."""
+    right_one = '<validity fromLane="-1" toLane="-1"/>'
+    nobody = '<validity fromLane="0" toLane="0"/>'
+    signs = "".join(
+        [
+            sign("9", 40, "1000011", right_one),
+            sign("8", 50, "1000001"),
+            sign("7", 50, "1000001"),
+            sign("6", 0, "1000001", nobody, way="-"),
+            sign("5", 45, "294", '<validity fromLane="-2" toLane="-2"/>'),
+            sign("4", 10, "294", way="-"),
+            sign("3", 10, "1000002"),
+            sign("2", 10, "205"),
+            '<signalReference id="6" s="5" t="4" orientation="-"/>',
+        ]
+    )
+    lanes = section(lane(1), lane(-1), lane(-2))
+    scene = opened(tmp_path, road(lanes, more=f"<signals>{signs}</signals>"))
+    found = {one.signal_id: one for one in scene.signals}
+    places = {
+        (name, lane_id): round(float(share), 3)
+        for name, one in found.items()
+        for lane_id, share in zip(one.lane_ids, one.stop_share, strict=True)
+    }
+    one, two, back = (lane_at(scene, 25, y).lane_id for y in (-1.75, -5.25, 1.75))
+    # The stop line of its lane is nearer than the light itself.
+    assert places == {("9", one): 0.8, ("8", two): 0.9, ("6", back): 0.8}
+    assert not any(one.states.any() for one in scene.signals)
+    notes = " ".join(scene.provenance.notes)
+    assert "Traffic lights have unknown states" in notes
+    assert "2 signs and other signals are left out" in notes
+
+
+def test_a_stop_line_without_a_light_is_told(tmp_path: Path):
+    signs = f"<signals>{sign('5', 45, '294')}</signals>"
+    scene = opened(tmp_path, road(section(lane(-1)), more=signs))
+    assert scene.signals == ()
+    assert "Stop lines without a traffic light are left out: 1" in " ".join(
+        scene.provenance.notes
+    )
