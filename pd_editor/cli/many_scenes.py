@@ -10,6 +10,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from secrets import token_hex
 from typing import Annotated, Any, Concatenate, Final, ParamSpec
 
 import tyro
@@ -23,6 +24,7 @@ from pd_editor.editor.scenario_store import (
     foreign_files,
     lanes_of_file,
     open_scenario,
+    read_once,
 )
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.work_engine import EngineChoice, InThisProcess, run_items
@@ -76,13 +78,17 @@ def over_scenes(
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
             items: dict[str, _Item] = {one: (one, {}) for one in found}
-            if (densest := options.pop("densest", None)) is not None:
-                items = _windows(found, densest, options)
-            if len(items) == 1:
-                ((scene, own),) = items.values()
-                options.update(own)
-                return command(scene, *values, **options)
-            return _run_all(name, items, options)
+            densest = options.pop("densest", None)
+            # Of a run within one, such as of one window, it is that of the whole.
+            this_run = "" if densest is None else token_hex(8)
+            with read_once(this_run) if this_run else nullcontext():
+                if this_run:
+                    items = _windows(found, densest, options)
+                if len(items) == 1:
+                    ((scene, own),) = items.values()
+                    options.update(own)
+                    return command(scene, *values, **options)
+                return _run_all(name, items, options, this_run)
 
         del run.__wrapped__
         words = tyro.conf.arg(metavar=f"{noun} [...]", help_behavior_hint="(required)")
@@ -147,7 +153,7 @@ def _windows(
 
 
 def _run_all(
-    command: str, items: Mapping[str, _Item], options: dict[str, Any]
+    command: str, items: Mapping[str, _Item], options: dict[str, Any], this_run: str
 ) -> Outcome:
     """Call a command on every scene, or part of one."""
     scenes = list(items)
@@ -165,7 +171,7 @@ def _run_all(
     with nullcontext(InThisProcess()) if is_here else choice.engine() as engine:
         failures = run_items(
             engine,
-            functools.partial(_outcome, command, options),
+            functools.partial(_outcome, command, options, this_run),
             items,
             on_value=done.__setitem__,
             on_progress=work_shown("scenes"),
@@ -195,9 +201,12 @@ def _run_all(
     )
 
 
-def _outcome(command: str, options: Mapping[str, Any], item: _Item) -> Outcome:
+def _outcome(
+    command: str, options: Mapping[str, Any], this_run: str, item: _Item
+) -> Outcome:
     """Call a command on a scene; scenarios are left out, since they may be many."""
     module = import_module(f"{__package__}.{command}")
     scene, own = item
-    made = getattr(module, command)(scene, **options, **own)
+    with read_once(this_run):
+        made = getattr(module, command)(scene, **options, **own)
     return replace(made, scenarios=())

@@ -2,10 +2,12 @@
 
 import contextlib
 import dataclasses
+import functools
 import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Final
 
@@ -55,6 +57,7 @@ MAX_LABELS: Final = 8
 _HEAD_BYTES: Final = 1 << 16
 SAME_M: Final = 0.02
 """Tolerance of equal positions: map files are rounded to centimetres."""
+_RUN: Final = ContextVar("run", default="")
 _LOG: Final = logging.getLogger(__name__)
 
 
@@ -127,6 +130,25 @@ def lanes_of_file(read: Callable[[], Scenario]) -> tuple[Lane, ...]:
     return opened.road_map.moved(lambda points: points + origin).lanes
 
 
+@contextlib.contextmanager
+def read_once(run: str) -> Iterator[None]:
+    """Keep what was read last in a run of some name, for its other parts; none: nothing."""
+    token = _RUN.set(run)
+    try:
+        yield
+    finally:
+        _RUN.reset(token)
+
+
+@functools.lru_cache(maxsize=1)
+def _read_in_run(run: str, reference: str) -> Scenario | LargeMapError:
+    del run
+    try:
+        return _read(reference)
+    except LargeMapError as error:
+        return error
+
+
 def open_base(base: BaseReference, source: str | Path = "") -> Scenario:
     """Open the base of a recipe, from another place if one is given.
 
@@ -137,7 +159,14 @@ def open_base(base: BaseReference, source: str | Path = "") -> Scenario:
 
 
 def _opened(reference: str | Path) -> Scenario:
-    text = str(reference)
+    run = _RUN.get()
+    found = _read_in_run(run, str(reference)) if run else _read(str(reference))
+    if isinstance(found, LargeMapError):
+        raise found
+    return found
+
+
+def _read(text: str) -> Scenario:
     check_path(text)
     name = text.removeprefix(DEMO_PREFIX)
     if name in demo_names() and not os.path.isdir(text):

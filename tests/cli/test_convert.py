@@ -6,12 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from pd_editor.editor import scenario_store
 from pd_editor.editor.scenario_store import (
     LOSSES_NAME,
     is_foreign,
     open_scenario,
     scenario_and_recipe,
 )
+from pd_editor.scene.formats.registry import read_scene
+from pd_editor.scene.scenario import Scenario
 from tests.cli.shell import Shell
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import lane, road, section
@@ -140,3 +143,24 @@ def test_the_densest_parts_of_a_map_become_scenes_of_their_own(
     assert "expected metres of the file" in told
     told = shell.refused("convert", "roundabout", "--to", "av2", "--out", out, "--radius", "3")  # fmt: skip
     assert "--around" in told
+
+
+def test_the_densest_parts_of_a_map_are_cut_from_one_reading(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The file was read for the windows, and once more for each of them."""
+    read: list[Path] = []
+
+    def counted(path: Path) -> Scenario:
+        read.append(path)
+        return read_scene(path)
+
+    monkeypatch.setattr(scenario_store, "read_scene", counted)
+    where, out = city(tmp_path, 3), tmp_path / "out"
+    asked = ("--to", "tables", "--densest", "3", "--radius", "60", "--out")
+    assert shell.run("convert", where, *asked, out).code == 0
+    assert len(list(out.iterdir())) == 3
+    assert read == [Path(where)]
+    # A file that changed meanwhile is read anew.
+    assert shell.run("convert", where, *asked, tmp_path / "again").code == 0
+    assert len(read) == 2
