@@ -287,7 +287,7 @@ def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
 def _as_file(name: str, content: bytes) -> Iterator[Path]:
     """A file of an upload, for readers of paths."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / (Path(name).stem[:80] + Path(name).suffix.lower())
+        path = Path(folder) / Path(name).name[-60:]
         path.write_bytes(content)
         yield path
 

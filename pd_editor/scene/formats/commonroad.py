@@ -9,11 +9,12 @@ from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.commonroad_writer import write
-from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_scene import FileScene, FileTrack, headings_on_the_way
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
+from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml, told_of
-from pd_editor.scene.geometry.angles import heading_of, unit_vector
+from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
+from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.geometry.polyline import midline
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
@@ -39,8 +40,6 @@ _KINDS: Final = {
     "median_strip": AgentKind.STATIC,
 }
 """Kinds of obstacles; all others are of unknown kind."""
-_STANDS_M: Final = 0.01
-"""Way of a step that tells no heading."""
 _FINEST: Final = 100
 """Steps of a file for one of a scene, at most."""
 _OBSTACLES: Final = frozenset({"obstacle", "staticObstacle", "dynamicObstacle"})
@@ -97,7 +96,7 @@ def read(path: Path) -> Scenario:
         notes.append(f"{others} environment and phantom obstacles are left out.")
     return FileScene(
         path=path,
-        name=element.get("benchmarkID") or path.stem,
+        name=element.get("benchmarkID") or stem_of(path),
         lanes=lanes,
         crosswalks=crosswalks,
         tracks=tuple(tracks),
@@ -278,7 +277,8 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
     ]
     time = np.array([step_s * _value(one, "time") for one in states])
     position = np.array([_position(one) for one in states])
-    heading = _headings(states, position)
+    told = np.array([_value(one, "orientation", np.nan) for one in states])
+    heading = headings_on_the_way(time, position, told)
     speed = np.array([_value(one, "velocity", 0.0) for one in states])
     velocity = unit_vector(heading) * speed[:, None]
     has_speeds = all(
@@ -311,20 +311,6 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
         velocity_mps=velocity if is_static or has_speeds else None,
         longest_gap_s=1.5 * step_s,
     )
-
-
-def _headings(
-    states: list[Place], position: Float[np.ndarray, "N 2"]
-) -> Float[np.ndarray, "N"]:
-    """Orientations; that of the way where a state has none."""
-    told = np.array([_value(one, "orientation", np.nan) for one in states])
-    is_told = np.isfinite(told)
-    if not is_told.any():
-        raise states[0].error("has no <orientation>.")
-    step = np.gradient(position, axis=0) if len(states) > 1 else np.zeros((1, 2))
-    last = np.maximum.accumulate(np.where(is_told, np.arange(len(told)), 0))
-    moves = np.hypot(*step.T) > _STANDS_M
-    return np.where(is_told, told, np.where(moves, heading_of(step), told[last]))
 
 
 def _start(problem: Place, step_s: float) -> FileTrack:
@@ -414,7 +400,7 @@ def _value(state: Place, name: str, default: float | None = None) -> float:
 
 
 def _recognises(path: Path) -> bool:
-    return path.suffix.lower() == ".xml" and b"<commonroad" in head_of(path)
+    return ending_of(path) == ".xml" and b"<commonroad" in head_of(path)
 
 
 COMMONROAD: Final = SceneFormat(

@@ -19,7 +19,7 @@ from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.formats.file_signal import ON_GRID_S, FileSignal, sampled_signals
-from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.map_window import crosswalks_within, lanes_within
@@ -33,6 +33,7 @@ from pd_editor.scene.scene_limits import (
     agents_excess,
     road_excess,
 )
+from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
 
 _STEP_S: Final = TimeAxis().step_s
@@ -42,6 +43,7 @@ _LONGEST_GAP_S: Final = 0.35
 """States further apart in time have nothing between them, unless the file's steps are."""
 _LEAST_EXTENT_M: Final = 1.0
 """Roads that are smaller are in degrees, or in kilometres."""
+NO_HEADINGS: Final = "Headings that the file does not tell are those of the motion."
 _CROSSING_SINE: Final = 0.34
 """Centre lines that cross at more than 20 degrees meet in a junction."""
 
@@ -338,11 +340,7 @@ def _at_times(
 
     velocity = track.velocity_mps
     if velocity is None:
-        velocity = (
-            np.gradient(track.position_m, known, axis=0)
-            if len(known) > 1
-            else np.zeros_like(track.position_m)
-        )
+        velocity = _motion(known, track.position_m)
     position = between(track.position_m)
     if track.velocity_mps is not None:
         # A cubic line that has the velocities of both ends.
@@ -352,6 +350,37 @@ def _at_times(
         position += np.where(is_there[:, None], bow, 0.0)
     heading = between(np.unwrap(track.heading_rad)[:, None])[:, 0]
     return position, wrap_angle(heading), between(velocity), is_there
+
+
+def _motion(
+    time_s: Float[np.ndarray, "N"], position_m: Float[np.ndarray, "N 2"]
+) -> Float[np.ndarray, "N 2"]:
+    if len(time_s) < 2:
+        return np.zeros_like(position_m)
+    # That times increase is checked later.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.gradient(position_m, time_s, axis=0)
+
+
+def headings_on_the_way(
+    time_s: Float[np.ndarray, "N"],
+    position_m: Float[np.ndarray, "N 2"],
+    told_rad: Float[np.ndarray, "N"],
+) -> Float[np.ndarray, "N"]:
+    """Headings, where the file tells none (NaN) those of the motion.
+
+    Who stands has the heading of before, else that of later; 0 if there is none.
+    """
+    is_told = np.isfinite(told_rad)
+    if is_told.all():
+        return told_rad
+    moves = _motion(time_s, position_m)
+    known = is_told | (np.hypot(*moves.T) >= STANDING_MPS)
+    rows = np.flatnonzero(known)
+    if not len(rows):
+        return np.zeros(len(told_rad))
+    last = np.searchsorted(rows, np.arange(len(known)), side="right") - 1
+    return np.where(is_told, told_rad, heading_of(moves))[rows[np.maximum(last, 0)]]
 
 
 def with_junctions(lanes: tuple[Lane, ...]) -> tuple[Lane, ...]:

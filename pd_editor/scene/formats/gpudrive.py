@@ -9,10 +9,15 @@ import msgspec
 import numpy as np
 
 from pd_editor.base.errors import FormatError
-from pd_editor.base.regular_file import read_regular
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
 from pd_editor.scene.formats.file_signal import FileSignal
+from pd_editor.scene.formats.packed_file import (
+    ending_of,
+    head_of,
+    read_unpacked,
+    stem_of,
+)
 from pd_editor.scene.formats.recorded_map import (
     CenterLane,
     crosswalk_of,
@@ -25,12 +30,10 @@ from pd_editor.scene.formats.recording_writers import (
     gpudrive_files,
 )
 from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.formats.xml_file import head_of
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
-MAX_GPUDRIVE_BYTES: Final = 256 * 2**20
 _KINDS: Final = {
     "vehicle": AgentKind.VEHICLE,
     "pedestrian": AgentKind.PEDESTRIAN,
@@ -47,9 +50,9 @@ def read(path: Path) -> Scenario:
     Raises:
         FormatError: the file is damaged, or of something else.
     """
-    data = read_regular(path, max_bytes=MAX_GPUDRIVE_BYTES, error=FormatError)
+    content, data = read_unpacked(path)
     try:
-        found = _decoded(data)
+        found = _decoded(content)
         about = found.get("metadata") or {}
         step_s = TimeAxis().step_s
         tracks = [_track(row, one, step_s) for row, one in enumerate(found["objects"])]
@@ -74,7 +77,7 @@ def read(path: Path) -> Scenario:
             _signal(key, one, numbers.get(row_of.get(key, "")), step_s)
             for key, one in states.items()
         ]
-        name = str(found.get("scenario_id") or path.stem)
+        name = str(found.get("scenario_id") or stem_of(path))
     except (
         LookupError,
         TypeError,
@@ -128,7 +131,7 @@ def _name(row: int, one: Mapping[str, Any]) -> str:
 
 def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
     """A track where it is valid; None if it never is."""
-    position, velocity = _table(one["position"]), _table(one["velocity"])
+    position = _table(one["position"])
     is_valid = np.array(one["valid"], bool) & np.isfinite(position).all(axis=1)
     if not is_valid.any():
         return None
@@ -140,7 +143,7 @@ def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
         time_s=step_s * np.flatnonzero(is_valid),
         position_m=position[is_valid],
         heading_rad=np.array(one["heading"], float)[is_valid],
-        velocity_mps=velocity[is_valid],
+        velocity_mps=_table(one["velocity"])[is_valid] if "velocity" in one else None,
     )
 
 
@@ -167,7 +170,7 @@ def _points(road: Mapping[str, Any]) -> np.ndarray:
 
 
 def _recognises(path: Path) -> bool:
-    if path.suffix.lower() != ".json":
+    if ending_of(path) != ".json":
         return False
     head = head_of(path)
     return b'"objects"' in head or b'"roads"' in head

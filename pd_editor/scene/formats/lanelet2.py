@@ -13,8 +13,9 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
+from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
+from pd_editor.scene.formats.xml_file import Place, parse_xml
 from pd_editor.scene.geometry.map_projection import utm, utm_zone
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import midline, resample
@@ -80,7 +81,7 @@ def read(path: Path) -> Scenario:
         notes.append(f"{file.num_rules} regulatory elements are left out.")
     return FileScene(
         path=path,
-        name=path.stem,
+        name=stem_of(path),
         lanes=_lanes(file, [one for one in courses if one.kind is not None]),
         crosswalks=tuple(
             Crosswalk(
@@ -390,9 +391,8 @@ def _mark(file: _File, bound: Bound) -> LaneMark:
 
 
 def _recognises(path: Path) -> bool:
-    return path.suffix.lower() == ".osm" or (
-        path.suffix.lower() == ".xml" and b"<osm" in head_of(path)
-    )
+    ending = ending_of(path)
+    return ending == ".osm" or (ending == ".xml" and b"<osm" in head_of(path))
 
 
 LANELET2: Final = SceneFormat(

@@ -23,10 +23,11 @@ from pd_editor.scene.formats.opendrive_writer import (
     ROAD_MARKS,
     write,
 )
+from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.recorded_map import crosswalk_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml, told_of
+from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
@@ -71,7 +72,7 @@ def read(path: Path) -> Scenario:
     """Read a road network as a scene without agents.
 
     Lanes are one for each lane of each section; elevations are kept, cross falls are not.
-    Connecting roads of a few centimetres only join lanes. Traffic lights have unknown
+    Roads of less than a few centimetres only join lanes. Traffic lights have unknown
     states; signs, and objects other than crosswalks and asphalt, are left out. City
     coordinates are those that the header's offset leads to, unless it turns the road.
 
@@ -96,9 +97,11 @@ def read(path: Path) -> Scenario:
     paved = [area for road in roads.values() for area in road.paved()]
     walks = [walk for road in roads.values() for walk in road.crosswalks()]
     signals, notes = network.signals()
+    if bare := sum(not road.length_m for road in roads.values()):
+        notes = (*notes, f"{bare} roads without length only join others.")
     scene = FileScene(
         path=path,
-        name=path.stem,
+        name=stem_of(path),
         lanes=network.lanes(),
         crosswalks=tuple(
             walk
@@ -167,9 +170,9 @@ class _Road:
     def __init__(self, place: Place) -> None:
         self.place, self.name = place, place.attribute("id")
         self.length_m = place.number("length")
-        if not 0 < self.length_m <= MAX_LINES_M:
+        if not 0 <= self.length_m <= MAX_LINES_M:
             raise place.error(
-                f"is {self.length_m:g} m long; expected more than 0, and at most "
+                f"is {self.length_m:g} m long; expected 0 or more, and at most "
                 f"{MAX_LINES_M:g}."
             )
         self.drives_left = (place.element.get("rule") or "RHT").upper() == "LHT"
@@ -238,8 +241,8 @@ class _Road:
 
     @property
     def is_joint(self) -> bool:
-        """Whether it is a connecting road that is too short to be driven on."""
-        return bool(self.junction) and self.length_m < JOINT_M
+        """Whether it is too short to be driven on."""
+        return self.length_m < JOINT_M
 
     def driven(self) -> Iterator[tuple[_Section, int]]:
         """Sections and ids of the lanes that are driven on."""
@@ -555,9 +558,8 @@ def _simplified(line: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
 
 
 def _recognises(path: Path) -> bool:
-    if path.suffix.lower() not in (".xodr", ".xml"):
-        return False
-    return path.suffix.lower() == ".xodr" or b"<opendrive" in head_of(path)
+    ending = ending_of(path)
+    return ending == ".xodr" or (ending == ".xml" and b"<opendrive" in head_of(path))
 
 
 OPENDRIVE: Final = SceneFormat(

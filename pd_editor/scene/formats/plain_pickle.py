@@ -10,9 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.base.errors import FormatError
-from pd_editor.base.regular_file import read_regular
+from pd_editor.scene.formats.packed_file import read_unpacked
 
-MAX_PICKLE_BYTES: Final = 256 * 2**20
 _CODE: Final = re.compile(r"[biufSU]\d{1,6}|O8|b1|bool")
 
 
@@ -142,9 +141,9 @@ def read_plain_pickle(path: Path) -> tuple[Any, bytes]:
         FormatError: it names something other than arrays and plain containers, or is
             damaged.
     """
-    data = read_regular(path, max_bytes=MAX_PICKLE_BYTES, error=FormatError)
+    content, data = read_unpacked(path)
     try:
-        return _plain(_Unpickler(io.BytesIO(data)).load(), {}), data
+        return _plain(_Unpickler(io.BytesIO(content)).load(), {}), data
     except pickle.UnpicklingError as error:
         raise FormatError(
             f"{path}: holds {error}; expected arrays, texts, numbers and containers only."

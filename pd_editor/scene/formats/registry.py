@@ -12,6 +12,7 @@ from pd_editor.scene.formats.commonroad import COMMONROAD
 from pd_editor.scene.formats.gpudrive import GPUDRIVE
 from pd_editor.scene.formats.lanelet2 import LANELET2
 from pd_editor.scene.formats.opendrive import OPENDRIVE
+from pd_editor.scene.formats.packed_file import unpacked_name
 from pd_editor.scene.formats.scenarionet import SCENARIONET
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.sumo import SUMO
@@ -78,7 +79,7 @@ def writer(name: str) -> SceneFormat:
 def has_foreign_ending(name: str) -> bool:
     """Whether a file of this name may be of a format other than Argoverse 2."""
     endings = tuple(one for kind in formats().values() for one in kind.endings)
-    return name.lower().endswith(endings)
+    return unpacked_name(name.lower()).endswith(endings)
 
 
 def is_foreign_file(path: Path) -> bool:

@@ -8,8 +8,14 @@ import numpy as np
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_scene import (
+    NO_HEADINGS,
+    FileScene,
+    FileTrack,
+    headings_on_the_way,
+)
 from pd_editor.scene.formats.file_signal import FileSignal
+from pd_editor.scene.formats.packed_file import ending_of, stem_of
 from pd_editor.scene.formats.plain_pickle import read_plain_pickle
 from pd_editor.scene.formats.recorded_map import (
     CenterLane,
@@ -102,7 +108,7 @@ def read(path: Path) -> Scenario:
     asked = about.get("tracks_to_predict") or {}
     return FileScene(
         path=path,
-        name=str(found.get("id") or path.stem),
+        name=str(found.get("id") or stem_of(path)),
         lanes=lanes_of(lanes),
         crosswalks=tuple(one for one in walks if one is not None),
         more_paved=drives,
@@ -112,6 +118,9 @@ def read(path: Path) -> Scenario:
         ego_id=str(about.get("sdc_id", "")),
         focal_id=str(next(iter(asked), "")),
         city=str(about.get("map") or about.get("dataset") or ""),
+        notes=(NO_HEADINGS,)
+        if any("heading" not in one["state"] for one in found["tracks"].values())
+        else (),
         attribution=f"Recorded by {source}, under its own licence." if source else "",
     ).scenario(data)
 
@@ -131,6 +140,11 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         else 0.0
         for side in ("length", "width")
     ]
+    told = (
+        np.array(state["heading"], float).ravel()[:number][is_valid]
+        if "heading" in state
+        else np.full(is_valid.sum(), np.nan)
+    )
     finer = str((found.get("metadata") or {}).get("type", "")).lower()
     kind = next(
         (kind for part, kind in _FINER_KINDS.items() if part in finer),
@@ -142,7 +156,7 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         size_m=(sizes[0], sizes[1]) if min(sizes) > 0 else None,
         time_s=time_s[is_valid],
         position_m=position[is_valid],
-        heading_rad=np.array(state["heading"], float).ravel()[:number][is_valid],
+        heading_rad=headings_on_the_way(time_s[is_valid], position[is_valid], told),
         velocity_mps=np.array(state["velocity"], float)[:number, :2][is_valid]
         if "velocity" in state
         else None,
@@ -194,7 +208,7 @@ def _neighbor(found: Any) -> str | None:
 
 
 def _recognises(path: Path) -> bool:
-    return path.suffix.lower() == ".pkl" and path.name not in _SUMMARIES
+    return ending_of(path) == ".pkl" and path.name not in _SUMMARIES
 
 
 SCENARIONET: Final = SceneFormat(

@@ -11,8 +11,14 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_scene import (
+    NO_HEADINGS,
+    FileScene,
+    FileTrack,
+    headings_on_the_way,
+)
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
+from pd_editor.scene.formats.packed_file import head_of, stem_of, unpacked_name
 from pd_editor.scene.formats.recorded_map import crosswalk_of
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.sumo_net import (
@@ -25,7 +31,7 @@ from pd_editor.scene.formats.sumo_net import (
     sumo_net,
 )
 from pd_editor.scene.formats.sumo_writer import write
-from pd_editor.scene.formats.xml_file import Place, head_of, parse_xml
+from pd_editor.scene.formats.xml_file import Place, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.map_projection import utm
 from pd_editor.scene.geometry.paved_area import valid_area
@@ -35,7 +41,7 @@ from pd_editor.scene.road_map import Lane, LaneMark
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
-ENDINGS: Final = (".net.xml", ".net.xml.gz")
+ENDING: Final = ".net.xml"
 _CLASSES: Final = {
     "pedestrian": (AgentKind.PEDESTRIAN, 0.215),
     "bicycle": (AgentKind.CYCLIST, 1.6),
@@ -54,6 +60,14 @@ _CLASSES: Final = {
 """Kind and SUMO's length of vehicle classes; others are as ``passenger``. Types have such names."""
 _USUAL: Final = "passenger"
 _PERSON: Final = "pedestrian"
+_STATE: Final = {
+    "x": None,
+    "y": None,
+    "angle": np.nan,
+    "speed": np.nan,
+    "speedLat": 0.0,
+}
+"""Attributes of a state, and what stands for those that are not there."""
 _SAME_POINT_M: Final = 0.01
 _NEAR_DEG: Final = 0.01
 
@@ -71,9 +85,7 @@ def read(path: Path) -> Scenario:
     element, data = parse_xml(path, "net")
     root = Place(path, element)
     net = sumo_net(root)
-    name = path.name
-    for ending in (".gz", ".xml", ".net"):
-        name = name.removesuffix(ending)
+    name = stem_of(path).removesuffix(".net")
     beside = {
         part: found
         for part in ("fcd", "rou", "add")
@@ -86,6 +98,9 @@ def read(path: Path) -> Scenario:
     }
     tracks: tuple[FileTrack, ...] = ()
     times: list[float] = []
+    notes: list[str] = []
+    if any(map(_reacts, root.children("tlLogic"))):
+        notes.append("Signals that react to traffic have unknown states.")
     if "fcd" in beside:
         motion, more = parse_xml(beside["fcd"], "fcd-export")
         types = {
@@ -93,6 +108,8 @@ def read(path: Path) -> Scenario:
         }
         place = Place(path, element).children("location")[:1]
         tracks, times = _tracks(Place(beside["fcd"], motion), types, place)
+        if any("angle" not in one.attrib for one in motion.iterfind("timestep/*")):
+            notes.append(NO_HEADINGS)
         data += more
     lanes, number = _lanes(net)
     polygons = _polygons(beside.get("add"), roots.get("add"))
@@ -106,9 +123,7 @@ def read(path: Path) -> Scenario:
         tracks=tracks,
         signals=tuple(_signals(root, net, number)),
         current_s=_current_s(times),
-        notes=("Signals that react to traffic have unknown states.",)
-        if any(map(_reacts, root.children("tlLogic")))
-        else (),
+        notes=tuple(notes),
     ).scenario(data)
 
 
@@ -263,11 +278,12 @@ def _tracks(
             for place in step.children(tag):
                 name = place.attribute("id")
                 first.setdefault(name, place)
-                numbers = map(place.number, ("x", "y", "angle", "speed"))
-                aside = place.element.get("speedLat") and place.number("speedLat")
-                rows.setdefault(name, []).append(
-                    (times[-1], *numbers, float(aside or 0.0))
-                )
+                told = place.element.keys()
+                numbers = [
+                    place.number(key) if default is None or key in told else default
+                    for key, default in _STATE.items()
+                ]
+                rows.setdefault(name, []).append((times[-1], *numbers))
     steps = np.diff(times)
     step_s = float(np.median(steps)) if len(steps) else 0.0
     tables = {name: np.array(one) for name, one in rows.items()}
@@ -331,7 +347,8 @@ def _track(
         size = about.number("length"), about.number("width")
         length = size[0]
     time_s, x, y, angle, speed, aside = table.T
-    heading = heading_of_sumo(angle)
+    place_m = np.stack([x, y], axis=-1)
+    heading = headings_on_the_way(time_s, place_m, heading_of_sumo(angle))
     ahead = unit_vector(heading)
     # The position of a person is the middle, as it is of nobody else.
     back = np.full(len(table), 0.0 if is_person else length)
@@ -340,16 +357,18 @@ def _track(
         kind=kind,
         size_m=size,
         time_s=time_s,
-        position_m=center_of_front(np.stack([x, y], axis=-1), heading, back),
+        position_m=center_of_front(place_m, heading, back),
         heading_rad=heading,
-        velocity_mps=speed[:, None] * ahead + aside[:, None] * left_of(ahead),
+        velocity_mps=None
+        if np.isnan(speed).any()
+        else speed[:, None] * ahead + aside[:, None] * left_of(ahead),
         longest_gap_s=1.5 * step_s,
     )
 
 
 def _recognises(path: Path) -> bool:
-    name = path.name.lower()
-    return name.endswith(ENDINGS) or (
+    name = unpacked_name(path.name).lower()
+    return name.endswith(ENDING) or (
         name.endswith(".xml") and b"<net " in head_of(path)
     )
 
@@ -357,7 +376,7 @@ def _recognises(path: Path) -> bool:
 SUMO: Final = SceneFormat(
     name="sumo",
     title="SUMO",
-    endings=ENDINGS,
+    endings=(ENDING,),
     recognises=_recognises,
     read=read,
     write=write,

@@ -1,29 +1,11 @@
 """XML files of foreign formats: nothing is fetched, expanded or called."""
 
-import gzip
-import io
-import zlib
 from pathlib import Path
-from typing import Final
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import FormatError
-from pd_editor.base.regular_file import read_regular
-
-MAX_XML_BYTES: Final = 256 * 2**20
-_HEAD_BYTES: Final = 1 << 16
-"""Comments of tools may be long."""
-_GZIP: Final = b"\x1f\x8b"
-
-
-def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
-    """First bytes of a file, in lower case; empty if it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return file.read(most_bytes).lower()
-    except OSError:
-        return b""
+from pd_editor.scene.formats.packed_file import read_unpacked
 
 
 def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
@@ -35,7 +17,7 @@ def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
         FormatError: the file is no XML, has another root, or declares a document type,
             which could hold entities.
     """
-    data = read_regular(path, max_bytes=MAX_XML_BYTES, error=FormatError)
+    content, data = read_unpacked(path)
     parser = etree.XMLParser(
         resolve_entities=False,
         no_network=True,
@@ -45,7 +27,7 @@ def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
         huge_tree=False,
     )
     try:
-        found = etree.fromstring(_unzipped(path, data), parser)
+        found = etree.fromstring(content, parser)
     except etree.XMLSyntaxError as error:
         raise FormatError(f"{path}: is no valid XML ({error}).") from error
     if found.getroottree().docinfo.doctype:
@@ -59,21 +41,6 @@ def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
     if root is not None and found.tag != root:
         raise FormatError(f"{path}: its root is <{found.tag}>; expected <{root}>.")
     return found, data
-
-
-def _unzipped(path: Path, data: bytes) -> bytes:
-    if data[:2] != _GZIP:
-        return data
-    try:
-        # Such a file may have several parts.
-        found = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_XML_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise FormatError(f"{path}: is no valid gzip ({error}).") from error
-    if len(found) > MAX_XML_BYTES:
-        raise FormatError(
-            f"{path}: is larger than {MAX_XML_BYTES >> 20} MiB when unpacked."
-        )
-    return found
 
 
 def added(parent: etree._Element, tag: str, **attributes: object) -> etree._Element:

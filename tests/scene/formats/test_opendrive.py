@@ -395,3 +395,30 @@ def test_a_stop_line_without_a_light_is_told(tmp_path: Path):
     assert "Stop lines without a traffic light are left out: 1" in " ".join(
         scene.provenance.notes
     )
+
+
+def test_a_road_without_length_joins_its_neighbours(tmp_path: Path):
+    """The whole file was refused."""
+
+    def link(before: str | None, after: str | None) -> str:
+        parts = (("predecessor", before, "end"), ("successor", after, "start"))
+        return "".join(
+            f'<{tag} elementType="road" elementId="{name}" contactPoint="{end}"/>'
+            for tag, name, end in parts
+            if name
+        )
+
+    def part(name: str, x: float, length: float, road_link: str) -> str:
+        line = f'<geometry s="0" x="{x}" y="0" hdg="0" length="{length}"><line/></geometry>'
+        lanes = section(lane(-1, more='<link><predecessor id="-1"/><successor id="-1"/></link>'))  # fmt: skip
+        return road(lanes, name, geometry=line, length=length, link=road_link)
+
+    scene = opened(
+        tmp_path,
+        part("1", 0, 50, link(None, "2")),
+        part("2", 50, 0, link("1", "3")),
+        part("3", 50, 50, link("2", None)),
+    )
+    first, last = scene.road_map.lanes
+    assert (first.successors, last.predecessors) == ((last.lane_id,), (first.lane_id,))
+    assert "1 roads without length" in " ".join(scene.provenance.notes)

@@ -297,3 +297,26 @@ def test_real_recordings_open(format_files: Path):
         gap = np.linalg.norm(way / 0.5 - mean, axis=-1)
         assert np.median(gap) < 0.3, path
         assert any(one.successors for one in scene.road_map.lanes)
+
+
+@pytest.mark.parametrize("name", ["sd_one.pkl", "one.json"])
+def test_headings_and_velocities_are_those_of_the_motion_where_none_are_told(
+    tmp_path: Path, name: str
+):
+    """The file was refused: KeyError."""
+    path, found = tmp_path / name, description()
+    if name == "one.json":
+        other = as_gpudrive()
+        for one in other["objects"]:
+            del one["velocity"]
+        path.write_text(json.dumps(other))
+    else:
+        for one in found["tracks"].values():
+            del one["state"]["heading"], one["state"]["velocity"]
+        path.write_bytes(pickle.dumps(found))
+    scene = open_scenario(path)
+    check(scene)
+    agents = scene.agents
+    np.testing.assert_allclose(agents.heading_rad[agents.is_valid], 0.0, atol=1e-6)
+    is_told = name == "one.json"
+    assert is_told != any("Headings" in one for one in scene.provenance.notes)

@@ -1,6 +1,7 @@
 """SUMO networks with floating-car data, made by hand, by SUMO and real."""
 
 import gzip
+import re
 import subprocess
 from pathlib import Path
 
@@ -171,8 +172,8 @@ def test_degrees_become_the_metres_of_the_net(tmp_path: Path, projection: str):
         ("fcd.xml", "<fcd-export>", "is no valid XML"),
         (
             "fcd.xml",
-            states(0.1, 3).replace(' angle="0"', ""),
-            r"town\.fcd\.xml, line 2: <person> p has no attribute 'angle'",
+            states(0.1, 3).replace(' x="30"', ""),
+            r"town\.fcd\.xml, line 2: <person> p has no attribute 'x'",
         ),
         ("fcd.xml", states(0.1, 3).replace('x="20"', 'x="nan"'), "bus.0 needs a finite"),
         ("fcd.xml", states(-0.1, 3), "times that do not increase"),
@@ -295,3 +296,20 @@ def test_signals_that_react_are_unknown_and_bad_links_refused(tmp_path: Path):
     assert "react to traffic" in scene.provenance.notes[-1]
     with pytest.raises(FormatError, match="has link 1, which a phase of 'b' has not"):
         open_scenario(with_signal(tmp_path, link=1))
+
+
+def test_headings_and_speeds_are_those_of_the_motion_where_none_are_told(
+    tmp_path: Path,
+):
+    """Floating-car data without an angle was refused."""
+    told = open_scenario(written(tmp_path))
+    data = re.sub(r' (angle|speed)="[^"]*"', "", states(0.1, 60))
+    (tmp_path / "town.fcd.xml.gz").write_bytes(gzip.compress(data.encode()))
+    scene = open_scenario(tmp_path / "town.net.xml")
+    row, its_row = scene.agents.row_of["van.0"], told.agents.row_of["van.0"]
+    there = scene.agents.is_valid[row]
+    off = scene.agents.heading_rad[row] - told.agents.heading_rad[its_row]
+    assert np.abs(np.rad2deg(off[there])).max() < 4.0  # The front leads the middle.
+    slip = scene.agents.speed_mps()[row] - told.agents.speed_mps()[its_row]
+    assert np.abs(slip[there]).max() < 0.1
+    assert "Headings that the file does not tell" in " ".join(scene.provenance.notes)

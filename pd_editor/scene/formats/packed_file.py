@@ -1,0 +1,65 @@
+"""Files of foreign formats as they are, or gzipped under a name that ends in ``.gz``."""
+
+import gzip
+import io
+import zlib
+from pathlib import Path
+from typing import Final
+
+from pd_editor.base.errors import FormatError
+from pd_editor.base.regular_file import read_regular
+
+MAX_FILE_BYTES: Final = 256 * 2**20
+_HEAD_BYTES: Final = 1 << 16
+"""Comments of tools may be long."""
+_MAGIC: Final = b"\x1f\x8b"
+PACKED: Final = ".gz"
+
+
+def unpacked_name(name: str) -> str:
+    """A file's name without the ending of gzipped files, whose case is kept."""
+    return name[: -len(PACKED)] if name.lower().endswith(PACKED) else name
+
+
+def stem_of(path: Path) -> str:
+    """A file's name without its ending, and without that of gzipped files."""
+    return Path(unpacked_name(path.name)).stem
+
+
+def ending_of(path: Path) -> str:
+    """A file's last ending in lower case, of a gzipped file that of its contents."""
+    return Path(unpacked_name(path.name)).suffix.lower()
+
+
+def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
+    """First bytes of a file's contents, in lower case; empty if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(most_bytes)
+        if head.startswith(_MAGIC):
+            head = zlib.decompressobj(wbits=31).decompress(head, most_bytes)
+    except (OSError, zlib.error):
+        return b""
+    # Of a text in UTF-16, every other byte is 0.
+    return head.lower().replace(b"\0", b"")
+
+
+def read_unpacked(path: Path) -> tuple[bytes, bytes]:
+    """A file's contents, and its bytes, which may be gzipped.
+
+    Raises:
+        FormatError: it cannot be read, is damaged, or too large.
+    """
+    data = read_regular(path, max_bytes=MAX_FILE_BYTES, error=FormatError)
+    if not data.startswith(_MAGIC):
+        return data, data
+    try:
+        # Such a file may have several parts.
+        found = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_FILE_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FormatError(f"{path}: is no valid gzip ({error}).") from error
+    if len(found) > MAX_FILE_BYTES:
+        raise FormatError(
+            f"{path}: is larger than {MAX_FILE_BYTES >> 20} MiB when unpacked."
+        )
+    return found, data
