@@ -371,7 +371,7 @@ def headings_on_the_way(
 
     Who stands has the heading of before, else that of later; 0 if there is none.
     """
-    is_told = np.isfinite(told_rad)
+    is_told = ~np.isnan(told_rad)
     if is_told.all():
         return told_rad
     moves = _motion(time_s, position_m)
