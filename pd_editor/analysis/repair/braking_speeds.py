@@ -92,13 +92,14 @@ def gaps_ahead_m(agents: AgentTracks, step: int) -> Float[np.ndarray, "A A"]:
     offset = position[None] - position[:, None]
     along = np.einsum("abd,ad->ab", offset, forward)
     aside = offset[..., 1] * forward[:, :1] - offset[..., 0] * forward[:, 1:]
-    turn = heading[None] - heading[:, None]
+    matters = (along > 0) & (np.abs(aside) < width[:, None] / 2 + agents.radius_m)
+    pairs = np.argwhere(matters & agents.is_valid[:, step])
+    own, other = pairs[counted(agents, pairs)].T
+    turn = heading[other] - heading[own]
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-    reach = (length * cos + width * sin) / 2
-    side = (length * sin + width * cos) / 2
-    pairs = np.argwhere(np.ones(along.shape, bool))
-    matters = counted(agents, pairs).reshape(along.shape)
-    matters &= agents.is_valid[:, step] & ~np.eye(len(agents), dtype=bool)
-    matters &= (along > 0) & (np.abs(aside) < width[:, None] / 2 + side - _TOUCH_M)
-    gap = along - length[:, None] / 2 - reach
-    return np.where(matters, gap, np.inf)
+    reach = (length[other] * cos + width[other] * sin) / 2
+    side = (length[other] * sin + width[other] * cos) / 2
+    there = np.abs(aside[own, other]) < width[own] / 2 + side - _TOUCH_M
+    gap = np.full(along.shape, np.inf)
+    gap[own[there], other[there]] = (along[own, other] - length[own] / 2 - reach)[there]
+    return gap

@@ -124,6 +124,9 @@ class SquarePlacement:
     """Whether sampled agents are snapped to lanes and separated afterwards."""
     square: int = 0
     """Index of the square in the scene; each has separate random numbers."""
+    turn: int | None = None
+    """Squares of one turn are sampled in one batch, given those of earlier turns; None:
+    each square is sampled alone, in order."""
     is_again: bool = False
     """Whether the agents were placed before; they keep the attributes that ``traits``
     gave them."""
@@ -230,7 +233,8 @@ class SquareTask:
             GenerationError: there is no road, or an agent is no road user.
         """
         center, _ = _square(placing.region)
-        features = scene_features(kept, with_candidates=False, center_m=center)
+        around = kept if placing.turn is None else _around(kept, center)
+        features = scene_features(around, with_candidates=False, center_m=center)
         is_near = (np.abs(features.piece_pose[:, :2]) <= REACH_M).all(axis=1)
         if not (is_near & (features.piece_kind < CROSSWALK_KIND)).any():
             raise GenerationError(no_lanes(kept, center))
@@ -286,8 +290,8 @@ def place_in_squares(
 ) -> Generator[_Progress, None, list[Scenario]]:
     """Sample initial states square by square; returns each sample's scenario.
 
-    All samples of a square are denoised in one batch. Each square is conditioned on the
-    agents of the sample that were placed before. Then agents that break a placement rule
+    All samples of a square, or of the squares of a turn, are denoised in one batch. Each is
+    conditioned on the agents of the sample that were placed before. Then agents that break a placement rule
     are sampled again, in several versions of which the best is taken, given all others;
     those whose trajectories are to be generated keep no path that others must leave free.
     Placed agents exist at the current step only.
@@ -367,10 +371,10 @@ def _place_once(
     seed: int,
     maps: dict[int, EncodedMap],
     sampler: InitialStateSamplerConfig,
-    guidance: InitialStateGuidance | None,
+    guidance: InitialStateGuidance,
     progress: Callable[[float], _Progress],
 ) -> Generator[_Progress, None, dict[int, Scenario]]:
-    """Scenes of some samples with their agents placed in each square, one after another."""
+    """Scenes of some samples with their agents placed, square by square or in turns."""
     bare: dict[tuple[int, tuple[str, ...]], Scenario] = {}
     found: dict[int, Scenario] = {}
     for sample, squares in placings.items():
@@ -380,15 +384,16 @@ def _place_once(
         if key not in bare:
             bare[key] = scenes[sample].without_agents(resampled)
         found[sample] = bare[key]
-    by_square: dict[int, list[tuple[int, SquarePlacement]]] = {}
+    by_turn: dict[int, list[tuple[int, SquarePlacement]]] = {}
     for sample, squares in placings.items():
-        for placing in squares:
-            by_square.setdefault(placing.square, []).append((sample, placing))
-    total, done = sum(map(len, by_square.values())), 0
-    for square in sorted(by_square):
+        for one in squares:
+            turn = one.square if one.turn is None else one.turn
+            by_turn.setdefault(turn, []).append((sample, one))
+    total, done = sum(map(len, by_turn.values())), 0
+    for turn in sorted(by_turn):
         alike: dict[tuple[int, SquarePlacement], SquareTask] = {}
         tasks: list[SquareTask] = []
-        for sample, placing in by_square[square]:
+        for sample, placing in by_turn[turn]:
             key = id(found[sample]), placing
             if key not in alike:
                 alike[key] = SquareTask.of(
@@ -399,14 +404,15 @@ def _place_once(
             share = partial(_share_of, done, len(batch), total)
             placed = yield from place_agents(
                 model,
-                batch,
+                [replace(one, kept=found[one.sample]) for one in batch],
                 seed=seed,
                 maps=maps,
                 sampler=sampler,
                 guidance=guidance,
                 progress=lambda part, share=share: progress(share(part)),
             )
-            found.update(zip((one.sample for one in batch), placed, strict=True))
+            own = dict.fromkeys(one.sample for one in batch)
+            found.update(zip(own, placed, strict=True))
             done += len(batch)
     return found
 
@@ -439,16 +445,25 @@ def _batches(
 
     Sums over agents are then in the same order as in a batch of one, and so are most
     products of matrices. That matters, since differences in the last digits grow from step
-    to step: some agents were metres away from those of the sample alone.
+    to step: some agents were metres away from those of the sample alone. The squares of a
+    turn are together whatever their size: each sample has the same ones.
     """
-    by_size: dict[int, list[SquareTask]] = {}
+    alike: dict[tuple[int, ...], list[SquareTask]] = {}
     for task in tasks:
-        by_size.setdefault(padded_size(len(task.rows)), []).append(task)
-    for size, alike in by_size.items():
-        most = _MOST_ROWS_AT_ONCE if device.type == "cpu" else _MOST_GPU_PAIRS // size
-        at_once = max(1, most // size)
-        for first in range(0, len(alike), at_once):
-            yield alike[first : first + at_once]
+        size = padded_size(len(task.rows))
+        in_turn = task.placing.turn is not None
+        key = (task.sample % _VERSION_STEP, 0) if in_turn else (0, size)
+        alike.setdefault(key, []).append(task)
+    for together in alike.values():
+        left = sorted(together, key=lambda one: -padded_size(len(one.rows)))
+        while left:
+            size = padded_size(len(left[0].rows))
+            most = (
+                _MOST_ROWS_AT_ONCE if device.type == "cpu" else _MOST_GPU_PAIRS // size
+            )
+            count = max(1, most // size)
+            yield left[:count]
+            del left[:count]
 
 
 def place_agents(
@@ -456,16 +471,16 @@ def place_agents(
     tasks: Sequence[SquareTask],
     *,
     seed: int,
-    maps: dict[int, EncodedMap] | None = None,
-    sampler: InitialStateSamplerConfig | None = None,
-    guidance: InitialStateGuidance | None = None,
-    progress: Callable[[float], _Progress] = lambda share: share,
+    maps: dict[int, EncodedMap],
+    sampler: InitialStateSamplerConfig,
+    guidance: InitialStateGuidance,
+    progress: Callable[[float], _Progress],
 ) -> Generator[_Progress, None, list[Scenario]]:
     """Sample the initial states of one square of several samples, in one batch.
 
-    Returns each sample's scenario with the agents. A sample does not depend on the
-    others, apart from rounding. ``maps`` are encoded maps by square; that of a new
-    square is added.
+    The tasks are of one square, or of squares of one turn, which do not touch. Returns
+    each sample's scenario with the agents. A sample does not depend on the others, apart
+    from rounding. ``maps`` are encoded maps by square; that of a new square is added.
 
     Raises:
         GenerationError: there is no road where agents are to be placed.
@@ -473,19 +488,22 @@ def place_agents(
     placing = tasks[0].placing
     device = model.get_buffer("counted").device
     scenes_of_square = batch_of([one.packed() for one in tasks], pads_single=True)
-    # The tokens of the map, which all samples share, are encoded once.
-    scene = scenes_of_square.with_one_map().to(device)
-    further = [placing.square] if placing.square else []
+    square, streams = placing.square, [one.sample for one in tasks]
+    if placing.turn is None:
+        # The tokens of the map, which all samples share, are encoded once.
+        scenes_of_square = scenes_of_square.with_one_map()
+    else:
+        square, maps = 0, {}
+        streams = [one.sample + one.placing.square * _VERSION_STEP**2 for one in tasks]
+    scene = scenes_of_square.to(device)
+    further = [square] if square else []
     randoms = [
-        np.random.default_rng([seed, one.sample, _ATTRIBUTES_KEY, *further])
-        for one in tasks
+        np.random.default_rng([seed, one, _ATTRIBUTES_KEY, *further]) for one in streams
     ]
     task = _conditioning(model, scene, tasks, randoms)
-    maps = {} if maps is None else maps
-    if placing.square not in maps:
+    if square not in maps:
         with sampling_mode(scene.has_agent.numel()):
-            maps[placing.square] = model.encode_map(scene)
-    guidance = InitialStateGuidance() if guidance is None else guidance
+            maps[square] = model.encode_map(scene)
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
     may_stop = np.zeros(scene.has_agent.shape, bool)
@@ -495,16 +513,16 @@ def place_agents(
     steps = sample_initial_states(
         model,
         scene,
-        samples=[one.sample for one in tasks],
+        samples=streams,
         seed=seed,
         task=task,
         config=sampler,
         guide=guidance.of(
             scene, model.schedule, task, torch.from_numpy(may_stop).to(device)
         ),
-        square=placing.square,
+        square=square,
         rows=[(one.num_agents, one.rows) for one in tasks],
-        road_map=maps[placing.square],
+        road_map=maps[square],
     )
     clean = None
     for step in steps:
@@ -546,11 +564,12 @@ def _placed(
     task: Conditioning,
     clean: Float[torch.Tensor, "S B A P"],
 ) -> list[Scenario]:
-    """Scenarios with sampled states, repaired where that is wanted."""
+    """Scenarios of samples with their states, repaired where that is wanted."""
     states = finished_states(scene, task, clean)[0].double().cpu().numpy()
     activity = finished_activity(scene, task, clean)[0].cpu().numpy()
     on_road = task.on_road.cpu().numpy()
-    scenes: list[Scenario] = []
+    scenes: dict[int, Scenario] = {}
+    repaired: dict[int, list[tuple[SquarePlacement, np.ndarray]]] = {}
     for index, one in enumerate(tasks):
         own = slice(one.num_given, len(one.rows))
         tracks = _with_states(
@@ -560,35 +579,40 @@ def _placed(
             _square(one.placing.region)[0],
             one.kept.current_step,
         )
-        result = one.kept.with_agents(one.kept.agents.joined(tracks))
+        kept = scenes.get(one.sample, one.kept)
+        scenes[one.sample] = kept.with_agents(kept.agents.joined(tracks))
         if one.placing.repairs:
-            result = _repaired(result, one.placing, on_road[index, own])
-        scenes.append(result)
-    return scenes
+            more = one.placing, on_road[index, own]
+            repaired.setdefault(one.sample, []).append(more)
+    for sample, placed in repaired.items():
+        placings, codes = zip(*placed, strict=True)
+        scenes[sample] = _repaired(scenes[sample], placings, np.concatenate(codes))
+    return list(scenes.values())
 
 
 def _repaired(
-    scenario: Scenario, placing: SquarePlacement, on_road: Int[np.ndarray, "N"]
+    scenario: Scenario,
+    placings: Sequence[SquarePlacement],
+    on_road: Int[np.ndarray, "N"],
 ) -> Scenario:
     """Repair sampled states: snap to lanes, separate boxes, limit speeds to gaps.
 
-    Agents conditioned off-road are not snapped, and no agent leaves the square.
+    Agents conditioned off-road are not snapped, and no agent leaves its square.
     """
-    keep = [name for name in scenario.agents.ids if name not in placing.ids]
+    ids = [name for one in placings for name in one.ids]
+    keep = set(scenario.agents.ids).difference(ids)
     follows = [
-        name
-        for name, code in zip(placing.ids, on_road, strict=True)
-        if code != CONDITIONED_NO
+        name for name, code in zip(ids, on_road, strict=True) if code != CONDITIONED_NO
     ]
     on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
-    left = _outside(on_lanes, placing) - _outside(scenario, placing)
+    left = _outside(on_lanes, placings) - _outside(scenario, placings)
     if left:
         follows = [name for name in follows if name not in left]
         on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
-    scenario = separate_overlaps(on_lanes, placing.ids, keep_ids=keep)
-    if placing.traits.only_on_road:
-        scenario = _back_on_road(scenario, placing, keep)
-    return slow_for_gaps(scenario, placing.ids, keep_ids=keep)
+    scenario = separate_overlaps(on_lanes, ids, keep_ids=keep)
+    if placings[0].traits.only_on_road:
+        scenario = _back_on_road(scenario, placings, keep)
+    return slow_for_gaps(scenario, ids, keep_ids=keep)
 
 
 def _slowed(scenario: Scenario, placings: Sequence[SquarePlacement]) -> Scenario:
@@ -599,19 +623,19 @@ def _slowed(scenario: Scenario, placings: Sequence[SquarePlacement]) -> Scenario
 
 
 def _back_on_road(
-    scenario: Scenario, placing: SquarePlacement, keep: list[str]
+    scenario: Scenario, placings: Sequence[SquarePlacement], keep: Collection[str]
 ) -> Scenario:
     """Placed agents beside the drivable area on their lanes, standing ones as well.
 
     An agent near a lane may be beside the road all the same: next to a narrow lane, or
     at a kerb. An agent stays where its lane has no free place, or leaves the square.
     """
-    off = _off_road(scenario, placing.ids)
+    off = _off_road(scenario, [name for one in placings for name in one.ids])
     for _ in range(2):
         back = project_to_lanes(
             scenario, off, keep_ids=keep, max_offset_m=0.0, moves_stationary=True
         )
-        left = _outside(back, placing) - _outside(scenario, placing)
+        left = _outside(back, placings) - _outside(scenario, placings)
         if not left:
             return back
         off = [name for name in off if name not in left]
@@ -627,13 +651,23 @@ def _off_road(scenario: Scenario, agent_ids: Sequence[str]) -> list[str]:
     return [name for name, off in zip(agent_ids, is_off, strict=True) if off]
 
 
-def _outside(scenario: Scenario, placing: SquarePlacement) -> set[str]:
-    """Ids of the placed agents outside the square."""
-    center, half_side = _square(placing.region)
-    rows = scenario.agents.rows(placing.ids)
-    place = scenario.agents.position_m[rows, scenario.current_step]
-    is_out = (np.abs(place - center) > half_side).any(axis=1)
-    return {name for name, out in zip(placing.ids, is_out, strict=True) if out}
+def _outside(scenario: Scenario, placings: Sequence[SquarePlacement]) -> set[str]:
+    """Ids of the placed agents outside their squares."""
+    found: set[str] = set()
+    for one in placings:
+        center, half_side = _square(one.region)
+        rows = scenario.agents.rows(one.ids)
+        place = scenario.agents.position_m[rows, scenario.current_step]
+        is_out = (np.abs(place - center) > half_side).any(axis=1)
+        found.update(name for name, out in zip(one.ids, is_out, strict=True) if out)
+    return found
+
+
+def _around(scenario: Scenario, center_m: Float[np.ndarray, "2"]) -> Scenario:
+    """The scenario with the agents within reach of a square only."""
+    place = scenario.agents.position_m[:, scenario.current_step]
+    near = np.flatnonzero((np.abs(place - center_m) <= REACH_M).all(axis=1))
+    return scenario.with_agents(scenario.agents.taken(near))
 
 
 def _square(region: Region) -> tuple[Float[np.ndarray, "2"], float]:

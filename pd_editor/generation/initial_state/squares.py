@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.features.lane_tokens import (
@@ -34,6 +34,9 @@ _OUTER_DENSITY: Final = 0.56
 recordings observe fewer agents further out (11.2 against 19.9 per km, ``train``)."""
 _OUTER_CELLS: Final = 1
 """Number of rings of squares around the central one."""
+_MOST_IN_ORDER: Final = 128
+"""Largest number of agents whose squares are sampled one after another. Of more, the
+squares of each of four colours are one turn, and are where the agents are."""
 _LEAST_LANE_M: Final = 15.0
 """Squares with a shorter length of lanes are left out, unless there is only one."""
 
@@ -47,6 +50,8 @@ class Square:
     """Length of the lanes in the square."""
     density: float = 1.0
     """Factor of the usual number of agents."""
+    color: int = 0
+    """Squares of one colour, 0 to 3, do not touch."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +69,16 @@ class Placement:
     attributes: AttributeRequest
 
 
-def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
+def squares_of(
+    scenario: Scenario,
+    region: Region | None,
+    further_m: Float[np.ndarray, "N 2"] | None = None,
+) -> tuple[Square, ...]:
     """Divide a region, or the road around the focal agent, into squares.
 
     Squares are at most as large as in training. Those without a lane are left out; the
-    one around the focal agent, or the region's centre, comes first.
+    one around the focal agent, or the region's centre, comes first. Without a region
+    there are more around ``further_m``, which get no new agents.
 
     Raises:
         GenerationError: there are no lanes; the sentence says where they are.
@@ -89,6 +99,9 @@ def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
         first, reach = np.full(2, 0.5 - per_side % 2 / 2), per_side / 2
     place = (points - middle) / (2 * half_side)
     inside = np.all(np.abs(place) <= reach, axis=1)
+    if region is None and further_m is not None:
+        others = np.rint((further_m - middle) / (2 * half_side))
+        inside |= (np.rint(place)[:, None] == others).all(axis=2).any(axis=1)
     cells, index = np.unique(
         np.rint(place[inside] - first), axis=0, return_inverse=True
     )
@@ -96,8 +109,10 @@ def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
     if not len(cells):
         raise GenerationError(no_lanes(scenario, middle))
     enough = lane_m >= min(_LEAST_LANE_M, lane_m.max())
+    colors = cells[enough] % 2 @ [1, 2]
     cells, lane_m = cells[enough] + first, lane_m[enough]
-    order = np.argsort(np.abs(cells).sum(axis=1), kind="stable")
+    is_far = np.any(np.abs(cells) > reach, axis=1)
+    order = np.lexsort([np.abs(cells).sum(axis=1), is_far])
     return tuple(
         Square(
             region=Region(
@@ -107,7 +122,8 @@ def squares_of(scenario: Scenario, region: Region | None) -> tuple[Square, ...]:
             lane_m=float(lane_m[row]),
             density=1.0
             if region is not None or not cells[row].any()
-            else _OUTER_DENSITY,
+            else _OUTER_DENSITY * (not is_far[row]),
+            color=int(colors[row]),
         )
         for row in order
     )
@@ -127,10 +143,15 @@ def placings_of(
     Raises:
         GenerationError: there are no lanes, or the model has no counts of agents.
     """
-    squares = squares_of(scenario, placement.region)
+    further = None
+    if len(placement.resampled_ids) > _MOST_IN_ORDER:
+        rows = scenario.agents.rows(placement.resampled_ids)
+        further = scenario.agents.position_m[rows, scenario.current_step]
+    squares = squares_of(scenario, placement.region, further)
     resampled = _squares_of_resampled(scenario, placement, squares, random)
     kinds = _kinds_by_square(model, scenario, placement, squares, random)
     ids = new_agent_ids(scenario, sum(map(len, kinds)))
+    in_turns = len(placement.resampled_ids) + len(ids) > _MOST_IN_ORDER
     placings: list[SquarePlacement] = []
     first = 0
     for index, square in enumerate(squares):
@@ -143,6 +164,7 @@ def placings_of(
                 region=square.region,
                 traits=placement.attributes,
                 square=index,
+                turn=square.color if in_turns else None,
             )
         )
         first += count
@@ -209,11 +231,13 @@ def _missing_numbers(
     contents = [
         SquareContent.of(scenario, one.region, only_on_road=only_on_road)
         for one in squares
+        if one.density
     ]
     first = contents[0]
     usual = sample_agent_counts(model, first, random, only_on_road=only_on_road)
     found: list[dict[AgentKind, int]] = []
-    for square, content in zip(squares, contents, strict=True):
+    # Squares without new agents come last.
+    for square, content in zip(squares, contents, strict=False):
         share = placement.density
         if content is not first:
             share *= square.density * content.lane_m / max(first.lane_m, 1.0)
@@ -227,7 +251,7 @@ def _missing_numbers(
                 for kind, present in zip(AGENT_KINDS, content.num_present, strict=True)
             }
         )
-    return found
+    return [*found, *({} for _ in squares[len(found) :])]
 
 
 def _spread(

@@ -246,7 +246,7 @@ def test_only_on_the_road_leaves_no_vehicle_beside_the_drivable_area() -> None:
             region=Region(center_m=(30.0, 0.0), half_side_m=40.0),
             traits=traits,
         )
-        repaired = pipeline._repaired(scenario, placing, np.array([CONDITIONED_YES]))
+        repaired = pipeline._repaired(scenario, [placing], np.array([CONDITIONED_YES]))
         return bool(is_off_road(repaired, repaired.agents.position_m[1:2, now])[0])
 
     assert is_off(AttributeRequest())

@@ -1,5 +1,6 @@
 """Which agents are placed in which square of a scene."""
 
+import itertools
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -148,6 +149,50 @@ def test_agents_from_beyond_all_squares_go_anywhere_on_the_road(
     )
     assert found.total() == 30
     assert len(found) == 3
+
+
+@pytest.fixture
+def crowd() -> Scenario:
+    """130 agents on 1.2 km of road."""
+    places = np.linspace(-580.0, 580.0, 130)
+    states = [(float(x), 3.5 * (n % 2), 0.0, 0.0) for n, x in enumerate(places)]
+    return scenario_with(straight_drivers(states), long_road(-600.0, 600.0))
+
+
+def test_the_agents_of_a_crowd_stay_where_they_are(
+    model: InitialStateDenoiser, crowd: Scenario
+):
+    """They used to be crowded into the squares around the focal agent."""
+    ids = crowd.agents.ids
+    placings = placed(model, crowd, resampled_ids=ids)
+    assert sorted(name for one in placings for name in one.ids) == sorted(ids)
+    for one in placings:
+        rows = crowd.agents.rows(one.ids)
+        place = crowd.agents.position_m[rows, crowd.current_step]
+        assert (np.abs(place - one.region.center_m) <= 62.0).all()
+    for turn in {one.turn for one in placings}:
+        own = [one.region.center_m for one in placings if one.turn == turn]
+        for first, second in itertools.combinations(own, 2):
+            assert np.abs(np.subtract(first, second)).max() > 4 * 62.0 - 1e-6
+    # New agents are still placed around the focal agent only.
+    more = placed(
+        model, crowd, resampled_ids=ids, num_new_agents={AgentKind.VEHICLE: 40}
+    )
+    new = [one.region.center_m[0] for one in more if one.new_ids]
+    assert new == [-580.0, -456.0]
+
+
+def test_a_sample_of_a_crowd_is_the_same_alone(
+    model: InitialStateDenoiser, crowd: Scenario
+):
+    placings = placed(model, crowd, resampled_ids=crowd.agents.ids)
+    both = placed_states(model, crowd, {0: placings, 1: placings}, seed=3)
+    (alone,) = placed_states(model, crowd, {1: placings}, seed=3)
+    now = crowd.current_step
+    first, second = (one.agents.position_m[:, now] for one in both)
+    assert both[1].agents.ids == alone.agents.ids
+    np.testing.assert_allclose(second, alone.agents.position_m[:, now], atol=0.02)
+    assert np.hypot(*(first - second).T).max() > 1.0
 
 
 def test_agents_far_from_all_lanes_keep_their_states(
