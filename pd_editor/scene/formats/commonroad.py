@@ -16,7 +16,7 @@ from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
-from pd_editor.scene.geometry.polyline import midline
+from pd_editor.scene.geometry.polyline import midline, ways_of_bounds
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STEPS
@@ -72,8 +72,13 @@ def read(path: Path) -> Scenario:
     step_s = root.number("timeStepSize")
     if not step_s > 0:
         raise root.error(f"has steps of {step_s:g} s; expected more than 0.")
-    lanes, crosswalks = _roads(root)
+    lanes, crosswalks, mended = _roads(root)
     tracks, notes = _obstacles(root, step_s)
+    if mended:
+        some = ", ".join(map(str, mended[:6]))
+        notes.append(
+            f"Bounds of {len(mended)} lanelets lay the wrong way round: {some}."
+        )
     problems = root.children("planningProblem")
     ego_id, now_s = "", 0.0
     if problems:
@@ -116,11 +121,12 @@ def read(path: Path) -> Scenario:
     ).scenario(data)
 
 
-def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...]]:
-    """Lanelets for vehicles as lanes, crosswalks apart."""
+def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[int]]:
+    """Lanelets for vehicles as lanes, crosswalks apart; ids of those that were mended."""
     in_junction = _junction_ids(root)
     lanes: list[Lane] = []
     crosswalks: list[Crosswalk] = []
+    mended: list[int] = []
     seen: set[int] = set()
     for place in root.children("lanelet"):
         number = place.integer("id")
@@ -129,6 +135,15 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...]]:
         seen.add(number)
         types = {one.element.text or "" for one in place.children("laneletType")}
         left, right = _bound(place, "leftBound"), _bound(place, "rightBound")
+        marks = _mark(place.child("leftBound")), _mark(place.child("rightBound"))
+        beside = _neighbor(place, "adjacentLeft"), _neighbor(place, "adjacentRight")
+        ways = ways_of_bounds(left[:, :2], right[:, :2])
+        if ways == (-1, -1):
+            left, right, marks, beside = right, left, marks[::-1], beside[::-1]
+        elif ways != (1, 1):
+            left, right = left[:: ways[0]], right[:: ways[1]]
+        if ways != (1, 1) and not types & _NO_LANES:
+            mended.append(number)
         if "crosswalk" in types:
             crosswalks.append(Crosswalk(crosswalk_id=number, edge1=left, edge2=right))
         if types & _NO_LANES:
@@ -144,15 +159,15 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...]]:
                 centerline=midline(left, right),
                 left=left,
                 right=right,
-                left_mark=_mark(place.child("leftBound")),
-                right_mark=_mark(place.child("rightBound")),
+                left_mark=marks[0],
+                right_mark=marks[1],
                 successors=_refs(place, "successor"),
                 predecessors=_refs(place, "predecessor"),
-                left_neighbor=_neighbor(place, "adjacentLeft"),
-                right_neighbor=_neighbor(place, "adjacentRight"),
+                left_neighbor=beside[0],
+                right_neighbor=beside[1],
             )
         )
-    return tuple(lanes), tuple(crosswalks)
+    return tuple(lanes), tuple(crosswalks), mended
 
 
 def _junction_ids(root: Place) -> set[int]:

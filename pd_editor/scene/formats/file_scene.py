@@ -44,6 +44,8 @@ _LONGEST_GAP_S: Final = 0.35
 _LEAST_EXTENT_M: Final = 1.0
 """Roads that are smaller are in degrees, or in kilometres."""
 NO_HEADINGS: Final = "Headings that the file does not tell are those of the motion."
+_LEAP_M: Final = 1.0
+"""Lanes that follow each other further away are told of."""
 _CROSSING_SINE: Final = 0.34
 """Centre lines that cross at more than 20 degrees meet in a junction."""
 
@@ -126,7 +128,7 @@ class FileScene:
             provenance=Provenance(
                 source=os.path.realpath(self.path),
                 content_sha256=hashlib.sha256(data).hexdigest(),
-                notes=tuple(map(one_line, (*self.notes, *told))),
+                notes=tuple(map(one_line, (*self.notes, *told, *self._leaps()))),
                 attribution=one_line(self.attribution) or None,
                 file_format=self.file_format,
             ),
@@ -150,6 +152,20 @@ class FileScene:
             more_paved=[one for one in self.more_paved if one.intersects(square)],
             tracks=tuple(filter(is_inside, self.tracks)),
         )
+
+    def _leaps(self) -> list[str]:
+        """A sentence on lanes that do not begin where those before them end."""
+        ends = {one.lane_id: one.centerline_m[[0, -1]] for one in self.lanes}
+        steps = [
+            ends[after][0] - ends[one.lane_id][1]
+            for one in self.lanes
+            for after in one.successors
+            if after in ends
+        ]
+        gap_m = np.hypot(*np.array(steps).reshape(-1, 2).T)
+        number = int((gap_m > _LEAP_M).sum())
+        told = f"{number} lanes begin up to {gap_m.max(initial=0.0):.1f} m from those before them."
+        return [told] if number else []
 
     def _raise_for(self, excess: str | None, data: bytes) -> None:
         if excess is None:

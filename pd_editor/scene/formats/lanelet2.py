@@ -18,7 +18,7 @@ from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.xml_file import Place, parse_xml
 from pd_editor.scene.geometry.map_projection import utm, utm_zone
 from pd_editor.scene.geometry.paved_area import valid_area
-from pd_editor.scene.geometry.polyline import midline, resample
+from pd_editor.scene.geometry.polyline import arc_length, midline, ways_of_bounds
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 
@@ -56,7 +56,8 @@ _MARKS: Final = {
     "dashed_solid": "DASH_SOLID",
 }
 _LEAST_SPAN_M: Final = 1.0
-_SHAPE_POINTS: Final = 9
+_BESIDE_M: Final = 0.1
+"""Centre lines may be this far beside a lanelet."""
 
 
 Bound = tuple[str, int]
@@ -76,13 +77,14 @@ def read(path: Path) -> Scenario:
     courses = [course for place in file.lanelets for course in _courses(file, place)]
     walks = [one for one in courses if one.tags.get("subtype") == "crosswalk"]
     shoulders = [one for one in courses if one.tags.get("subtype") in _SHOULDERS]
-    notes = [file.frame]
+    lanes, told = _lanes(file, [one for one in courses if one.kind is not None])
+    notes = [file.frame, *told]
     if file.num_rules:
         notes.append(f"{file.num_rules} regulatory elements are left out.")
     return FileScene(
         path=path,
         name=stem_of(path),
-        lanes=_lanes(file, [one for one in courses if one.kind is not None]),
+        lanes=lanes,
         crosswalks=tuple(
             Crosswalk(
                 crosswalk_id=number,
@@ -143,7 +145,8 @@ class _File:
         ]
         used = [way for area in self._areas for way in area]
         for one in self.lanelets:
-            used += self._members(one, "left") + self._members(one, "right")
+            for role in ("left", "right", "centerline"):
+                used += self._members(one, role)
         self._nodes_of = {way: self._nodes_of_way(way) for way in used}
         self._points: dict[Bound, Float[np.ndarray, "_ 3"]] = {}
 
@@ -236,13 +239,13 @@ class _File:
             raise place.error("needs one way as left bound and one as right bound.")
         (left,), (right,) = ways
         one, two = (self.points((way, 1))[:, :2] for way in (left, right))
-        a, b = resample(one, _SHAPE_POINTS), resample(two, _SHAPE_POINTS)
-        apart = [np.linalg.norm(a - other, axis=1).sum() for other in (b, b[::-1])]
-        turn = 1 if apart[0] <= apart[1] else -1
-        x, y = (np.concatenate([one, two[::-turn]]) - one[0]).T
-        # Along the left bound, and back along the right one, is clockwise.
-        direction = -1 if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0 else 1
-        return (left, direction), (right, direction * turn)
+        own, other = ways_of_bounds(one, two)
+        return (left, own), (right, other)
+
+    def own_center(self, place: Place) -> Float[np.ndarray, "N 3"] | None:
+        """Centre line that the file has of a lanelet, in any direction."""
+        ways = self._members(place, "centerline")
+        return self.points((ways[0], 1)) if len(ways) == 1 else None
 
     def areas(self) -> Iterator[BaseGeometry]:
         """Areas that are known to be paved, beside lanelets."""
@@ -310,8 +313,8 @@ def _kind(tags: Mapping[str, str]) -> LaneKind | None:
     return next((kind for users, kind in _KINDS if users & admitted), None)
 
 
-def _lanes(file: _File, courses: list[_Course]) -> tuple[Lane, ...]:
-    """Lanes with neighbours that share a way, and links that share both end nodes."""
+def _lanes(file: _File, courses: list[_Course]) -> tuple[tuple[Lane, ...], list[str]]:
+    """Lanes with neighbours that share a way, and links that share both end nodes; notes."""
     numbers = _numbers(courses)
     ends = [(file.ids(one.left), file.ids(one.right)) for one in courses]
     begins: defaultdict[tuple[str, str], list[int]] = defaultdict(list)
@@ -321,15 +324,19 @@ def _lanes(file: _File, courses: list[_Course]) -> tuple[Lane, ...]:
         stops[left[-1], right[-1]].append(number)
     by_left = {one.left: number for one, number in zip(courses, numbers, strict=True)}
     by_right = {one.right: number for one, number in zip(courses, numbers, strict=True)}
-    lanes = []
+    lanes, outside = [], 0
     for one, number, (to_left, to_right) in zip(courses, numbers, ends, strict=True):
         left, right = file.points(one.left), file.points(one.right)
+        center = middle = _center(left, right)
+        if (told := file.own_center(one.place)) is not None:
+            center = _within(told, valid_area(file.outline(one)), middle)
+            outside += center is middle
         lanes.append(
             Lane(
                 lane_id=number,
                 kind=one.kind or LaneKind.VEHICLE,
                 is_intersection="turn_direction" in one.tags,
-                centerline=_center(left, right),
+                centerline=center,
                 left=left,
                 right=right,
                 left_mark=_mark(file, one.left),
@@ -340,7 +347,24 @@ def _lanes(file: _File, courses: list[_Course]) -> tuple[Lane, ...]:
                 right_neighbor=by_left.get(one.right),
             )
         )
-    return tuple(lanes)
+    told = (
+        f"Centre lines of {outside} lanelets are not between their bounds and left out."
+    )
+    return tuple(lanes), [told] if outside else []
+
+
+def _within(
+    told: Float[np.ndarray, "N 3"],
+    ground: BaseGeometry,
+    middle: Float[np.ndarray, "M 3"],
+) -> Float[np.ndarray, "_ 3"]:
+    """A lanelet's own centre line if it is one, in the direction of the middle; else that."""
+    line = shapely.LineString(told[:, :2])
+    is_whole = line.length > arc_length(middle[:, :2])[-1] / 2
+    if not (is_whole and ground.buffer(_BESIDE_M).covers(line)):
+        return middle
+    start, end = np.linalg.norm(told[[0, -1], :2] - middle[0, :2], axis=1)
+    return told if start <= end else told[::-1]
 
 
 def _numbers(courses: list[_Course]) -> list[int]:

@@ -64,8 +64,8 @@ _LIGHTS: Final = "10000"
 """How types of traffic lights begin; these are not for vehicles."""
 _OTHER_LIGHTS: Final = frozenset({"1000002", "1000007", "1000013"})
 End = Literal["start", "end"]
-Key = tuple[str, int, int]
-"""Road, index of the section, id of the lane."""
+Key = tuple[str, int, int, bool]
+"""Road, index of the section, id of the lane, whether it is driven as the road goes."""
 
 
 def read(path: Path) -> Scenario:
@@ -244,18 +244,22 @@ class _Road:
         """Whether it is too short to be driven on."""
         return self.length_m < JOINT_M
 
-    def driven(self) -> Iterator[tuple[_Section, int]]:
-        """Sections and ids of the lanes that are driven on."""
+    def driven(self) -> Iterator[tuple[_Section, int, bool]]:
+        """Sections, ids and directions of the lanes that are driven on."""
         for section in self.sections:
             for number, place in section.lanes.items():
                 kind = place.element.get("type") or "none"
                 if kind in _LANE_KINDS and section.is_wide(number):
-                    yield section, number
+                    for leads_on in self._directions(number, place):
+                        yield section, number, leads_on
 
-    def leads_on(self, section: int, lane: int) -> bool:
-        """Whether a lane of a section is driven in the direction of the road."""
-        told = self.sections[section].lanes[lane].element.get("direction")
-        return ((lane < 0) != self.drives_left) != (told == "reversed")
+    def _directions(self, lane: int, place: Place) -> tuple[bool, ...]:
+        """Whether a lane is driven in the direction of the road; two-way ones are twice."""
+        told = place.element.get("direction")
+        usual = ((lane < 0) != self.drives_left) != (told == "reversed")
+        if told == "both" or place.element.get("type") == "bidirectional":
+            return usual, not usual
+        return (usual,)
 
     def paved(self) -> Iterator[BaseGeometry]:
         """Areas of asphalt, and of lanes that are drivable, but lead nowhere."""
@@ -308,8 +312,9 @@ class _Road:
             sorted((one.integer("fromLane"), one.integer("toLane")))
             for one in place.children("validity")
         ]
-        for lane in section.lanes:
-            leads_on = self.leads_on(index, lane)
+        for one, lane, leads_on in self.driven():
+            if one is not section:
+                continue
             fits = way in (None, "none", "+-"[not leads_on])
             told = [
                 low * high > 0 or fits for low, high in spans if low <= lane <= high
@@ -317,7 +322,7 @@ class _Road:
             if any(told) if spans else fits:
                 sides = section.border_m[lane], section.border_m[section.inner(lane)]
                 line = section.points((sides[0] + sides[1]) / 2)
-                found[self.name, index, lane] = np.array(
+                found[self.name, index, lane, leads_on] = np.array(
                     [np.interp(s, section.s_m, axis) for axis in line.T[:2]]
                 )
         return found
@@ -334,13 +339,13 @@ class _Network:
     def __init__(self, root: Place, roads: Mapping[str, _Road]) -> None:
         self._root, self._roads = root, roads
         self._driven = [
-            (road, section, lane)
+            (road, section, lane, leads_on)
             for road in roads.values()
-            for section, lane in road.driven()
+            for section, lane, leads_on in road.driven()
         ]
         self._number: dict[Key, int] = {
-            (road.name, section.index, lane): row
-            for row, (road, section, lane) in enumerate(self._driven, start=1)
+            (road.name, section.index, lane, leads_on): row
+            for row, (road, section, lane, leads_on) in enumerate(self._driven, start=1)
         }
         self._direct = {
             one.attribute("id")
@@ -355,18 +360,17 @@ class _Network:
         for first, second in self._links():
             after[first].add(second)
             before[second].add(first)
-        for road, section, lane in self._driven:
+        for number, (road, *_) in enumerate(self._driven, start=1):
             if road.is_joint:
-                number = self._number[road.name, section.index, lane]
                 ends = before[number], after[number]
                 for one in ends[0]:
                     after[one] = after[one] - {number} | ends[1]
                 for one in ends[1]:
                     before[one] = before[one] - {number} | ends[0]
         return tuple(
-            self._lane(road, section, lane, after, before)
-            for road, section, lane in self._driven
-            if not road.is_joint
+            self._lane(*one, after, before)
+            for one in self._driven
+            if not one[0].is_joint
         )
 
     def signals(self) -> tuple[tuple[FileSignal, ...], tuple[str, ...]]:
@@ -406,20 +410,18 @@ class _Network:
         road: _Road,
         section: _Section,
         lane: int,
+        leads_on: bool,
         after: Mapping[int, set[int]],
         before: Mapping[int, set[int]],
     ) -> Lane:
-        number = self._number[road.name, section.index, lane]
+        number = self._number[road.name, section.index, lane, leads_on]
         inner = section.inner(lane)
         sides = section.border_m[inner], section.border_m[lane]
         marks = _mark(section, inner), _mark(section, lane)
         outer = 2 * lane - inner
-        leads_on = road.leads_on(section.index, lane)
         neighbors = tuple(
-            self._number.get((road.name, section.index, one))
-            if one in section.lanes and road.leads_on(section.index, one) == leads_on
-            else None
-            for one in (inner, outer)
+            self._number.get((road.name, section.index, one, leads_on))
+            for one in (inner or -lane, outer)
         )
         middle = (sides[0] + sides[1]) / 2
         step = 1 if leads_on else -1
@@ -432,7 +434,7 @@ class _Network:
             for one in section.lanes[lane].element.findall("userData")
         }
         left_neighbor, right_neighbor = (
-            self._number.get((told.get(code) or "", 0, -1), one)
+            self._number.get((told.get(code) or "", 0, -1, True), one)
             for code, one in zip((LEFT, RIGHT), beside, strict=True)
         )
         kind = section.lanes[lane].element.get("type") or "none"
@@ -454,7 +456,7 @@ class _Network:
 
     def _links(self) -> Iterator[tuple[int, int]]:
         """Numbers of lanes of which the second one follows the first one."""
-        for road, section, lane in self._driven:
+        for road, section, lane, _ in self._driven:
             for end in ("start", "end"):
                 for other, its_end in self._touching(road, section, lane, end):
                     yield from self._joined(
@@ -464,7 +466,7 @@ class _Network:
 
     def _touching(
         self, road: _Road, section: _Section, lane: int, end: End
-    ) -> Iterator[tuple[Key, End]]:
+    ) -> Iterator[tuple[tuple[str, int, int], End]]:
         """Lanes at an end of a lane, with their end there, by its own links."""
         tag = "predecessor" if end == "start" else "successor"
         ids = [
@@ -516,17 +518,19 @@ class _Network:
                     )
 
     def _joined(
-        self, one: Key, end: End, other: Key, its_end: End
+        self,
+        one: tuple[str, int, int],
+        end: End,
+        other: tuple[str, int, int],
+        its_end: End,
     ) -> Iterator[tuple[int, int]]:
-        """The link of two lanes that touch, in the direction in which they are driven."""
-        if one not in self._number or other not in self._number:
-            return
-        leaves = self._roads[one[0]].leads_on(*one[1:]) == (end == "end")
-        enters = self._roads[other[0]].leads_on(*other[1:]) == (its_end == "start")
-        if leaves and enters:
-            yield self._number[one], self._number[other]
-        elif not leaves and not enters:
-            yield self._number[other], self._number[one]
+        """Links of two lanes that touch, in the directions in which they are driven."""
+        for first, second in (
+            ((*one, end == "end"), (*other, its_end == "start")),
+            ((*other, its_end == "end"), (*one, end == "start")),
+        ):
+            if first in self._number and second in self._number:
+                yield self._number[first], self._number[second]
 
 
 def _kind_of_sign(sign: Any) -> str | None:

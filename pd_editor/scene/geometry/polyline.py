@@ -8,6 +8,7 @@ from jaxtyping import Float
 from pd_editor.scene.geometry.lines import Lines
 
 MIN_MIDLINE_POINTS: Final = 10
+_SHAPE_POINTS: Final = 9
 
 
 def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
@@ -91,6 +92,19 @@ def midline(
         ]
         resampled.append(np.stack(columns, axis=-1))
     return (resampled[0] + resampled[1]) / 2
+
+
+def ways_of_bounds(
+    left_m: Float[np.ndarray, "L 2"], right_m: Float[np.ndarray, "R 2"]
+) -> tuple[int, int]:
+    """Ways, 1 or -1, in which two lines are the left and the right bound of a lane."""
+    a, b = resample(left_m, _SHAPE_POINTS), resample(right_m, _SHAPE_POINTS)
+    apart = [np.linalg.norm(a - other, axis=1).sum() for other in (b, b[::-1])]
+    turn = 1 if apart[0] <= apart[1] else -1
+    x, y = (np.concatenate([left_m, right_m[::-turn]]) - left_m[0]).T
+    # Along the left bound, and back along the right one, is clockwise.
+    way = -1 if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0 else 1
+    return way, way * turn
 
 
 def at_height_zero(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 3"]:

@@ -1,5 +1,6 @@
 """CommonRoad scenarios as scenes."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -248,3 +249,45 @@ def test_real_lights_follow_the_cycles_of_their_files(format_files: Path):
     scene = open_scenario(format_files / "commonroad/DEU_Starnberg-1_1_T-1.xml")
     lanes = {one.signal_id: len(one.lane_ids) for one in scene.signals}
     assert lanes == {"152": 1, "153": 4, "154": 2, "156": 1}
+
+
+def swapped(content: str, how: str) -> str:
+    """The first lanelet with its bounds exchanged, or one of them in reverse."""
+    start, end = content.index("<leftBound>"), content.index("</rightBound>")
+    part = content[start:end]
+    if how == "exchanged":
+        new = part.replace("left", "_").replace("right", "left").replace("_", "right")
+    else:
+        first, second = re.findall(r"<point>.*?</point>", part)[:2]
+        new = part.replace(first + second, second + first)
+    return (
+        content[:start]
+        + new
+        + content[end:].replace(
+            "</rightBound>",
+            "</leftBound>" if how == "exchanged" else "</rightBound>",
+            1,
+        )
+    )
+
+
+@pytest.mark.parametrize("how", ["exchanged", "reversed"])
+def test_bounds_the_wrong_way_round_are_mended_and_told(tmp_path: Path, how: str):
+    """Such a lane led on its own left side, or crossed itself."""
+    right, wrong = tmp_path / "right.xml", tmp_path / "wrong.xml"
+    right.write_text(text())
+    wrong.write_text(swapped(text(), how))
+    expected, scene = read(right), read(wrong)
+    one, other = expected.road_map.lane_of[10], scene.road_map.lane_of[10]
+    for name in ("centerline", "left", "right"):
+        np.testing.assert_allclose(getattr(other, name), getattr(one, name), atol=1e-6)
+    assert (other.left_mark, other.right_mark) == (one.left_mark, one.right_mark)
+    told = "Bounds of 1 lanelets lay the wrong way round: 10."
+    assert told in scene.provenance.notes
+    assert told not in expected.provenance.notes
+
+
+def test_lanes_that_begin_elsewhere_are_told(tmp_path: Path):
+    path = tmp_path / "scene.xml"
+    path.write_text(text().replace(bound("left", 1.5, "dashed", 50.0, 90.0), bound("left", 1.5, "dashed", 54.0, 90.0)).replace(bound("right", -1.5, "solid", 50.0, 90.0), bound("right", -1.5, "solid", 54.0, 90.0)))  # fmt: skip
+    assert "1 lanes begin up to 4.0 m from those before them." in read(path).provenance.notes  # fmt: skip

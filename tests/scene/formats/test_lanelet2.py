@@ -225,3 +225,36 @@ def test_real_files(format_files: Path):
         assert links
         for a, b in links:
             np.testing.assert_allclose(a.centerline_m[-1], b.centerline_m[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("places", "is_used"),
+    [
+        ([(0, 4), (10, 5), (20, 4)], True),
+        ([(20, 4), (10, 5), (0, 4)], True),
+        ([(0, 4), (10, 8), (20, 4)], False),
+        ([(9, 4), (10, 5)], False),
+    ],
+)
+def test_the_own_centre_line_of_a_lanelet_is_used_within_its_bounds(
+    tmp_path: Path, places: list[tuple[float, float]], is_used: bool
+):
+    """It was passed over."""
+    numbers = range(50, 50 + len(places))
+    relation = lanelet(1, 10, 11).replace(
+        "<tag", '<member type="way" ref="40" role="centerline"/><tag', 1
+    )
+    content = text(
+        [relation],
+        WAYS | {40: tuple(numbers)},
+        PLACES | dict(zip(numbers, places, strict=True)),
+    )
+    path = tmp_path / "map.osm"
+    path.write_text(content)
+    scene = open_scenario(path)
+    (lane,) = scene.road_map.lanes
+    line = lane.centerline_m + scene.origin_city_m
+    assert line[0].tolist() == [0.0, 4.0 if is_used else 4.5]
+    assert (line[:, 1].max() == 5.0) == is_used
+    told = any("Centre lines of 1 lanelets" in one for one in scene.provenance.notes)
+    assert told != is_used

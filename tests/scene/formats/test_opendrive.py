@@ -422,3 +422,28 @@ def test_a_road_without_length_joins_its_neighbours(tmp_path: Path):
     first, last = scene.road_map.lanes
     assert (first.successors, last.predecessors) == ((last.lane_id,), (first.lane_id,))
     assert "1 roads without length" in " ".join(scene.provenance.notes)
+
+
+@pytest.mark.parametrize("how", ["type", "direction"])
+def test_lanes_of_both_directions_are_two_lanes(tmp_path: Path, how: str):
+    """They led one way only."""
+    link = '<link><predecessor id="-1"/><successor id="-1"/></link>'
+    middle = lane(-1, "bidirectional" if how == "type" else "driving", link)
+    if how == "direction":
+        middle = middle.replace("level=", 'direction="both" level=')
+    sections = [section(lane(1), middle, lane(-2), s=s) for s in (0, 25)]
+    scene = opened(tmp_path, road("".join(sections)))
+    lanes = scene.road_map.lane_of
+    pairs = [one for one in lanes.values() if np.allclose(at(scene, one.centerline)[:, 1], -1.75)]  # fmt: skip
+    onward = {one.lane_id: at(scene, one.centerline)[-1, 0] > at(scene, one.centerline)[0, 0] for one in pairs}  # fmt: skip
+    assert sorted(onward.values()) == [False, False, True, True]
+    for one in pairs:
+        left, right = at(scene, one.left)[0, 1], at(scene, one.right)[0, 1]
+        assert (left > right) == onward[one.lane_id]
+        for after in one.successors:
+            assert onward[after] == onward[one.lane_id]
+            np.testing.assert_allclose(lanes[after].centerline[0], one.centerline[-1])
+        assert one.left_neighbor is None
+        beside = at(scene, lanes[one.right_neighbor or 0].centerline)[0, 1]
+        assert beside == pytest.approx(-5.25 if onward[one.lane_id] else 1.75)
+    assert sum(len(one.successors) for one in pairs) == 2
