@@ -44,6 +44,7 @@ SIX_SAMPLES: Final = "six samples of trajectories"
 EIGHT: Final = "8 of 500 agents, a first request"
 DRAGGED: Final = "one of 500 agents dragged"
 NEAR_DRAGGED: Final = "16 of 500 agents react to a drag"
+DRAGGED_TO_GOAL: Final = "one of 500 dragged that has a goal"
 NETWORK_NAMES: Final = (STEP, CONTEXT, STATES)
 NAMES: Final = (
     *NETWORK_NAMES,
@@ -56,6 +57,7 @@ NAMES: Final = (
     EIGHT,
     DRAGGED,
     NEAR_DRAGGED,
+    DRAGGED_TO_GOAL,
 )
 
 
@@ -102,6 +104,7 @@ def _port_works(scenario: Scenario) -> dict[str, Callable[[], object]]:
 def _large_works() -> dict[str, Callable[[], object]]:
     """On a map of ten real ones with 500 agents."""
     from benchmarks.tiled import tiled
+    from pd_editor.analysis.guidance.kinds.course import GoalPoint
     from pd_editor.editor.commands import TransformAgents, traffic_command
     from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
     from pd_editor.scene import generation
@@ -123,14 +126,17 @@ def _large_works() -> dict[str, Callable[[], object]]:
     near = np.hypot(*(place - place[0]).T).argsort()[:16]
     frames = itertools.count()
 
-    def drag(names: tuple[str, ...]) -> object:
+    x, y = (place[0] + 20.0).tolist()
+    goal = GoalPoint(agent_id=ids[0], point_m=(x, y))
+
+    def drag(names: tuple[str, ...], *terms: GoalPoint) -> object:
         move = 0.1 * (next(frames) % 100)
         edit = TransformAgents(agent_ids=ids[:1], dx_m=move, dy_m=move / 3)
         return run(
             scenario=edit.apply(driven),
             agent_ids=names,
             num_denoising_steps=3,
-            guidance=generation.guidance_settings(None, 0),
+            guidance=(*generation.guidance_settings(None, 0), *terms),
             before_edit=driven,
         )
 
@@ -142,6 +148,7 @@ def _large_works() -> dict[str, Callable[[], object]]:
         EIGHT: eight,
         DRAGGED: lambda: drag(ids[:1]),
         NEAR_DRAGGED: lambda: drag(tuple(ids[index] for index in np.sort(near))),
+        DRAGGED_TO_GOAL: lambda: drag(ids[:1], goal),
     }
 
 

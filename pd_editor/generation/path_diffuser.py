@@ -69,7 +69,7 @@ from pd_editor.generation.trajectory.pipeline import (
 )
 from pd_editor.generation.trajectory.present_trajectories import PresentTrajectories
 from pd_editor.generation.trajectory.sample_yielding import with_yielding
-from pd_editor.generation.trajectory.task import TrajectoryTask
+from pd_editor.generation.trajectory.task import TrajectoryTask, guidance_looks_at
 from pd_editor.scene.generation import (
     CAPABILITIES,
     MAX_SEED,
@@ -78,7 +78,7 @@ from pd_editor.scene.generation import (
     GenerationRequest,
     TrafficSample,
 )
-from pd_editor.scene.guidance_terms import PairGuidance
+from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance
 from pd_editor.scene.paths.lasting_tracks import lasting
 from pd_editor.scene.scenario import Scenario
 
@@ -339,7 +339,7 @@ class PathDiffuser:
         rows = scenario.agents.rows(ids)
         kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
         known = lasting(scenario, kept.difference(ids))
-        task = self._task(known, rows, model, sees_all=bool(request.terms))
+        task = self._task(known, rows, model, request.terms)
         options = trajectory_options(request, stage)
         continuation = None
         if request.before_edit is not None:
@@ -386,19 +386,18 @@ class PathDiffuser:
         scenario: Scenario,
         rows: Int[np.ndarray, "G"],
         model: TrajectoryDenoiser,
-        *,
-        sees_all: bool,
+        terms: tuple[GuidanceTerm, ...],
     ) -> TrajectoryTask:
         """The network's input, which edits of the guidance alone do not change."""
-        newest = self._newest_task
-        task = newest and newest.of_edited(scenario, rows, sees_all=sees_all)
+        newest, also = self._newest_task, guidance_looks_at(scenario, rows, terms)
+        task = newest and newest.of_edited(scenario, rows, also)
         if task is None:
             task = TrajectoryTask.of(
                 scenario,
                 rows,
                 model.decoder.basis,
                 config=model.config,
-                sees_all=sees_all,
+                also=also,
             ).to(self._device)
         self._newest_task = task
         return task

@@ -1,6 +1,6 @@
 """A scenario as the second stage's input."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -38,6 +38,7 @@ from pd_editor.generation.trajectory.network.denoiser import (
     TrajectoryDenoiser,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -47,6 +48,8 @@ _LEAST_KNOWN_STEPS: Final = 10
 _LATE_S: Final = 4.0
 """Agents that enter within this time are given, extended back to the current step."""
 _SAME_STEP_S: Final = 1e-6
+_MET_WITHIN_M: Final = 300.0
+"""Agents at 25 m/s each that are further apart do not meet within the horizon."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,6 +66,8 @@ class TrajectoryTask:
     kept: KeptBeginning
     kept_rows: tuple[int, Int[np.ndarray, "A"]]
     """Number of road users, and which of them are the agents of the features."""
+    also: Int[np.ndarray, "N"]
+    """Rows of the scenario that were to be prepared besides the sampled ones."""
     _contexts: dict[TrajectoryDenoiser, TrajectoryContext] = field(
         default_factory=dict, repr=False
     )
@@ -75,24 +80,22 @@ class TrajectoryTask:
         basis: TrajectoryBasis,
         *,
         config: TrajectoryConfig | None = None,
-        sees_all: bool = False,
+        also: Int[np.ndarray, "N"] | None = None,
     ) -> "TrajectoryTask":
         """Make a task of road users at the current step and those that enter soon.
 
         Agents that are not sampled are given if their trajectories are known. Those on
-        which results of a network of some ``config`` do not depend are left out, unless
-        the task ``sees_all``.
+        which results of a network of some ``config`` do not depend are left out, but for
+        the rows ``also``, which guidance looks at.
         """
         config = TrajectoryConfig() if config is None else config
+        also = rows[:0] if also is None else also
         late = LateAgents.of(scenario).but_continuing(rows)
         known = _with_late_agents(scenario, late)
         every = np.arange(len(known.agents))
         is_open = _known_steps(known, every, basis).sum(axis=1) < _LEAST_KNOWN_STEPS
-        asked, reach = (
-            every if sees_all else rows,
-            (config.num_near_agents, config.num_blocks),
-        )
-        seen, users = seen_agents(known, asked, is_open, *reach)
+        reach = config.num_near_agents, config.num_blocks
+        seen, users = seen_agents(known, np.union1d(rows, also), is_open, *reach)
         features = scene_features(
             known, knows_leaders=config.knows_leaders, agents=seen
         )
@@ -112,17 +115,21 @@ class TrajectoryTask:
             late=late.row,
             kept=KeptBeginning.of(scenario, features.agent_row, is_sampled),
             kept_rows=(len(users), np.searchsorted(users, seen)),
+            also=also,
         )
 
     def of_edited(
-        self, scenario: Scenario, rows: Int[np.ndarray, "G"], *, sees_all: bool
+        self,
+        scenario: Scenario,
+        rows: Int[np.ndarray, "G"],
+        also: Int[np.ndarray, "N"],
     ) -> "TrajectoryTask | None":
         """The same task of a scenario whose guidance alone differs, else None."""
         mine = self.scenario
         names = ("road_map", "agents", "time_axis", "applied_warp", "locks")
         is_same = all(getattr(mine, one) is getattr(scenario, one) for one in names)
         is_same = is_same and mine.focal_id == scenario.focal_id
-        is_same &= not sees_all or len(self.kept_rows[1]) == self.kept_rows[0]
+        is_same &= bool(np.isin(also, self.also).all())
         sampled = self.features.agent_row[self.is_sampled]
         if not is_same or not np.array_equal(sampled, np.sort(rows)):
             return None
@@ -237,6 +244,21 @@ class TrajectoryTask:
             torch.from_numpy(one)[None].to(self.scene.future) for one in tables
         )
         return lambda latent: projected(latent, matrix, offset)
+
+
+def guidance_looks_at(
+    scenario: Scenario, rows: Int[np.ndarray, "G"], terms: Collection[GuidanceTerm]
+) -> Int[np.ndarray, "N"]:
+    """Rows of the agents that terms name, or that agents at some rows could meet."""
+    if not terms:
+        return rows[:0]
+    agents, now = scenario.agents, scenario.current_step
+    position = agents.position_m[:, now]
+    gap = np.hypot(*(position[:, None] - position[rows]).transpose(2, 0, 1))
+    named = np.isin(agents.ids, [name for term in terms for name in term.named_ids])
+    # Those that enter later come from anywhere.
+    is_near = (gap <= _MET_WITHIN_M).any(axis=1) | ~agents.is_valid[:, now]
+    return np.flatnonzero(is_near | named)
 
 
 def _without_gaps(scene: SceneTensors) -> SceneTensors:

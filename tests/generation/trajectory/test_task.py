@@ -6,12 +6,15 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given, settings
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.pairs import YieldTo
 from pd_editor.generation.trajectory.pipeline import (
     TrajectoryOptions,
     TrajectorySampling,
 )
 from pd_editor.generation.trajectory.sampler import TrajectorySamplerConfig
-from pd_editor.generation.trajectory.task import TrajectoryTask
+from pd_editor.generation.trajectory.task import TrajectoryTask, guidance_looks_at
+from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
 from tests.generation.trajectory.scenes import small_model
@@ -65,14 +68,32 @@ def test_a_part_of_a_scene_gives_the_result_of_the_whole(
     model = small_model(num_near_agents=2)
     part, whole = (
         TrajectoryTask.of(
-            scenario, rows, model.decoder.basis, config=model.config, sees_all=sees_all
+            scenario, rows, model.decoder.basis, config=model.config, also=also
         )
-        for sees_all in (False, True)
+        for also in (None, np.arange(len(scenario.agents)))
     )
     assert len(part.features.agent_row) < len(whole.features.agent_row)
     of_part, of_whole = (latents(task, rows, eta) for task in (part, whole))
     assert np.abs(of_part - of_whole).max() < 1e-4
     assert np.abs(of_whole).max() > 0.1
+
+
+def test_guidance_looks_at_agents_that_could_be_met_and_at_those_it_names() -> None:
+    """One guided agent used to prepare the whole scene."""
+    states = [(150.0 * row, 0.0, 0.0, 5.0) for row in range(8)]
+    agents = straight_drivers(states)
+    is_valid = agents.is_valid.copy()
+    is_valid[5, :60] = False
+    scenario = scenario_with(replace(agents, is_valid=is_valid))
+    own, rows = scenario.agents.ids[0], np.array([0])
+
+    def seen(*terms: GuidanceTerm) -> list[int]:
+        return guidance_looks_at(scenario, rows, terms).tolist()
+
+    assert seen() == []
+    assert seen(GoalPoint(agent_id=own, point_m=(30.0, 0.0))) == [0, 1, 2, 5]
+    far = YieldTo(agent_id=own, other_id=scenario.agents.ids[7])
+    assert seen(far) == [0, 1, 2, 5, 7]
 
 
 def test_a_task_of_all_agents_leaves_none_out() -> None:
