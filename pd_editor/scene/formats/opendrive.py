@@ -218,8 +218,15 @@ class _Road:
     ) -> _Section:
         end = max(end, start + 1e-3)
         count = max(int(np.ceil((end - start) / SPACING_M)), 1) + 1
-        corners = [one.start for one in self.line.pieces if start < one.start < end]
-        s = np.unique(np.append(np.linspace(start, end, count), corners))
+        corners = [one.start for one in self.line.pieces]
+        knots = [
+            start + Place(place.path, one).number("sOffset")
+            for one in place.element.iter("width", "border")
+        ]
+        s = np.concatenate(
+            [np.linspace(start, end, count), corners, offset.start, knots]
+        )
+        s = np.unique(s[(start <= s) & (s <= end)])
         center = offset.at(s)
         borders, lanes = {0: center}, {}
         # The sign of its id tells the side of a lane; netconvert mixes up the elements.
@@ -347,6 +354,9 @@ class _Network:
             (road.name, section.index, lane, leads_on): row
             for row, (road, section, lane, leads_on) in enumerate(self._driven, start=1)
         }
+        self._named = {
+            f"{road} {lane}": row for (road, _, lane, _), row in self._number.items()
+        }
         self._direct = {
             one.attribute("id")
             for one in root.children("junction")
@@ -434,7 +444,7 @@ class _Network:
             for one in section.lanes[lane].element.findall("userData")
         }
         left_neighbor, right_neighbor = (
-            self._number.get((told.get(code) or "", 0, -1, True), one)
+            self._named.get(told.get(code) or "", one)
             for code, one in zip((LEFT, RIGHT), beside, strict=True)
         )
         kind = section.lanes[lane].element.get("type") or "none"

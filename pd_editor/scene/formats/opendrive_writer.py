@@ -1,9 +1,9 @@
-"""Writes roads as OpenDRIVE 1.7 networks: each lane is a road of its own.
+"""Writes roads as OpenDRIVE 1.7 networks: a road is a lane, or neighbours side by side.
 
-The reference line of a road is the lane's centre line with rounded corners. Lanes that
-follow each other alone are linked directly. Where lanes part or merge, the roads before
-end a little earlier, and connecting roads of a junction bridge the way; all roads that
-meet there have one heading.
+The reference line of a road goes smoothly along its middle lane; at its ends it stands
+across the line on which its lanes end. Roads that follow each other alone are linked
+directly. Where lanes part or merge, the roads before end a little earlier, and connecting
+roads of a junction bridge the way; all roads that meet there have one heading.
 """
 
 import csv
@@ -56,39 +56,48 @@ LEFT: Final = "pd-editor left neighbor"
 RIGHT: Final = "pd-editor right neighbor"
 INTERSECTION: Final = "pd-editor intersection"
 """Codes of user data of lanes: roads of neighbours, and whether it is in an intersection."""
-JOINT_M: Final = 0.05
+JOINT_M: Final = 0.1
 """Connecting roads that are shorter join lanes, and are none themselves."""
 End = tuple[int, int]
-"""Row of a lane, and 0 for its first point or 1 for its last one."""
+"""Id of a road or a lane, and 0 for its first point or 1 for its last one."""
+Links = Sequence[tuple[int, int]]
+"""Ids of lanes of which the second one follows the first one."""
+Place = tuple[int, int]
+"""Ids of a road and of a lane in it."""
 _LANE_TYPES: Final = {
     LaneKind.VEHICLE: "driving",
     LaneKind.BIKE: "biking",
     LaneKind.BUS: "bus",
 }
-_BRIDGE_M: Final = 0.02
+_BRIDGE_M: Final = 0.025
 """Length of connecting roads."""
 _SAME_LINE_M: Final = 0.005
-_CORNER_M: Final = 0.02
-"""Rounded corners are at most so far from the corner."""
-_ASIDE_M: Final = 0.03
-"""So far the way to the common heading at an end may lie beside the line."""
 _STRAIGHT: Final = 1e-3
 _SHARPEST: Final = 2.5
 """Corners of smaller and of larger angles are not rounded."""
 _SAME_VALUE_M: Final = 0.005
 _SAME_SLOPE: Final = 1e-9
 _LEAST_WIDTH_M: Final = 0.05
-_STATION_M: Final = 2.0
+_STATION_M: Final = 1.0
+_MOST_ASKEW: Final = 0.5
+"""Angle by which lanes of one road may end askew, at most."""
+_MOST_GAP_M: Final = 0.02
+_MOST_WIDER_M: Final = 0.3
+"""How much places and widths of a road's lanes may differ from the scene's."""
+_SHAPES: Final = ((0.3, 2.0, 10.0), (0.05, 0.5, 3.0), (_SAME_LINE_M, 0.03, 1.0))
+"""How far reference lines may leave lanes, and lie aside on the way to the heading at an end,
+and how long that way may be. A single lane has the last one if no other fits."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Road:
-    """Geometry of a road; width and height are linear between K places along it."""
+    """Lanes from left to right with M borders, known at K stations along the road."""
 
+    lane_ids: tuple[int, ...]
     pieces: Float[np.ndarray, "P 6"]
     """Lines and arcs: s, x, y, heading, length, curvature; first and last are lines."""
     s_m: Float[np.ndarray, "K"]
-    width_m: Float[np.ndarray, "K"]
+    border_m: Float[np.ndarray, "K M"]
     height_m: Float[np.ndarray, "K"]
 
     def cut(self) -> tuple["_Road", "_Road"]:
@@ -100,16 +109,16 @@ class _Road:
         rest = np.array([[0.0, x, y, heading, length - kept_m, 0.0]])
         pieces = np.concatenate([self.pieces[:-1], last])
         s, ends = np.append(self.s_m[:-1], start + kept_m), rest[0, [0, 4]]
-        values = self.width_m[[-1, -1]], self.height_m[[-1, -1]]
-        return replace(self, pieces=pieces, s_m=s), _Road(rest, ends, *values)
+        values = self.border_m[[-1, -1]], self.height_m[[-1, -1]]
+        kept = replace(self, pieces=pieces, s_m=s)
+        return kept, _Road(self.lane_ids, rest, ends, *values)
 
 
 _LOSSES: Final[tuple[str, ...]] = (
-    "Neighbours, and which lanes are in an intersection: each lane is a road of its own, "
-    "junctions are where lanes part or merge. Only this editor reads both, as user data.",
-    "Boundaries: a lane is as wide as ours, and lies evenly on both sides of its centre "
-    "line, which may move a boundary by some centimetres.",
-    "Markings whose kind is unknown, and heights of crosswalks and drivable areas.",
+    "Boundaries: a lane lies evenly on both sides of its centre line, which may move a "
+    "boundary by some centimetres; neighbours have one marking between them.",
+    "Markings whose kind is unknown, and heights of crosswalks, drivable areas, and of "
+    "lanes beside the middle one of a road.",
     "Velocities: they follow from the places and times of a trajectory.",
     "Kinds of static objects, benchmark categories, made-up pasts, the current step, "
     "and which agent is the focal one.",
@@ -124,123 +133,302 @@ def write(scenario: Scenario) -> WrittenScene:
     Raises:
         ExportError: a lane has no length.
     """
-    name = scenario.scenario_id
-    files = {f"{name}.xodr": opendrive_file(scenario)}
+    name, roads = scenario.scenario_id, _roads(scenario.road_map)
+    places = {
+        lane: (number, -place)
+        for number, road in roads.items()
+        for place, lane in enumerate(road.lane_ids, start=1)
+    }
+    untold, count = _untold(scenario.road_map, places)
+    files = {f"{name}.xodr": _file(scenario, roads, places, untold)}
     names = entity_names(scenario.agents.ids)
     if names:
         files[f"{name}.xosc"] = openscenario_file(scenario, f"{name}.xodr", names)
     table = io.StringIO()
     rows = [("kind", "id", "id in the file")]
     rows += [("agent", *pair) for pair in names.items()]
-    rows += [("lane", str(one), str(one)) for one in scenario.road_map.lane_of]
+    rows += [
+        ("lane", str(one), "{} {}".format(*places[one]))
+        for one in scenario.road_map.lane_of
+    ]
     csv.writer(table, lineterminator="\n").writerows(rows)
     files[IDS_NAME] = table.getvalue().encode()
-    return WrittenScene(files=files, losses=losses_of(scenario, *_LOSSES))
+    neighbors = (
+        f"{len(untold)} of {count} neighbours, which end askew or go the other way, and "
+        "which lanes are in an intersection: only this editor reads both, as user data."
+    )
+    losses = losses_of(scenario, neighbors, *_LOSSES)
+    return WrittenScene(files=files, losses=losses)
 
 
-def opendrive_file(scenario: Scenario) -> bytes:
+def _untold(
+    road_map: RoadMap, places: Mapping[int, Place]
+) -> tuple[dict[tuple[int, str], str], int]:
+    """Neighbours of lanes that are not beside them in a road; the number of all."""
+    beside = [
+        ((number, code), places[other], (places[number][0], places[number][1] + step))
+        for number, lane in road_map.lane_of.items()
+        for code, step, other in (
+            (LEFT, 1, lane.left_neighbor),
+            (RIGHT, -1, lane.right_neighbor),
+        )
+        if other is not None and other in places
+    ]
+    untold = {key: "{} {}".format(*one) for key, one, told in beside if one != told}
+    return untold, len(beside)
+
+
+def _file(
+    scenario: Scenario,
+    roads: dict[int, _Road],
+    places: Mapping[int, Place],
+    untold: Mapping[tuple[int, str], str],
+) -> bytes:
     """The road network of a scenario in its frame; the header tells the frame's origin.
 
-    Ids of roads are those of lanes; those of junctions, connecting roads and objects
-    come after them.
-
-    Raises:
-        ExportError: a lane has no length.
+    Ids of junctions, connecting roads and objects come after those of lanes.
     """
-    lanes, origin = scenario.road_map.lanes, scenario.origin_city_m
+    road_map, origin = scenario.road_map, scenario.origin_city_m
     root = etree.Element("OpenDRIVE")
-    (west, south), (east, north) = scenario.road_map.bounds_m
+    (west, south), (east, north) = road_map.bounds_m
     about = {"name": scenario.scenario_id, "vendor": "Path Diffuser Editor"}
     bounds = {"north": north, "south": south, "east": east, "west": west}
     header = added(root, "header", revMajor=1, revMinor=7, **about, **bounds)
     added(header, "offset", x=origin[0], y=origin[1], z=0, hdg=0)
-    joints = _joints(scenario.road_map)
-    roads = _roads(lanes, joints)
-    ids = count(1 + max(lane.lane_id for lane in lanes))
-    junctions = [(next(ids), links) for links in joints if len(links) > 1]
-    linked: dict[End, dict[str, object]] = {}
-    for links in joints:
-        for one, other in links:
-            linked[one, 1] = _to_road(lanes[other], "start")
-            linked[other, 0] = _to_road(lanes[one], "end")
+    ids = count(1 + max(road_map.lane_of))
+    road_of = {lane: road for lane, (road, _) in places.items()}
+    beyond: dict[End, Place] = {}
+    junctions: dict[int, Links] = {}
+    for links in _joints(road_map, road_of):
+        if _fit(roads, [(places[one], places[other]) for one, other in links]):
+            beyond |= {(one, 1): places[other] for one, other in links}
+            beyond |= {(other, 0): places[one] for one, other in links}
+        else:
+            junctions[next(ids)] = links
+    junction_of: dict[End, int] = {}
+    for number, links in junctions.items():
+        junction_of |= dict.fromkeys(_ends(links, road_of), number)
     bridges: dict[int, _Road] = {}
-    for number, links in junctions:
-        here: dict[str, object] = {"elementType": "junction", "elementId": number}
-        linked |= dict.fromkeys(_ends(links), here)
-        for one in {one for one, _ in links}:
-            roads[one], bridges[one] = roads[one].cut()
-    objects = _objects(scenario.road_map, roads, ids)
-    for row, (lane, road) in enumerate(zip(lanes, roads, strict=True)):
-        found = [linked.get((row, end)) for end in (0, 1)]
-        place = _road(root, (lane.lane_id, -1), lane, road, found)
-        _tell(place, lane)
-        if row in objects:
-            place.append(objects[row])
-    _connect(root, lanes, roads, bridges, junctions, ids)
+    for road in [road for road, end in junction_of if end]:
+        roads[road], bridges[road] = roads[road].cut()
+    objects = _objects(road_map, roads, road_of, ids)
+    for number, road in roads.items():
+        there = [
+            junction_of.get((number, end))
+            or [beyond.get((lane, end)) for lane in road.lane_ids]
+            for end in (0, 1)
+        ]
+        lanes = [road_map.lane_of[one] for one in road.lane_ids]
+        found = _road(root, (number, -1), lanes, road, there)
+        for lane, place in zip(lanes, found.findall(".//right/lane"), strict=True):
+            if lane.is_intersection:
+                added(place, "userData", code=INTERSECTION, value=True)
+            for code in (LEFT, RIGHT):
+                if told := untold.get((lane.lane_id, code)):
+                    added(place, "userData", code=code, value=told)
+        if number in objects:
+            found.append(objects[number])
+    _connect(root, road_map, roads, places, bridges, junctions, ids)
     return as_file(root)
 
 
-def _to_road(lane: Lane, contact: str) -> dict[str, object]:
-    return {"elementType": "road", "elementId": lane.lane_id, "contactPoint": contact}
+def _fit(roads: Mapping[int, _Road], links: Sequence[tuple[Place, Place]]) -> bool:
+    """Whether all links are of two roads side by side, which then get the same borders."""
+    (road, _), (its_road, _) = links[0]
+    one, other = roads[road], roads[its_road]
+    lane, its_lane = -np.array([[place for _, place in pair] for pair in links]).T
+    ahead, aside = _step_m(one, other)
+    if (
+        any((before[0], after[0]) != (road, its_road) for before, after in links)
+        or len(np.unique(lane)) < len(lane)
+        or np.ptp(lane - its_lane)
+        or abs(ahead) > _SAME_VALUE_M
+    ):
+        return False
+    here, there = (np.union1d(n, n - 1) for n in (lane, its_lane))
+    mean = (one.border_m[-1, here] + other.border_m[0, there] + aside) / 2
+    one.border_m[-1, here], other.border_m[0, there] = mean, mean - aside
+    return True
 
 
-def _joints(road_map: RoadMap) -> list[list[tuple[int, int]]]:
-    """Links of rows of lanes, in groups that share an end of a lane."""
-    row_of = {lane.lane_id: row for row, lane in enumerate(road_map.lanes)}
+def _step_m(one: _Road, other: _Road) -> tuple[float, float]:
+    """How far ahead, and to the left, of a road's end another one begins."""
+    x, y, heading, length, _ = one.pieces[-1, 1:].tolist()
+    ahead = unit_vector(heading)
+    step = other.pieces[0, 1:3] - (x, y) - length * ahead
+    return float(step @ ahead), float(step @ left_of(ahead))
+
+
+def _joints(road_map: RoadMap, road_of: Mapping[int, int]) -> list[Links]:
+    """Links of lanes, in groups that share an end of a road."""
     links = {
         pair
-        for row, lane in enumerate(road_map.lanes)
+        for number, lane in road_map.lane_of.items()
         for pair in (
-            *((row, row_of[one]) for one in lane.successors if one in row_of),
-            *((row_of[one], row) for one in lane.predecessors if one in row_of),
+            *((number, one) for one in lane.successors if one in road_of),
+            *((one, number) for one in lane.predecessors if one in road_of),
         )
     }
-    group: dict[End, list[tuple[int, int]]] = {}
+    group: dict[End, Links] = {}
     for link in sorted(links):
         merged = [link]
-        for end in _ends([link]):
+        for end in _ends([link], road_of):
             merged += [one for one in group.get(end, ()) if one not in merged]
-        group |= dict.fromkeys(_ends(merged), merged)
+        group |= dict.fromkeys(_ends(merged, road_of), merged)
     return [sorted(one) for one in {id(one): one for one in group.values()}.values()]
 
 
-def _ends(links: Sequence[tuple[int, int]]) -> list[End]:
-    """Ends of lanes that links join."""
-    found = [end for one, other in links for end in ((one, 1), (other, 0))]
-    return list(dict.fromkeys(found))
+def _ends(links: Links, road_of: Mapping[int, int]) -> list[End]:
+    """Ends of roads that links join."""
+    pairs = [((road_of[one], 1), (road_of[other], 0)) for one, other in links]
+    return list(dict.fromkeys(end for pair in pairs for end in pair))
 
 
-def _roads(
-    lanes: Sequence[Lane], joints: Sequence[Sequence[tuple[int, int]]]
-) -> list[_Road]:
-    """Geometry of all roads: what meets has one heading, and one width if it is alone."""
-    lines = [_center(lane) for lane in lanes]
-    turns: dict[End, float] = {}
-    for links in joints:
-        ends = _ends(links)
-        steps = [np.diff(lines[row][-2 * end :][:2, :2], axis=0) for row, end in ends]
-        ways = np.concatenate(steps)
-        ways /= np.hypot(*ways.T)[:, None]
+def _roads(road_map: RoadMap) -> dict[int, _Road]:
+    """Roads by the ids of their left lanes; those that meet have one heading."""
+    lines = {number: _center(lane) for number, lane in road_map.lane_of.items()}
+    groups = dict(enumerate(_groups(road_map, lines)))
+    group_of = {lane: number for number, group in groups.items() for lane in group}
+    own = {
+        (number, end): _across([lines[lane] for lane in group], end)
+        for number, group in groups.items()
+        for end in (0, 1)
+    }
+    turns = {end: way for end, way in own.items() if len(groups[end[0]]) > 1}
+    for links in _joints(road_map, group_of):
+        ends = _ends(links, group_of)
+        ways = np.array([own[one] for one in turns.keys() & {*ends} or ends])
         mean = ways.sum(axis=0)
-        x, y = mean if np.hypot(*mean) > _STRAIGHT else ways[0]
-        turns |= dict.fromkeys(ends, float(np.arctan2(y, x)))
-    curves = [
-        _pieces(_turned(line[:, :2], turns.get((row, 0)), turns.get((row, 1))))
-        for row, line in enumerate(lines)
-    ]
-    stations = [_stations(pieces) for pieces in curves]
-    widths = _widths(lanes, [points for _, points in stations])
-    for links in joints:
-        if len(links) == 1:
-            ((one, other),) = links
-            mean = (widths[one][-1] + widths[other][0]) / 2
-            widths[one][-1] = widths[other][0] = mean
-    roads = []
-    for row, (s, _) in enumerate(stations):
-        way = arc_length(lines[row][:, :2])
-        height = np.interp(s * way[-1] / s[-1], way, lines[row][:, 2])
-        roads.append(_Road(curves[row], s, widths[row], height))
-    return roads
+        turns |= dict.fromkeys(ends, mean if np.hypot(*mean) > _STRAIGHT else ways[0])
+    found: list[_Road | None] = []
+    for number, group in groups.items():
+        ways = [turns.get((number, end)) for end in (0, 1)]
+        turn = [None if way is None else float(np.arctan2(*way[::-1])) for way in ways]
+        whole = _fitted(road_map, lines, group, turn)
+        parts = group if whole is None else ()
+        found += [whole, *(_fitted(road_map, lines, (lane,), turn) for lane in parts)]
+    return {road.lane_ids[0]: road for road in found if road is not None}
+
+
+def _groups(
+    road_map: RoadMap, lines: Mapping[int, Float[np.ndarray, "_ 3"]]
+) -> Iterator[tuple[int, ...]]:
+    """Ids of lanes, from left to right, that may be one road."""
+    for ids in road_map.lane_groups:
+        group: list[int] = []
+        for lane in reversed(ids):
+            if not _end_alike([lines[one] for one in (*group, lane)]):
+                yield tuple(group)
+                group = []
+            group.append(lane)
+        yield tuple(group)
+
+
+def _end_alike(lines: Sequence[Float[np.ndarray, "_ 3"]]) -> bool:
+    """Whether lanes end on a line that is not too much askew, at both ends."""
+    for end in (0, 1):
+        across = _across(lines, end)
+        steps = np.array([_across([line], end) for line in lines])
+        places = np.array([line[-end, :2] for line in lines])
+        if (steps @ across).min() < np.cos(_MOST_ASKEW):
+            return False
+        if np.ptp(places @ across) > _MOST_GAP_M:
+            return False
+    return True
+
+
+def _across(
+    lines: Sequence[Float[np.ndarray, "_ _"]], end: int
+) -> Float[np.ndarray, "2"]:
+    """Direction across the line on which lanes end; of a single lane its own."""
+    if len(lines) > 1:
+        return -left_of(_direction(lines[0][-end, :2] - lines[-1][-end, :2]))
+    return _direction(np.diff(lines[0][-2 * end :][:2, :2], axis=0)[0])
+
+
+def _direction(step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    return step / max(float(np.hypot(*step)), 1e-9)
+
+
+def _fitted(
+    road_map: RoadMap,
+    lines: Mapping[int, Float[np.ndarray, "_ 3"]],
+    lane_ids: tuple[int, ...],
+    headings: Sequence[float | None],
+) -> _Road | None:
+    """A road of lanes; None if it would move any of them."""
+    centers = [lines[one][:, :2] for one in lane_ids]
+    lanes = [road_map.lane_of[one] for one in lane_ids]
+    middle, is_single = lines[lane_ids[len(lanes) // 2]], len(lanes) == 1
+    for away_m, *most in _SHAPES if is_single else _SHAPES[:-1]:
+        line = shapely.simplify(shapely.LineString(middle[:, :2]), away_m)
+        line = _turned(shapely.get_coordinates(line), headings, *most)
+        pieces = _pieces(line, 4 * away_m)
+        s, place = _stations(pieces)
+        points, ahead = place[:, :2], unit_vector(place[:, 2])
+        beside = np.stack([_beside(one, points, ahead) for one in centers], axis=-1)
+        lateral = np.where(np.isfinite(beside), beside, 0.0)
+        found = points[:, None] + lateral[..., None] * left_of(ahead)[:, None]
+        width = _widths(lanes, found)
+        border = _borders(lateral, width)
+        goes_on = (np.diff(found, axis=0) * ahead[:-1, None]).sum(axis=-1) > 0
+        is_right = [
+            np.isfinite(beside).all(),
+            goes_on.all(),
+            (np.abs(np.diff(border) + width) < _MOST_WIDER_M).all(),
+            max(map(_gap_m, found.swapaxes(0, 1), centers)) < _MOST_GAP_M,
+        ]
+        if all(is_right) or (is_single and away_m == _SAME_LINE_M):
+            way = arc_length(middle[:, :2])
+            height = np.interp(s * way[-1] / s[-1], way, middle[:, 2])
+            return _Road(lane_ids, pieces, s, border, height)
+    return None
+
+
+def _beside(
+    line: Float[np.ndarray, "N 2"],
+    points_m: Float[np.ndarray, "K 2"],
+    ahead: Float[np.ndarray, "K 2"],
+) -> Float[np.ndarray, "K"]:
+    """Lateral places at which a line goes by some points; infinite where it does not.
+
+    It is thought to go on a little at its ends.
+    """
+    ends = (
+        line[0] - JOINT_M * _across([line], 0),
+        line[-1] + JOINT_M * _across([line], 1),
+    )
+    way = np.vstack([ends[0], line, ends[1]]) - points_m[:, None]
+    along, lateral = (
+        (way * one[:, None]).sum(axis=-1) for one in (ahead, left_of(ahead))
+    )
+    goes_by = (along[:, :-1] <= 0) & (along[:, 1:] > 0)
+    share = -along[:, :-1] / np.where(goes_by, np.diff(along), 1.0)
+    found = lateral[:, :-1] + share * np.diff(lateral)
+    found = np.where(goes_by, found, np.inf)
+    return found[np.arange(len(found)), np.abs(found).argmin(axis=1)]
+
+
+def _borders(
+    lateral_m: Float[np.ndarray, "K N"], width_m: Float[np.ndarray, "K N"]
+) -> Float[np.ndarray, "K M"]:
+    """Borders of lanes whose middles are given, about as wide as given."""
+    border = np.zeros((len(lateral_m), lateral_m.shape[1] + 1))
+    for n, middle in enumerate(lateral_m.T):
+        border[:, n + 1] = 2 * middle - border[:, n]
+    # What one border is moved by, the next ones are in turn.
+    sign = (-1.0) ** np.arange(border.shape[1])
+    share = sign[:-1] * (width_m + np.diff(border)) / 2
+    return border + sign * share.mean(axis=1, keepdims=True)
+
+
+def _gap_m(one: Float[np.ndarray, "N 2"], other: Float[np.ndarray, "M 2"]) -> float:
+    """Distance between two lines, at most."""
+    fine = np.vstack([one[:1], (one[1:] + one[:-1]) / 2, one[-1:]])
+    return max(
+        float(shapely.distance(shapely.points(points), shapely.LineString(line)).max())
+        for points, line in ((fine, other), (other, one))
+    )
 
 
 def _center(lane: Lane) -> Float[np.ndarray, "N 3"]:
@@ -254,11 +442,14 @@ def _center(lane: Lane) -> Float[np.ndarray, "N 3"]:
 
 
 def _turned(
-    line: Float[np.ndarray, "N 2"], first: float | None, last: float | None
+    line: Float[np.ndarray, "N 2"],
+    headings: Sequence[float | None],
+    aside_m: float,
+    most_m: float,
 ) -> Float[np.ndarray, "M 2"]:
     """The line with a short way of a given heading at each end that has one."""
     # Twice, since on a single straight the first end's way turns the last end.
-    for heading, sign in ((last, -1.0), (first, 1.0)) * 2:
+    for heading, sign in zip((*headings[::-1],) * 2, (-1.0, 1.0) * 2, strict=True):
         line = line[::-1]
         if heading is None:
             continue
@@ -266,12 +457,14 @@ def _turned(
         aside, ahead = step @ left_of(way), step @ way
         if abs(np.arctan2(aside, ahead)) > _STRAIGHT:
             length = float(np.hypot(*step))
-            reach = min(_ASIDE_M * length / max(abs(aside), 1e-9), 0.4 * length, 1.0)
+            reach = min(aside_m * length / max(abs(aside), 1e-9), 0.4 * length, most_m)
             line = np.vstack([line[:1], line[:1] + reach * way, line[1:]])
     return line
 
 
-def _pieces(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "P 6"]:
+def _pieces(
+    line: Float[np.ndarray, "N 2"], corner_m: float
+) -> Float[np.ndarray, "P 6"]:
     """Lines and arcs along a line with rounded corners."""
     step = np.diff(line, axis=0)
     length, heading = np.hypot(*step.T), heading_of(step)
@@ -282,7 +475,7 @@ def _pieces(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "P 6"]:
     share = np.full(len(length), 0.45)
     share[[0, -1]] = 0.8
     most = np.minimum((share * length)[:-1], (share * length)[1:])
-    used = np.minimum(_CORNER_M / np.tan(half / 2), most) * is_round
+    used = np.minimum(corner_m / np.tan(half / 2), most) * is_round
     radius = np.where(is_round, used / np.tan(half), 1.0)
     table = np.zeros((2 * len(length) - 1, 5))
     before, after = np.append(0.0, used), np.append(used, 0.0)
@@ -299,48 +492,55 @@ def _pieces(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "P 6"]:
 
 def _stations(
     pieces: Float[np.ndarray, "P 6"],
-) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 2"]]:
-    """Places along a road, all on straight pieces, and their points."""
-    lines = pieces[pieces[:, 5] == 0]
-    number = np.ceil(lines[:, 4] / _STATION_M).astype(int) + 1
+) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+    """Places along a road, and their points and headings."""
+    # Beside an arc a straight lane is no linear piece.
+    every = np.sqrt(8 * _SAME_VALUE_M / np.maximum(np.abs(pieces[:, 5]), 1e-9))
+    number = np.ceil(pieces[:, 4] / np.minimum(every, _STATION_M)).astype(int) + 1
     share = np.concatenate([np.linspace(0.0, 1.0, one) for one in number.tolist()])
-    lines = np.repeat(lines, number, axis=0)
-    along = share * lines[:, 4]
-    points = lines[:, 1:3] + along[:, None] * unit_vector(lines[:, 3])
-    s, kept = np.unique(np.round(lines[:, 0] + along, 9), return_index=True)
-    return s, points[kept]
+    start, x, y, heading, length, curvature = np.repeat(pieces, number, axis=0).T
+    along = share * length
+    half = curvature * along / 2
+    chord = (along * np.sinc(half / np.pi))[:, None] * unit_vector(heading + half)
+    place = np.column_stack([x + chord[:, 0], y + chord[:, 1], heading + 2 * half])
+    s, kept = np.unique(np.round(start + along, 9), return_index=True)
+    return s, place[kept]
 
 
 def _widths(
-    lanes: Sequence[Lane], places: Sequence[Float[np.ndarray, "_ 2"]]
-) -> list[Float[np.ndarray, "_"]]:
-    """Widths of lanes at places on their centre lines."""
-    number = [len(one) for one in places]
-    points = shapely.points(np.concatenate(places))
+    lanes: Sequence[Lane], points_m: Float[np.ndarray, "K N 2"]
+) -> Float[np.ndarray, "K N"]:
+    """Widths of N lanes at points on their centre lines."""
+    points = shapely.points(points_m)
     sides = ([lane.left_m for lane in lanes], [lane.right_m for lane in lanes])
-    both = [
-        shapely.distance(points, np.repeat(np.array(lines, object), number))
-        for lines in ([shapely.LineString(one) for one in side] for side in sides)
-    ]
-    width = np.maximum(sum(both), _LEAST_WIDTH_M)
-    return np.split(width, np.cumsum(number)[:-1])
+    lines = (np.array([shapely.LineString(one) for one in side]) for side in sides)
+    both = [shapely.distance(points, one) for one in lines]
+    return np.maximum(sum(both), _LEAST_WIDTH_M)
 
 
 def _road(
     root: etree._Element,
     name: tuple[int, int],
-    lane: Lane,
+    lanes: Sequence[Lane],
     road: _Road,
-    links: Sequence[Mapping[str, object] | None],
+    beyond: Sequence[int | Sequence[Place | None]],
 ) -> etree._Element:
-    """Add a road; its name is its id and that of its junction."""
+    """Add a road; its name is its id and that of its junction.
+
+    At each end there is a junction, or maybe another lane before or after each of its own.
+    """
     length = road.pieces[-1, 0] + road.pieces[-1, 4]
     found = added(root, "road", name="", length=length, id=name[0], junction=name[1])
-    tags = ("predecessor", "successor")
+    ends = list(
+        zip(("predecessor", "successor"), ("end", "start"), beyond, strict=True)
+    )
     link = added(found, "link")
-    for tag, one in zip(tags, links, strict=True):
-        if one is not None:
-            added(link, tag, **one)
+    for tag, contact, there in ends:
+        if isinstance(there, int):
+            added(link, tag, elementType="junction", elementId=there)
+        elif known := [one for one, _ in filter(None, there)]:
+            about = {"elementId": known[0], "contactPoint": contact}
+            added(link, tag, elementType="road", **about)
     plan = added(found, "planView")
     for s, x, y, heading, part, curvature in road.pieces.tolist():
         piece = added(plan, "geometry", s=s, x=x, y=y, hdg=heading, length=part)
@@ -352,31 +552,23 @@ def _road(
         profile = added(found, "elevationProfile")
         _profile(profile, "elevation", road.s_m, road.height_m)
     places = added(found, "lanes")
-    _profile(places, "laneOffset", road.s_m, road.width_m / 2)
+    _profile(places, "laneOffset", road.s_m, road.border_m[:, 0])
     section = added(places, "laneSection", s=0)
     center = added(added(section, "center"), "lane", id=0, type="none", level="false")
-    _mark(center, lane.left_mark)
-    right, kind = added(section, "right"), _LANE_TYPES[lane.kind]
-    own = added(right, "lane", id=-1, type=kind, level="false")
-    link = added(own, "link")
-    for tag, one in zip(tags, links, strict=True):
-        if one is not None and one["elementType"] == "road":
-            added(link, tag, id=-1)
-    _profile(own, "width", road.s_m, road.width_m)
-    _mark(own, lane.right_mark)
-    return found
-
-
-def _tell(road: etree._Element, lane: Lane) -> None:
-    """Add what only this editor reads."""
-    own = road.find("lanes/laneSection/right/lane")
-    for code, value in (
-        (LEFT, lane.left_neighbor),
-        (RIGHT, lane.right_neighbor),
-        (INTERSECTION, lane.is_intersection or None),
+    _mark(center, lanes[0].left_mark)
+    right = added(section, "right")
+    for n, (lane, width) in enumerate(
+        zip(lanes, -np.diff(road.border_m).T, strict=True)
     ):
-        if value is not None:
-            added(own, "userData", code=code, value=value)
+        about = {"type": _LANE_TYPES[lane.kind], "level": "false"}
+        own = added(right, "lane", id=-1 - n, **about)
+        link = added(own, "link")
+        for tag, _, there in ends:
+            if not isinstance(there, int) and (one := there[n]) is not None:
+                added(link, tag, id=one[1])
+        _profile(own, "width", road.s_m, width)
+        _mark(own, lane.right_mark)
+    return found
 
 
 def _profile(
@@ -405,33 +597,46 @@ def _mark(lane: etree._Element, mark: LaneMark) -> None:
 
 def _connect(
     root: etree._Element,
-    lanes: Sequence[Lane],
-    roads: Sequence[_Road],
+    road_map: RoadMap,
+    roads: Mapping[int, _Road],
+    places: Mapping[int, Place],
     bridges: Mapping[int, _Road],
-    junctions: Sequence[tuple[int, Sequence[tuple[int, int]]]],
+    junctions: Mapping[int, Links],
     ids: Iterator[int],
 ) -> None:
     """Add the connecting roads, and after them the junctions."""
     found = []
-    for number, links in junctions:
+    for number, links in junctions.items():
         junction = etree.Element("junction", id=str(number), name="")
         for index, (one, other) in enumerate(links):
-            own = next(ids)
-            widths = np.array([bridges[one].width_m[0], roads[other].width_m[0]])
-            road = replace(bridges[one], width_m=widths)
-            ends = _to_road(lanes[one], "end"), _to_road(lanes[other], "start")
-            _road(root, (own, number), lanes[one], road, ends)
-            way = {"incomingRoad": lanes[one].lane_id, "connectingRoad": own}
+            own, before, after = next(ids), places[one], places[other]
+            bridge, there = bridges[before[0]], roads[after[0]]
+            ahead, aside = _step_m(bridge, there)
+            its = there.border_m[0] + aside
+            border = [
+                line[[-1 - lane, -lane]]
+                for line, (_, lane) in ((bridge.border_m[0], before), (its, after))
+            ]
+            pieces = bridge.pieces.copy()
+            pieces[0, 4] = max(pieces[0, 4] + ahead, _SAME_VALUE_M)
+            s = np.array([0.0, pieces[0, 4]])
+            road = replace(bridge, pieces=pieces, s_m=s, border_m=np.stack(border))
+            lanes = [road_map.lane_of[one]]
+            _road(root, (own, number), lanes, road, ([before], [after]))
+            way = {"incomingRoad": before[0], "connectingRoad": own}
             way = added(junction, "connection", id=index, contactPoint="start", **way)
-            added(way, "laneLink", **{"from": -1, "to": -1})
+            added(way, "laneLink", **{"from": before[1], "to": -1})
         found.append(junction)
     root.extend(found)
 
 
 def _objects(
-    road_map: RoadMap, roads: Sequence[_Road], ids: Iterator[int]
+    road_map: RoadMap,
+    roads: Mapping[int, _Road],
+    road_of: Mapping[int, int],
+    ids: Iterator[int],
 ) -> dict[int, etree._Element]:
-    """Crosswalks and drivable areas as objects of the nearest road, by its row."""
+    """Crosswalks and drivable areas as objects of the nearest road, by its id."""
     paved = {"fillType": PAVING}
     shapes = [("crosswalk", {}, one.outline_m()) for one in road_map.crosswalks]
     shapes += [("none", paved, one.boundary[:, :2]) for one in road_map.drivable_areas]
@@ -441,8 +646,9 @@ def _objects(
     found: dict[int, etree._Element] = {}
     for kind, filling, ring in shapes:
         middle = (ring.min(axis=0) + ring.max(axis=0)) / 2
-        row = int(tree.nearest(shapely.Point(middle)))
-        lines = roads[row].pieces[roads[row].pieces[:, 5] == 0]
+        lane = road_map.lanes[int(tree.nearest(shapely.Point(middle)))]
+        road = road_of[lane.lane_id]
+        lines = roads[road].pieces[roads[road].pieces[:, 5] == 0]
         half = lines[:, 4] / 2
         places = lines[:, 1:3] + half[:, None] * unit_vector(lines[:, 3])
         near = int(np.hypot(*(places - middle).T).argmin())
@@ -453,7 +659,7 @@ def _objects(
         length, width = np.maximum(np.ptp(local, axis=0), 0.01)
         place = {"s": lines[near, 0] + half[near], "t": beside, "zOffset": 0, "hdg": 0}
         size = {"length": length, "width": width, "height": 0}
-        objects = found.setdefault(row, etree.Element("objects"))
+        objects = found.setdefault(road, etree.Element("objects"))
         about = {"id": next(ids), "type": kind, "orientation": "none"}
         outlines = added(added(objects, "object", **about, **place, **size), "outlines")
         outline = added(outlines, "outline", id=0, closed="true", **filling)

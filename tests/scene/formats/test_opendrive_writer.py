@@ -53,35 +53,61 @@ def written(scenario: Scenario, folder: Path) -> Path:
     return folder / f"{scenario.scenario_id}.xodr"
 
 
-def links_of(root: etree._Element) -> set[tuple[str, str]]:
-    """Links of roads, of which connecting ones are passed through."""
+Lanes = tuple[str, str]
+"""Ids of a road and of a lane in it."""
+
+
+def links_of(root: etree._Element) -> set[tuple[Lanes, Lanes]]:
+    """Links of lanes, of which those of connecting roads are passed through."""
     found = set()
     for road in root.findall("road"):
         ends = [road.find(f"link/{tag}") for tag in ("predecessor", "successor")]
-        if road.get("junction") != "-1":
-            assert float(road.get("length", "")) < JOINT_M
-            found.add(tuple(end.get("elementId") for end in ends))
-        elif ends[1] is not None and ends[1].get("elementType") == "road":
-            found.add((road.get("id"), ends[1].get("elementId")))
+        is_bridge = road.get("junction") != "-1"
+        assert not is_bridge or float(road.get("length", "")) < JOINT_M
+        for lane in road.findall(".//right/lane"):
+            own = [lane.find(f"link/{tag}") for tag in ("predecessor", "successor")]
+            before, after = (
+                None if one is None else (end.get("elementId"), one.get("id"))
+                for one, end in zip(own, ends, strict=True)
+            )
+            before = before if is_bridge else (road.get("id"), lane.get("id"))
+            if after is not None:
+                found.add((before, after))
     return found
 
 
-def own_links(scenario: Scenario) -> set[tuple[str, str]]:
-    lane_of = scenario.road_map.lane_of
+def own_links(scenario: Scenario, path: Path) -> set[tuple[Lanes, Lanes]]:
+    lane_of, name = scenario.road_map.lane_of, lane_names(path)
     return {
-        (str(lane.lane_id), str(one))
+        (name[lane.lane_id], name[one])
         for lane in lane_of.values()
         for one in lane.successors
         if one in lane_of
     }
 
 
+def lane_names(path: Path) -> dict[int, Lanes]:
+    """Ids of roads and lanes by our ids of lanes, as the table beside a file tells them."""
+    table = io.StringIO((path.parent / IDS_NAME).read_text())
+    rows = [one for one in csv.DictReader(table) if one["kind"] == "lane"]
+    names = [one["id in the file"].split() for one in rows]
+    return {int(one["id"]): (a, b) for one, (a, b) in zip(rows, names, strict=True)}
+
+
 def check_roads(scenario: Scenario, path: Path) -> None:
     """The file, and what our reader makes of it, has the scenario's lanes."""
-    assert links_of(etree.parse(path).getroot()) == own_links(scenario)
-    found = read(path)
-    mine, theirs = scenario.road_map.lanes, found.road_map.lanes
-    assert len(mine) == len(theirs)
+    root = etree.parse(path).getroot()
+    assert links_of(root) == own_links(scenario, path)
+    found, names = read(path), lane_names(path)
+    order = [
+        (road.get("id", ""), lane.get("id", ""))
+        for road in root.findall("road[@junction='-1']")
+        for lane in road.findall(".//right/lane")
+    ]
+    theirs = dict(zip(order, found.road_map.lanes, strict=True))
+    mine = scenario.road_map.lanes
+    of_name = {names[lane.lane_id]: lane for lane in mine}
+    theirs = [theirs[names[lane.lane_id]] for lane in mine]
     number = {a.lane_id: b.lane_id for a, b in zip(mine, theirs, strict=True)}
     for lane, other in zip(mine, theirs, strict=True):
         for name in ("successors", "predecessors"):
@@ -89,8 +115,13 @@ def check_roads(scenario: Scenario, path: Path) -> None:
             assert set(getattr(other, name)) == known
         for name in ("left_neighbor", "right_neighbor"):
             assert getattr(other, name) == number.get(getattr(lane, name))
-        for name in ("kind", "is_intersection", "left_mark", "right_mark"):
+        for name in ("kind", "is_intersection", "right_mark"):
             assert getattr(other, name) == getattr(lane, name)
+        road, place = names[lane.lane_id]
+        # Neighbours have one marking between them.
+        beside = of_name.get((road, str(int(place) + 1)), lane)
+        mark = lane.left_mark if beside is lane else beside.right_mark
+        assert other.left_mark == mark
         lines = [
             shapely.LineString(one.centerline_m + scene.origin_city_m)
             for one, scene in ((lane, scenario), (other, found))
@@ -298,7 +329,7 @@ def test_roads_alone_are_written_without_agents_and_told_losses(tmp_path: Path):
     files = write(bare).files
     assert [Path(name).suffix for name in files] == [".xodr", ".csv"]
     assert write(bare).files == files
-    assert any("Neighbours" in loss for loss in write(scenario).losses)
+    assert any(" neighbours" in loss for loss in write(scenario).losses)
 
 
 def test_lanes_without_length_are_refused():
@@ -356,15 +387,23 @@ def test_netconvert_reads_the_same_links(
 def check_netconvert(scenario: Scenario, path: Path) -> None:
     """SUMO's network of a road network has the scenario's lanes and links."""
     net = netconverted(path)
-    roads = {str(lane.lane_id) for lane in scenario.road_map.lanes}
     edges = [one for one in net.findall("edge") if one.get("function") is None]
-    assert {one.get("id").lstrip("-") for one in edges} == roads
-    assert len(edges) == len(roads)
+    width = {one.get("id"): len(one.findall("lane")) for one in edges}
+
+    def name(edge: str, lane: str) -> Lanes:
+        """SUMO counts lanes from the right."""
+        return edge.removeprefix("-"), str(int(lane) - width[edge])
+
+    names = {name(edge, str(lane)) for edge in width for lane in range(width[edge])}
+    assert names == set(lane_names(path).values())
     assert {
-        (one.get("from").lstrip("-"), one.get("to").lstrip("-"))
+        (
+            name(one.get("from"), one.get("fromLane")),
+            name(one.get("to"), one.get("toLane")),
+        )
         for one in net.findall("connection")
         if not one.get("from").startswith(":")
-    } == own_links(scenario)
+    } == own_links(scenario, path)
 
 
 def netconverted(path: Path) -> etree._Element:
