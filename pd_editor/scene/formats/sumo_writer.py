@@ -1,7 +1,7 @@
 """Writes scenes as SUMO networks with floating-car data and routes."""
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from heapq import heappop, heappush
 from typing import Final
@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
-from pd_editor.scene.formats.scene_format import WrittenScene, losses_of
+from pd_editor.scene.formats.file_signal import WORDS
+from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.formats.sumo_net import ALLOWED_ON, CROSSWALK, JUNCTION, PAVED
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, resample
@@ -22,6 +23,7 @@ from pd_editor.scene.paths.lanes.route_choice import (
 )
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import SignalState
 
 _CLASSES: Final = {
     AgentKind.VEHICLE: "passenger",
@@ -60,6 +62,12 @@ def write(scenario: Scenario) -> WrittenScene:
     losses: list[str] = list(_LOSSES)
     if left_out:
         losses.append(f"Routes of {left_out} vehicles that do not follow lanes.")
+    if scenario.signals:
+        lights = {light for light, _ in network.light_of.values()}
+        nowhere = len(scenario.signals) - len(lights)
+        losses.append(
+            f"{nowhere} signals of lanes that lead nowhere, and stop lines within lanes."
+        )
     config = [
         f'<input><net-file value="{name}.net.xml"/><route-files value="{name}.rou.xml"/>'
         f'<additional-files value="{name}.add.xml"/></input>',
@@ -68,6 +76,7 @@ def write(scenario: Scenario) -> WrittenScene:
     ]
     table = [f"lane {number},{other}" for number, other in network.name_of.items()]
     table += [f"agent {one},{_as_id(one)}" for one in scenario.agents.ids]
+    table += [f"signal {one.signal_id},tl{n}" for n, one in enumerate(scenario.signals)]
     parts = {
         "net.xml": ('net version="1.20" limitTurnSpeed="-1"', network.lines()),
         "add.xml": ("additional", _areas(scenario)),
@@ -85,7 +94,7 @@ def write(scenario: Scenario) -> WrittenScene:
     files["ids.csv"] = "\n".join(["ours,sumo", *table, ""])
     return WrittenScene(
         files={name: text.encode() for name, text in files.items()},
-        losses=losses_of(scenario, *losses),
+        losses=tuple(losses),
     )
 
 
@@ -105,6 +114,9 @@ class _Network:
             n: [known[m] for m in dict.fromkeys(lane.successors) if m in known]
             for n, lane in known.items()
         }
+        self._signals, self._step_s = scenario.signals, scenario.time_axis.step_s
+        self.light_of = self._light_of()
+        """Signal and index of the links that obey one, by their lanes."""
         speed = np.hypot(*scenario.agents.velocity_mps.reshape(-1, 2).T)
         self.speed_mps = float(max(_LEAST_SPEED_MPS, speed.max(initial=0.0) + 0.1))
         self._parent = list(range(2 * len(self.groups)))
@@ -120,6 +132,33 @@ class _Network:
             self._parent[end] = self._parent[self._parent[end]]
             end = self._parent[end]
         return end
+
+    def _light_of(self) -> dict[tuple[int, int], tuple[int, int]]:
+        links = [(n, one.lane_id) for n, after in self.after.items() for one in after]
+        found: dict[tuple[int, int], tuple[int, int]] = {}
+        for number, signal in enumerate(self._signals):
+            sides = (signal.stop_share >= 0.5).tolist()
+            # A lane's end is the start of those that follow it.
+            stops = {*zip(signal.lane_ids, sides, strict=True)}
+            mine = [
+                (a, b) for a, b in links if (a, True) in stops or (b, False) in stops
+            ]
+            free = [link for link in mine if link not in found]
+            found |= {link: (number, index) for index, link in enumerate(free)}
+        return found
+
+    def _lights(self) -> Iterator[str]:
+        """Programmes of the signals that have links: their states, again and again."""
+        count = Counter(number for number, _ in self.light_of.values())
+        for number, links in count.items():
+            states = self._signals[number].states
+            begins = np.flatnonzero(np.diff(states, prepend=-1))
+            seconds = np.diff(begins, append=len(states)) * self._step_s
+            yield f'<tlLogic id="tl{number}" type="static" programID="0" offset="0">'
+            for row, duration in zip(begins.tolist(), seconds.tolist(), strict=True):
+                letters = WORDS[SignalState(int(states[row]))][2] * links
+                yield f'<phase duration="{duration:.2f}" state="{letters}"/>'
+            yield "</tlLogic>"
 
     def length_m(self, edge: int) -> float:
         """Length of an edge, which all its lanes have for SUMO."""
@@ -154,6 +193,7 @@ class _Network:
         )
         for edge, group in enumerate(self.groups):
             yield from self._edge(edge, group)
+        yield from self._lights()
         ends: defaultdict[int, list[int]] = defaultdict(list)
         for end in range(2 * len(self.groups)):
             ends[self._junction(end)].append(end)
@@ -164,9 +204,13 @@ class _Network:
                 (start, lane), (end, its_lane) = (
                     self.place_of[n] for n in (number, one.lane_id)
                 )
+                light = self.light_of.get((number, one.lane_id))
+                told = 'state="M"'
+                if light is not None:
+                    told = f'tl="tl{light[0]}" linkIndex="{light[1]}" state="o"'
                 yield (
                     f'<connection from="e{start}" to="e{end}" fromLane="{lane}" '
-                    f'toLane="{its_lane}" dir="s" state="M"/>'
+                    f'toLane="{its_lane}" dir="s" {told}/>'
                 )
 
     def _edge(self, edge: int, group: list[Lane]) -> Iterator[str]:
@@ -193,8 +237,10 @@ class _Network:
         points = [lane.centerline_m[-1 if last else 0] for lane, last in touching]
         place = np.mean(points, axis=0) + self._origin
         names = " ".join(self.name_of[lane.lane_id] for lane in arriving)
+        obeys = any((a.lane_id, b.lane_id) in self.light_of for a, b in links)
+        kind = "traffic_light" if obeys else "priority" if links else "dead_end"
         yield (
-            f'<junction id="j{junction}" type="{"priority" if links else "dead_end"}" '
+            f'<junction id="j{junction}" type="{kind}" '
             f'x="{place[0]:.4f}" y="{place[1]:.4f}" incLanes="{names}" intLanes="" '
             f'shape="{_shape(place[None])}">'
         )

@@ -15,9 +15,11 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.registry import writer
+from pd_editor.scene.formats.sumo_writer import write
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.road_map import LaneKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import Signal
 
 DEMO = "signalised-junction"
 
@@ -137,6 +139,41 @@ def test_vehicles_on_lanes_that_are_not_for_them_have_no_route(tmp_path: Path):
     road_map = scenario.road_map
     lanes = tuple(replace(one, kind=LaneKind.BUS) for one in road_map.lanes)
     check(replace(scenario, road_map=replace(road_map, lanes=lanes)), tmp_path)
+
+
+def test_signals_come_back_and_run_in_sumo(tmp_path: Path):
+    """At the start of a lane, at the end of another one, and where no lane leads on."""
+    scenario = open_scenario(DEMO)
+    known, steps = scenario.road_map.lane_of, scenario.agents.num_steps
+    first = [n for n, one in known.items() if known.keys() & {*one.predecessors}]
+    inside = [n for n in first if known[n].is_intersection]
+    before = next(
+        n
+        for n, one in known.items()
+        if not one.is_intersection and known.keys() & {*one.successors}
+        if inside[0] not in one.successors
+    )
+    dead_end = next(
+        n for n, one in known.items() if not known.keys() & {*one.successors}
+    )
+    states = np.repeat(np.array([0, 1, 3, 2], np.int8), [10, 40, 40, steps - 90])
+    signals = (
+        Signal(signal_id='"a"', lane_ids=(inside[0],), stop_share=np.zeros(1), states=states),
+        Signal(signal_id="b", lane_ids=(before,), stop_share=np.ones(1), states=states[::-1].copy()),
+        Signal(signal_id="c", lane_ids=(dead_end,), stop_share=np.ones(1), states=states.copy()),
+    )  # fmt: skip
+    scene = replace(scenario, signals=signals)
+    check(scene, tmp_path)
+    assert write(scene).losses[-1].startswith("1 signals of lanes that lead nowhere")
+    net_file, ids = written(scene, tmp_path)
+    back = open_scenario(net_file)
+    found = {ids_of.partition(":")[0]: n for n, ids_of in enumerate(
+        one.signal_id for one in back.signals)}  # fmt: skip
+    for own, line in zip(signals[:2], scene.stop_lines_m(), strict=False):
+        row = found[ids[f"signal {own.signal_id}"]]
+        np.testing.assert_array_equal(back.signals[row].states[:steps], own.states)
+        gap = back.stop_lines_m()[:, 1] + back.origin_city_m - line[1]
+        assert np.hypot(*(gap - scene.origin_city_m).T).min() < 1e-3
 
 
 def test_a_zip_of_an_export_keeps_its_motion(tmp_path: Path):
