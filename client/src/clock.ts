@@ -1,0 +1,32 @@
+// Steps and seconds of the timeline, without the page.
+import type { PlayheadState, TimelineState } from "./messages.ts";
+
+/** At most so many seconds have a number on the track. */
+const MOST_TICKS = 24;
+
+export const secondsOf = (step: number, axis: Pick<TimelineState, "stepS">): number => step * axis.stepS;
+
+/** A time as the page shows it, with a true minus sign. */
+export function inWords(step: number, axis: Pick<TimelineState, "stepS">): string {
+  const sign = step < -0.05 ? "\u2212" : "";
+  return `${sign}${Math.abs(secondsOf(step, axis)).toFixed(1)} s`;
+}
+
+/** The step that is shown so many seconds after a message of the server. */
+export function stepAfter(seconds: number, head: PlayheadState, { beginStep, endStep, stepS }: TimelineState): number {
+  if (!head.isPlaying) return head.step;
+  const step = head.step + (seconds / stepS) * head.speed;
+  if (step <= endStep) return step;
+  const length = endStep - beginStep;
+  if (!head.loops || length <= 0) return endStep;
+  return beginStep + ((step - endStep) % length);
+}
+
+/** Whole seconds that are marked on the track. */
+export function ticks(axis: TimelineState): number[] {
+  const first = Math.ceil(secondsOf(axis.firstStep, axis) - 1e-6);
+  const last = Math.floor(secondsOf(axis.lastStep, axis) + 1e-6);
+  const every = Math.max(1, Math.ceil((last - first) / MOST_TICKS));
+  const all = Array.from({ length: last - first + 1 }, (_, index) => first + index);
+  return all.filter((second) => second % every === 0);
+}

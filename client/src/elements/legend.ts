@@ -1,0 +1,43 @@
+// The legend: a chip that unfolds upwards; the page remembers whether it is folded.
+import { button, make, recall, remember } from "../dom.ts";
+import { define } from "../frame.ts";
+import { padlock } from "../shared.ts";
+
+const KEPT = "pd-legend-folded";
+// Drawn, and listed, while it is asked what could happen.
+const ARCS = [
+  ["Could threaten it", "var(--pd-bad)"],
+  ["Could yield", "var(--pd-guide)"],
+].map(([text, color]) => ({ text, glyph: "line", color, keeps: "", isArc: true }));
+
+define("legend", (api) => {
+  const box = make("div", "pd-solid pd-legend-box");
+  const list = make("ul", "pd-legend-list", { id: "pd-legend-list" });
+  const chip = button("pd-legend-chip", "Legend", () => fold(!list.hidden), { "aria-controls": "pd-legend-list" });
+  box.append(list, chip);
+  api.box.append(box);
+
+  function fold(isFolded: boolean) {
+    list.hidden = isFolded;
+    chip.setAttribute("aria-expanded", String(!isFolded));
+    remember(KEPT, isFolded);
+  }
+  fold(recall(KEPT) === true);
+
+  return ({ entries }) => {
+    const lines = [...entries.map((entry) => ({ ...entry, isArc: false })), ...ARCS];
+    list.replaceChildren(
+      ...lines.map(({ text, glyph, color, keeps, isArc }) => {
+        const item = make("li", isArc ? "pd-legend-arc" : "");
+        const mark = make("span", `pd-legend-mark pd-legend-${glyph}`);
+        mark.style.color = color;
+        if (keeps) {
+          mark.classList.add(`pd-lock-${keeps}`);
+          mark.append(padlock());
+        }
+        item.append(mark, make("span", "", {}, text));
+        return item;
+      }),
+    );
+  };
+});

@@ -1,0 +1,152 @@
+// viser's own panel: which of its tabs is open, when the pointer holds one of its
+// sliders, how its fields are left, whether its settings are offered, and how its dialogs
+// are left.
+import * as viser from "../bridge.ts";
+import { within } from "../dom.ts";
+import { define, hearFirst, listen, markBody, onDispose, root } from "../frame.ts";
+
+const PATIENCE_MS = 8000;
+const RETRY_MS = 250;
+
+define("panel", (api) => {
+  let wanted: string | null = null;
+  let told: string | null = null;
+  let startedAt = 0;
+  let triedAt = Number.NEGATIVE_INFINITY;
+
+  const tabs = () => [...document.querySelectorAll<HTMLElement>(viser.TAB)].filter((tab) => !root.contains(tab));
+  const isOpen = (tab: HTMLElement) => tab.getAttribute("aria-selected") === "true";
+  const title = (tab: HTMLElement) => tab.textContent.trim();
+
+  // A tab that was open before the page was reloaded is opened once it is there.
+  function restore() {
+    if (wanted === null) return;
+    const now = performance.now();
+    const tab = tabs().find((one) => title(one) === wanted);
+    if ((tab && isOpen(tab)) || now - startedAt > PATIENCE_MS) wanted = null;
+    else if (tab && now - triedAt > RETRY_MS) {
+      triedAt = now;
+      viser.openTab(tab);
+    }
+  }
+
+  function tell() {
+    restore();
+    if (wanted !== null) return;
+    const open = tabs().find(isOpen);
+    if (!open || title(open) === told) return;
+    told = title(open);
+    const box = scrolled();
+    if (box) box.scrollTop = places.get(told) ?? 0;
+    api.send({ kind: "tab", title: told });
+  }
+
+  // viser scrolls all tabs as one: each shall be where it was left, at first at its top.
+  const places = new Map<string, number>();
+  const scrolled = () => tabs().find(isOpen)?.closest(viser.SCROLLED);
+  listen(
+    document,
+    "scroll",
+    ({ target }) => {
+      const box = scrolled();
+      if (told !== null && box && target === box) places.set(told, box.scrollTop);
+    },
+    { capture: true },
+  );
+
+  // viser tells a slider's values, not that the pointer has let go of it. Outside of the
+  // window no pointer tells either: a slider is let go when the window is left.
+  let isHeld = false;
+  function release() {
+    if (!isHeld) return;
+    isHeld = false;
+    api.send({ kind: "release" });
+  }
+  hearFirst("pointerdown", (event) => {
+    release();
+    if (event.button !== 0 || root.contains(event.target as Node)) return;
+    if (!within(event, viser.SLIDER)) return;
+    isHeld = true;
+    api.send({ kind: "hold" });
+  });
+  hearFirst("pointerup", release);
+  hearFirst("pointercancel", release);
+  // Not in the capture phase: there every element that loses the focus would tell.
+  listen(window, "blur", release);
+
+  // Enter finishes what is typed: keys are the editor's again, such as Ctrl+Z, by which the
+  // browser would else take back the typing.
+  listen(window, "keydown", (event) => {
+    if (event.key !== "Enter" || event.isComposing || !(event.target instanceof HTMLInputElement)) return;
+    const field = event.target;
+    if (field.matches("[type=checkbox], [type=range]") || field.closest("[role=dialog]")) return;
+    if (field.closest(`${viser.FIELD}, .pd-guidance-inputs`)) field.blur();
+  });
+
+  // viser sends no number of a field that is emptied, so that the number before it stays
+  // in force: the field shows it again once it is left.
+  const numbers = new WeakMap<HTMLInputElement, string>();
+  const isNumber = (text: string) => text.trim() !== "" && Number.isFinite(Number(text));
+  const numberField = (event: Event) => within(event, viser.NUMBER) as HTMLInputElement | null;
+  listen(
+    document,
+    "beforeinput",
+    (event) => {
+      const field = numberField(event);
+      if (field && isNumber(field.value)) numbers.set(field, field.value);
+    },
+    { capture: true },
+  );
+  listen(
+    document,
+    "focusout",
+    (event) => {
+      const field = numberField(event);
+      // After viser's own handling, which clears what is no number.
+      if (field) setTimeout(() => restoreNumber(field));
+    },
+    { capture: true },
+  );
+  // The server has this number already, so that nothing is edited.
+  function restoreNumber(field: HTMLInputElement) {
+    const number = numbers.get(field);
+    if (number !== undefined && !isNumber(field.value)) viser.typeInto(field, number);
+  }
+
+  // Escape and a press beside a dialog choose its last button, which changes nothing;
+  // viser leaves both without an effect.
+  function leaveDialog(): boolean {
+    const dialog = [...document.querySelectorAll(viser.DIALOG)].at(-1);
+    const last = [...(dialog?.querySelectorAll("button") ?? [])].at(-1);
+    last?.click();
+    return last !== undefined;
+  }
+  hearFirst("keydown", (event) => {
+    if (event.key === "Escape" && leaveDialog()) event.stopImmediatePropagation();
+  });
+  hearFirst("click", ({ target }) => {
+    if (target instanceof Element && target.matches(viser.BESIDE_DIALOG)) leaveDialog();
+  });
+
+  const observer = new MutationObserver(tell);
+  onDispose(() => {
+    observer.disconnect();
+    markBody("pd-debug", false);
+  });
+
+  return (state) => {
+    markBody("pd-debug", state.isDebug);
+    const open = tabs().find(isOpen);
+    if (state.instead !== null && open && title(open) !== state.instead) return;
+    wanted = state.tab;
+    told = state.instead ?? state.tab;
+    startedAt = performance.now();
+    observer.observe(document.body, {
+      subtree: true,
+      childList: true,
+      attributes: true,
+      attributeFilter: ["aria-selected"],
+    });
+    tell();
+  };
+});

@@ -1,0 +1,137 @@
+// Placing: a crosshair, a ghost under the pointer, a press that is dragged to turn it.
+//
+// While the mode is on, left presses on the picture belong to it: viser does not hear
+// them, so that neither the camera turns nor a rectangle is drawn.
+import { ground, project } from "../bridge.ts";
+import { hasModifier, isTyping, svg } from "../dom.ts";
+import {
+  define,
+  followPress,
+  hearFirst,
+  isModePress,
+  isOnPicture,
+  local,
+  markBody,
+  onDispose,
+  onView,
+  type Press,
+  paced,
+  take,
+} from "../frame.ts";
+import { along, distance, type Ground, isSeen, type Pixel } from "../geometry.ts";
+import type { PlacingState } from "../messages.ts";
+
+const TURN_PX = 8;
+const ASK_MS = 60;
+
+define("placing", (api) => {
+  let mode: PlacingState | null = null;
+  let at: Pixel | null = null;
+  let press: (Press & { point: Ground; heading: number | null }) | null = null;
+
+  const drawing = svg("svg", "pd-placing-ghost", { "aria-hidden": "true" });
+  const [base, edges, arrow] = ["base", "edges", "arrow"].map((name) => svg("path", `pd-placing-${name}`));
+  drawing.append(base, edges, arrow);
+  api.box.append(drawing);
+
+  function draw() {
+    const place = mode?.isActive ? (press?.point ?? (at && ground(...at))) : null;
+    const lines = mode && place && ghost(mode, place, press?.heading ?? mode.headingRad);
+    drawing.style.display = lines ? "" : "none";
+    if (!mode || !lines) return;
+    [base, edges, arrow].forEach((path, index) => {
+      path.setAttribute("d", lines[index]);
+    });
+    drawing.style.setProperty("--pd-placing", mode.color);
+  }
+
+  // Its ground plan, its edges and its arrow, as SVG; null where a part is not seen.
+  function ghost(state: PlacingState, place: Ground, heading: number): string[] | null {
+    const [length, width, height] = state.sizeM;
+    const [cos, sin] = [Math.cos(heading), Math.sin(heading)];
+    const pixel = (forward: number, left: number, up: number) =>
+      project([place[0] + forward * cos - left * sin, place[1] + forward * sin + left * cos, up]);
+    const ring = (up: number) => [
+      pixel(length / 2, width / 2, up),
+      pixel(length / 2, -width / 2, up),
+      pixel(-length / 2, -width / 2, up),
+      pixel(-length / 2, width / 2, up),
+    ];
+    const reach = length / 2 + Math.max(2.2, length * 0.4);
+    const [low, high] = [ring(0), ring(height)];
+    const [tail, tip, left, right] = [
+      pixel(length / 2 + 0.3, 0, 0),
+      pixel(reach, 0, 0),
+      pixel(reach - 0.9, 0.6, 0),
+      pixel(reach - 0.9, -0.6, 0),
+    ];
+    if (![...low, ...high, tail, tip, left, right].every(isSeen)) return null;
+    return [
+      `${along(low)}Z`,
+      `${along(high)}Z${low.map((point, index) => along([point, high[index]])).join("")}`,
+      along([tail, tip]) + along([left, tip, right]),
+    ];
+  }
+
+  const { ask } = paced(ASK_MS, () => {
+    const point = mode?.isActive && !press && at ? ground(...at) : null;
+    if (point) api.send({ kind: "point", point });
+    return point !== null;
+  });
+
+  hearFirst("pointerdown", (event) => {
+    if (!mode?.isActive || !isModePress(event)) return;
+    take(event);
+    at = local(event);
+    const point = ground(...at);
+    if (point) press = { id: event.pointerId, at, point, heading: null };
+    draw();
+  });
+
+  hearFirst("pointermove", (event) => {
+    if (!mode?.isActive) return;
+    if (press) {
+      if (event.pointerId !== press.id) return;
+      at = local(event);
+      const isFar = distance(at, press.at) > TURN_PX;
+      const point = isFar ? ground(...at) : null;
+      if (point) press.heading = Math.atan2(point[1] - press.point[1], point[0] - press.point[0]);
+      else if (!isFar) press.heading = null;
+    } else {
+      at = isOnPicture(event) ? local(event) : null;
+      if (at && event.buttons === 0) ask();
+    }
+    draw();
+  });
+
+  function giveUp() {
+    press = null;
+    draw();
+  }
+  followPress(
+    () => press,
+    (_event, { point, heading }) => {
+      api.send({ kind: "place", point, headingRad: heading });
+      giveUp();
+    },
+    giveUp,
+  );
+
+  // Before viser's hot keys, which may mean something else by digits.
+  hearFirst("keydown", (event) => {
+    if (!mode?.isActive || hasModifier(event) || isTyping(event)) return;
+    const number = Number(event.key);
+    if (!Number.isInteger(number) || number < 1 || number > mode.numKinds) return;
+    take(event);
+    api.send({ kind: "kind", number });
+  });
+
+  onView(draw);
+  onDispose(() => markBody("pd-crosshair", false));
+  return (state) => {
+    if (!state.isActive) press = null;
+    mode = state;
+    markBody("pd-crosshair", state.isActive);
+    draw();
+  };
+});

@@ -1,0 +1,166 @@
+// The strip of samples, above the timeline: a card for each sample of the last run.
+//
+// Pictures come apart from the rest, since they are large and change with a run only.
+import { button, closeButton, make, option } from "../dom.ts";
+import { define, root } from "../frame.ts";
+import { clamp } from "../geometry.ts";
+import type { SampleCard, SamplesState } from "../messages.ts";
+
+let pictures: readonly string[] = [];
+let redraw = () => {};
+
+define("samples", (api) => {
+  const strip = make("section", "pd-solid pd-samples", { "aria-label": "Samples" });
+  const head = make("div", "pd-samples-head");
+  const title = make("strong", "pd-samples-title");
+  const chooser = (label: string, kind: "rank" | "pick") => {
+    const select = make("select", "", { "aria-label": label, title: label });
+    select.addEventListener("change", () =>
+      api.send({ kind, value: kind === "pick" ? Number(select.value) : select.value }),
+    );
+    return select;
+  };
+  const ranking = chooser("Order of the samples", "rank");
+  const pick = chooser("Samples shown", "pick");
+  const hint = "Point to preview, click to use, C compares";
+  const close = closeButton("Close the samples", "Esc", () => api.send({ kind: "close" }));
+  head.append(title, ranking, pick, make("span", "pd-samples-hint", {}, hint), close);
+  const list = make("div", "pd-samples-list", {
+    role: "listbox",
+    "aria-label": "Samples of the last run",
+    "aria-orientation": "horizontal",
+  });
+  strip.append(head, list);
+  strip.hidden = true;
+  api.box.append(strip);
+
+  let state: SamplesState | null = null;
+  let cursor: number | null = null;
+  let pointed: number | null = null;
+  let shownInUse: number | null = null; // the card in use that was scrolled into sight
+
+  function point(index: number | null) {
+    if (pointed === index) return;
+    pointed = index;
+    api.send(index === null ? { kind: "leave" } : { kind: "point", value: index });
+  }
+
+  const cards = () => [...list.querySelectorAll<HTMLElement>(".pd-sample")];
+  const indexOf = (card: HTMLElement) => Number(card.dataset.index);
+
+  function moveTo(place: number) {
+    const all = cards();
+    if (!all.length) return;
+    const card = all[clamp(place, 0, all.length - 1)];
+    cursor = indexOf(card);
+    for (const one of all) one.tabIndex = one === card ? 0 : -1;
+    card.focus({ preventScroll: true });
+    card.scrollIntoView({ block: "nearest", inline: "nearest" });
+    point(cursor);
+  }
+
+  strip.addEventListener("pointerleave", () => point(null));
+  strip.addEventListener("keydown", (event) => {
+    const place = cards().findIndex((one) => indexOf(one) === cursor);
+    const target = { ArrowLeft: place - 1, ArrowRight: place + 1, Home: 0, End: Number.POSITIVE_INFINITY }[event.key];
+    const at = event.target as HTMLElement;
+    if (event.key === "Escape") api.send({ kind: "close" });
+    else if (at.tagName === "SELECT") return;
+    else if (target !== undefined) moveTo(target);
+    else if (event.key === "Enter" && at.classList.contains("pd-sample"))
+      api.send({ kind: "adopt", value: indexOf(at) });
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  });
+  strip.addEventListener("focusout", (event) => {
+    if (!strip.contains(event.relatedTarget as Node | null) && !strip.matches(":hover")) point(null);
+  });
+
+  function fill(select: HTMLSelectElement, choices: SamplesState["picks"], value: string | number) {
+    const text = JSON.stringify(choices);
+    if (select.dataset.options !== text) {
+      select.dataset.options = text;
+      select.replaceChildren(...choices.map((one) => option(one.value, one.text)));
+    }
+    select.value = String(value);
+  }
+
+  function cardOf({ index, rank, isAdopted, lines, hint }: SampleCard) {
+    const box = make("div", "pd-sample-box");
+    const card = make("div", "pd-sample", {
+      role: "option",
+      tabindex: "-1",
+      "aria-selected": String(isAdopted),
+      "aria-label": `Sample ${index + 1}`,
+      title: hint,
+    });
+    card.dataset.index = String(index);
+    const picture = make("img", "", { alt: "", draggable: "false" });
+    if (pictures[index]) picture.src = pictures[index];
+    const name = make("div", "pd-sample-name");
+    name.append(
+      make("span", "", {}, `Sample ${index + 1}`),
+      make("span", "pd-sample-rank", {}, isAdopted ? `in use \u00b7 ${rank}.` : `${rank}.`),
+    );
+    card.append(
+      picture,
+      name,
+      ...lines.map(({ text, tone }) => make("div", tone ? `pd-sample-line pd-${tone}` : "pd-sample-line", {}, text)),
+    );
+    card.addEventListener("pointerenter", () => point(index));
+    card.addEventListener("click", () => {
+      cursor = index;
+      api.send({ kind: "adopt", value: index });
+    });
+    const more = (kind: "keep" | "pair", sign: string, label: string, title: string) =>
+      button(`pd-sample-keep pd-sample-${kind}`, sign, () => api.send({ kind, value: index }), {
+        tabindex: "-1",
+        "aria-label": label,
+        title,
+      });
+    const keep = `Use sample ${index + 1} and put it into the basket`;
+    box.append(card, more("keep", "\u2606", keep, "Use it and put it into the basket"));
+    const pair = `Compare sample ${index + 1} with the one in use`;
+    if (!isAdopted) box.append(more("pair", "\u25eb", pair, "Side by side with the sample in use"));
+    return box;
+  }
+
+  redraw = () => {
+    strip.hidden = !state?.isOpen;
+    root.classList.toggle("pd-shows-samples", !strip.hidden);
+    if (!state?.isOpen) {
+      pointed = cursor = shownInUse = null;
+      return;
+    }
+    const hadFocus = list.contains(document.activeElement);
+    title.textContent = `${pictures.length} samples`;
+    fill(ranking, state.rankings, state.ranking);
+    fill(pick, state.picks, state.pick);
+    list.replaceChildren(...state.cards.map(cardOf));
+    const all = cards();
+    const current =
+      all.find((one) => indexOf(one) === cursor) ??
+      all.find((one) => one.getAttribute("aria-selected") === "true") ??
+      all[0];
+    if (!current) return;
+    current.tabIndex = 0;
+    const inUse = state.cards.find((one) => one.isAdopted)?.index ?? null;
+    if (inUse !== shownInUse) {
+      shownInUse = inUse;
+      const card = all.find((one) => indexOf(one) === inUse);
+      card?.scrollIntoView({ block: "nearest", inline: "nearest" });
+    }
+    if (state.takesFocus || hadFocus) moveTo(all.indexOf(current));
+  };
+
+  return (next) => {
+    state = next;
+    redraw();
+  };
+});
+
+define("sample-pictures", () => (state) => {
+  pictures = state.pictures;
+  redraw();
+});

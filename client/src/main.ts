@@ -1,0 +1,36 @@
+// All elements, in the order in which they are mounted: what hears of events first is first.
+import "./elements/order.ts";
+import "./elements/agents.ts";
+import "./elements/banner.ts";
+import "./elements/compare.ts";
+import "./elements/compass.ts";
+import "./elements/connection.ts";
+import "./elements/curtain.ts";
+import "./elements/fan.ts";
+import "./elements/guidance_marks.ts";
+import "./elements/guidance_panel.ts";
+import "./elements/guiding.ts";
+import "./elements/hints.ts";
+import "./elements/hover_outline.ts";
+import "./elements/keys.ts";
+import "./elements/labels.ts";
+import "./elements/legend.ts";
+import "./elements/locks.ts";
+import "./elements/map_window.ts";
+import "./elements/measure.ts";
+import "./elements/menu.ts";
+import "./elements/page.ts";
+import "./elements/panel.ts";
+import "./elements/placing.ts";
+import "./elements/region.ts";
+import "./elements/sample_pair.ts";
+import "./elements/samples.ts";
+import "./elements/scorecard.ts";
+import "./elements/status.ts";
+import "./elements/timeline.ts";
+import "./elements/toolbar.ts";
+import "./elements/tooltip.ts";
+import "./elements/view.ts";
+import { install } from "./frame.ts";
+
+install();
