@@ -40,7 +40,9 @@ def digest() -> str:
 
 def head() -> str:
     """The first line of a built file."""
-    return f"/* Built by .ci/client.py from client/ ({digest()}); not to be edited. */\n"
+    return (
+        f"/* Built by .ci/client.py from client/ ({digest()}); not to be edited. */\n"
+    )
 
 
 def install() -> str | None:

@@ -23,7 +23,11 @@ class SidePanel:
         """Open the tab that was open; viser's own settings are offered to debug only."""
         self._ui = ui
         self._overlay = overlay
-        self._state = {"tab": ui.workspace.view.panel_tab, "isDebug": is_debug}
+        self._state = {
+            "tab": ui.workspace.view.panel_tab,
+            "isDebug": is_debug,
+            "instead": None,
+        }
         overlay.on("panel", self._heard)
         overlay.show("panel", self._state)
 

@@ -298,6 +298,8 @@ def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
         "where": where,
         "count": len(row.findings),
         "mark": mark,
+        "findings": None,
+        "more": 0,
     }
 
 

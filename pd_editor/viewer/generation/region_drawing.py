@@ -99,7 +99,7 @@ class RegionDrawing:
         if event.get("kind") == "clear":
             self.clear()
             return
-        start, end = point_of(event.get("from")), point_of(event.get("to"))
+        start, end = point_of(event.get("start")), point_of(event.get("end"))
         if not self.is_active or start is None or end is None:
             return
         self.region, self.is_active = square_between(start, end), False

@@ -160,7 +160,7 @@ class Guiding:
                 "isActive": True,
                 "kind": self.tool,
                 "gesture": TOOLS[self.tool].gesture,
-                "from": [*np.round(agents.position_m[row, step], 2).tolist(), height],
+                "start": [*np.round(agents.position_m[row, step], 2).tolist(), height],
                 "ghost": self._ghost,
             },
         )
@@ -229,7 +229,7 @@ class Guiding:
             kind = scenario.agents.kinds[row].in_words
             height = DEFAULT_HEIGHT_M[scenario.agents.kinds[row]] / 2
             to = [*np.round(poses.position_m[row], 2).tolist(), height]
-            return {"text": f"{kind} {term.other_id}", "to": to}
+            return {"text": f"{kind} {term.other_id}", "end": to}
         kind = KINDS[term.kind]
         if kind.points_m is None or kind.shape == "flag":
             return {}

@@ -104,7 +104,7 @@ def offer_mark(
         "lines": [f"{agent_id}: {DRAG_HINT}"],
         "shape": "flag",
         "point": _rounded(end_m),
-        "from": _places(scenario, poses)(agent_id),
+        "start": _places(scenario, poses)(agent_id),
         "isOffer": True,
     }
 
@@ -138,12 +138,12 @@ def _place_of(
         start, end = at(term.agent_id), at(term.other_id)
         if start is None or end is None:
             return None
-        return {"shape": kind.shape, "from": start, "to": end}
+        return {"shape": kind.shape, "start": start, "end": end}
     if kind.points_m is None:
         return None
     points = [_rounded(point) for point in kind.points_m(term, scenario)]
     if kind.shape == "flag":
-        return {"shape": "flag", "point": points[0], "from": at(*term.guided_ids)}
+        return {"shape": "flag", "point": points[0], "start": at(*term.guided_ids)}
     return {"shape": kind.shape, "points": points}
 
 

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (fbb05d23edf78a29); not to be edited. */
+/* Built by .ci/client.py from client/ (cf30137915d4eee2); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -70,11 +70,7 @@
     const none = ACTION?.NONE ?? 0;
     found.azimuthRotateSpeed = found.polarRotateSpeed = turns ? 1 : 0;
     if (found.mouseButtons)
-      Object.assign(found.mouseButtons, {
-        left: turns ? ACTION?.ROTATE ?? 1 : none,
-        right: none,
-        middle: none
-      });
+      Object.assign(found.mouseButtons, { left: turns ? ACTION?.ROTATE ?? 1 : none, right: none, middle: none });
   }
   var requestRender = () => viewer().requestRender?.();
   var hasMessages = () => Boolean(viewer().messageQueue?.length);
@@ -125,9 +121,7 @@
   }
   function openCommands({ ctrlKey, metaKey }) {
     const keys = { key: "k", code: "KeyK", ctrlKey, metaKey };
-    document.body.dispatchEvent(
-      new KeyboardEvent("keydown", { ...keys, bubbles: true, cancelable: true })
-    );
+    document.body.dispatchEvent(new KeyboardEvent("keydown", { ...keys, bubbles: true, cancelable: true }));
   }
 
   // src/dom.ts
@@ -499,10 +493,7 @@
       [x - half, y + half]
     ];
     return corners.flatMap(
-      (from, index) => Array.from(
-        { length: parts },
-        (_, part) => between(from, corners[(index + 1) % 4], part / parts)
-      )
+      (from, index) => Array.from({ length: parts }, (_, part) => between(from, corners[(index + 1) % 4], part / parts))
     );
   }
   function roundLength(most) {
@@ -636,11 +627,7 @@
     for (const [text, title, wanted] of [
       ["All", "Select all agents of the list", () => [...shown]],
       ["None", "Select none", () => []],
-      [
-        "Invert",
-        "Select the agents of the list that are not selected",
-        () => shown.filter((row) => !selected.has(row))
-      ],
+      ["Invert", "Select the agents of the list that are not selected", () => shown.filter((row) => !selected.has(row))],
       ["Same kind", "Add all agents of the kinds that are selected", alike]
     ])
       foot.append(button("", text, () => choose(wanted()), { title }));
@@ -686,8 +673,7 @@
       );
       const badges = make("span", "pd-badges");
       const own = MARKS.filter(([bit]) => marks & bit);
-      for (const [, letter, title, style2] of own)
-        badges.append(make("span", `pd-badge ${style2}`, { title }, letter));
+      for (const [, letter, title, style2] of own) badges.append(make("span", `pd-badge ${style2}`, { title }, letter));
       const words = [`${word} ${id}`, ...own.map(([, , title]) => title)];
       element.setAttribute("aria-label", words.join(", "));
       element.append(glyph, name, ...numbers, badges);
@@ -809,11 +795,7 @@
 
   // src/elements/banner.ts
   define("banner", (api) => {
-    const bar = make("div", "pd-solid pd-banner-bar", {
-      role: "status",
-      "aria-live": "polite",
-      "aria-label": "Mode"
-    });
+    const bar = make("div", "pd-solid pd-banner-bar", { role: "status", "aria-live": "polite", "aria-label": "Mode" });
     const words = make("span", "pd-banner-text");
     const end = button("", "", () => api.send({ owner }));
     bar.append(words, end);
@@ -919,9 +901,7 @@
     async function ask(saved) {
       const request = new AbortController();
       onDispose(() => request.abort());
-      const answer = await fetch(location.href, { cache: "no-store", signal: request.signal }).catch(
-        () => null
-      );
+      const answer = await fetch(location.href, { cache: "no-store", signal: request.signal }).catch(() => null);
       request.abort();
       if (answer?.status === FORBIDDEN)
         words.textContent = `The editor was started anew, with another address: open the one that it printed. ${saved}`;
@@ -1165,9 +1145,7 @@
       const points = bowOf(mark);
       if (!points) return;
       const ends = [points[0], points[points.length - 1]];
-      const shown = points.filter(
-        (point) => ends.every((end2) => distance(point, end2) > HELD_BACK_PX)
-      );
+      const shown = points.filter((point) => ends.every((end2) => distance(point, end2) > HELD_BACK_PX));
       if (shown.length > 1) {
         const tip2 = svg("path", "pd-guide-line pd-guide-head", { d: head(shown) });
         parent.append(...haloed(along(shown)), tip2);
@@ -1178,8 +1156,7 @@
       const points = bowOf(mark);
       if (!points) return;
       parent.classList.add("pd-guide-arc");
-      for (const name of ["pd-guide-hit-line", "pd-guide-line"])
-        parent.append(svg("path", name, { d: along(points) }));
+      for (const name of ["pd-guide-hit-line", "pd-guide-line"]) parent.append(svg("path", name, { d: along(points) }));
       parent.append(svg("path", "pd-guide-line", { d: head(points, 7) }));
       if (!mark.points) return;
       const way = mark.points.map(project);
@@ -1196,13 +1173,7 @@
         layer.append(parent);
       });
     }
-    const drawings = {
-      flag: drawFlag,
-      path: drawPath,
-      line: drawLine,
-      arrow: drawArrow,
-      arc: drawArc
-    };
+    const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
     function drawMark(mark) {
       if (mark.shape === "badges") drawBadges(mark.badges ?? [], mark.at ?? null);
       if (!mark.shape || mark.shape === "badges") return;
@@ -1232,9 +1203,7 @@
       const found = within(event, "[data-guide]");
       if (!found || !layer.contains(found)) return null;
       const index = Number(found.dataset.guide);
-      const all = state.marks.flatMap(
-        (mark) => mark.shape === "badges" ? mark.badges : [mark]
-      );
+      const all = state.marks.flatMap((mark) => mark.shape === "badges" ? mark.badges : [mark]);
       return all.find((mark) => mark.index === index) ?? null;
     }
     function tell(lines, at) {
@@ -1349,10 +1318,7 @@
   }
   define("guidance_panel", (api) => {
     const box = make("div", "pd-hosted pd-guidance");
-    const tools = make("div", "pd-guidance-tools", {
-      role: "toolbar",
-      "aria-label": "Add guidance"
-    });
+    const tools = make("div", "pd-guidance-tools", { role: "toolbar", "aria-label": "Add guidance" });
     const about = make("div", "pd-guidance-about");
     const ask = button("pd-guidance-ask", "", () => send2({ kind: "look" }));
     const possible = make("div", "pd-possible");
@@ -1390,8 +1356,7 @@
     }
     listen(window, "click", (event) => {
       const tab = within(event, TAB);
-      if (tab && tab.textContent.trim() !== "Guide" && state?.encounters.isOpen)
-        send2({ kind: "leave" });
+      if (tab && tab.textContent.trim() !== "Guide" && state?.encounters.isOpen) send2({ kind: "leave" });
     });
     function showPossible({ encounters }) {
       const { label, isEnabled, isOpen, about: told, items } = encounters;
@@ -1405,13 +1370,8 @@
         const lines = items.map((item, number3) => {
           const choose = () => send2({ kind: "make", number: number3 });
           const line = button(`pd-possible-line pd-guide-${item.kind}`, "", choose);
-          line.append(
-            guidanceIcon(item.kind, 15),
-            make("b", "", {}, item.agent),
-            make("span", "", {}, item.text)
-          );
-          for (const name of ["pointerenter", "focus"])
-            line.addEventListener(name, () => point(number3));
+          line.append(guidanceIcon(item.kind, 15), make("b", "", {}, item.agent), make("span", "", {}, item.text));
+          for (const name of ["pointerenter", "focus"]) line.addEventListener(name, () => point(number3));
           return line;
         });
         const head3 = make("div", "pd-guidance-about", { role: "status" }, told);
@@ -1588,8 +1548,7 @@
         const table = make("table", "", { "aria-label": "Realism of the last run" });
         for (const [place, [name, guided, unguided, title]] of figures.entries()) {
           const line = make("tr", "", { title });
-          for (const cell of [name, guided, unguided])
-            line.append(make(place ? "td" : "th", "", {}, cell));
+          for (const cell of [name, guided, unguided]) line.append(make(place ? "td" : "th", "", {}, cell));
           table.append(line);
         }
         foot.append(table);
@@ -1887,10 +1846,7 @@
         if (!seen) return;
         if (text.textContent !== label.text) text.textContent = label.text;
         if (note.textContent !== label.note) note.textContent = label.note;
-        const [reach, size] = [
-          seen.radius * Math.SQRT1_2,
-          { width: box.offsetWidth, height: box.offsetHeight }
-        ];
+        const [reach, size] = [seen.radius * Math.SQRT1_2, { width: box.offsetWidth, height: box.offsetHeight }];
         const spot = spotBeside(seen.at, reach + GAP_PX * Math.SQRT1_2, size, pictureSize(), placed);
         placed.push(spot);
         box.style.transform = `translate(${Math.round(spot.left)}px, ${Math.round(spot.top)}px)`;
@@ -1919,9 +1875,7 @@
   define("legend", (api) => {
     const box = make("div", "pd-solid pd-legend-box");
     const list = make("ul", "pd-legend-list", { id: "pd-legend-list" });
-    const chip = button("pd-legend-chip", "Legend", () => fold(!list.hidden), {
-      "aria-controls": "pd-legend-list"
-    });
+    const chip = button("pd-legend-chip", "Legend", () => fold(!list.hidden), { "aria-controls": "pd-legend-list" });
     box.append(list, chip);
     api.box.append(box);
     function fold(isFolded) {
@@ -2118,8 +2072,7 @@
         const isOpen = preview && i === way.length - 1;
         line(from, to, isOpen ? "pd-measure-open" : "pd-measure-line");
         const middle = [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2];
-        if (way.length > 2 && length >= LEAST_TOLD_M)
-          label(middle, [metres(length)], "pd-measure-part");
+        if (way.length > 2 && length >= LEAST_TOLD_M) label(middle, [metres(length)], "pd-measure-part");
       }
       for (const [cx, cy] of pixels.slice(0, points.length).filter(isSeen))
         drawing.append(svg("circle", "", { cx, cy, r: 4 }));
@@ -2127,8 +2080,7 @@
       if (way.length < 2 || !end) return;
       const lines = [way.length > 2 ? `${metres(total)} in all` : metres(total)];
       const { speed, agent } = state;
-      if (speed !== null)
-        lines.push(`${(total / speed).toFixed(1)} s at ${speed.toFixed(1)} m/s (${agent})`);
+      if (speed !== null) lines.push(`${(total / speed).toFixed(1)} s at ${speed.toFixed(1)} m/s (${agent})`);
       label(end, lines, "pd-measure-total");
     }
     layer.addEventListener("click", (event) => {
@@ -2157,8 +2109,7 @@
     layer.addEventListener("pointerleave", () => follow(null));
     hearFirst("keydown", (event) => {
       if (!state.isActive || hasModifier(event) || isTyping(event)) return;
-      if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement))
-        isComplete = points.length > 1;
+      if (event.key === "Enter" && !(event.target instanceof HTMLButtonElement)) isComplete = points.length > 1;
       else if (event.key === "Backspace" || event.key === "Delete") {
         points.pop();
         isComplete = false;
@@ -2373,8 +2324,7 @@
     hearFirst("pointercancel", release);
     listen(window, "blur", release);
     listen(window, "keydown", (event) => {
-      if (event.key !== "Enter" || event.isComposing || !(event.target instanceof HTMLInputElement))
-        return;
+      if (event.key !== "Enter" || event.isComposing || !(event.target instanceof HTMLInputElement)) return;
       const field = event.target;
       if (field.matches("[type=checkbox], [type=range]") || field.closest("[role=dialog]")) return;
       if (field.closest(`${FIELD}, .pd-guidance-inputs`)) field.blur();
@@ -2446,9 +2396,7 @@
     let at = null;
     let press = null;
     const drawing = svg("svg", "pd-placing-ghost", { "aria-hidden": "true" });
-    const [base, edges, arrow] = ["base", "edges", "arrow"].map(
-      (name) => svg("path", `pd-placing-${name}`)
-    );
+    const [base, edges, arrow] = ["base", "edges", "arrow"].map((name) => svg("path", `pd-placing-${name}`));
     drawing.append(base, edges, arrow);
     api.box.append(drawing);
     function draw() {
@@ -2620,25 +2568,12 @@
   var COLORS = ["#3d7fe6", "#e06a1b", "#17a08f", "#d6337f"];
   var GROUND_COLOR = "rgba(139, 152, 165, 0.4)";
   define("sample-pair", (api) => {
-    const panel = make("section", "pd-solid pd-pair", {
-      role: "dialog",
-      "aria-label": "Two samples side by side"
-    });
+    const panel = make("section", "pd-solid pd-pair", { role: "dialog", "aria-label": "Two samples side by side" });
     const sides = ["left", "right"].map((name, place) => {
       const box = make("div", "pd-pair-side");
-      const title = make("select", "", {
-        "aria-label": `Sample on the ${name}`,
-        title: "Another sample here"
-      });
-      title.addEventListener(
-        "change",
-        () => api.send({ kind: "choose", side: place, value: Number(title.value) })
-      );
-      const use = button(
-        "pd-pair-use",
-        "",
-        () => api.send({ kind: "use", value: state?.samples[place].index })
-      );
+      const title = make("select", "", { "aria-label": `Sample on the ${name}`, title: "Another sample here" });
+      title.addEventListener("change", () => api.send({ kind: "choose", side: place, value: Number(title.value) }));
+      const use = button("pd-pair-use", "", () => api.send({ kind: "use", value: state?.samples[place].index }));
       const head3 = make("div", "pd-pair-head");
       const canvas2 = make("canvas", "", { "aria-label": `Top view, ${name}` });
       head3.append(title, use);
@@ -2676,8 +2611,7 @@
         pen.globalAlpha = 0.45;
         pen.lineWidth = Math.max(0.4, 1.2 / view.scale);
         pen.beginPath();
-        for (let index = first; index <= last; index += 1)
-          pen.lineTo(path[3 * index] / 10, -path[3 * index + 1] / 10);
+        for (let index = first; index <= last; index += 1) pen.lineTo(path[3 * index] / 10, -path[3 * index + 1] / 10);
         pen.stroke();
         pen.globalAlpha = 1;
         const mixed = (part) => path[3 * first + part] + (at - first) * (path[3 * next + part] - path[3 * first + part]);
@@ -2804,12 +2738,7 @@
     strip.addEventListener("pointerleave", () => point(null));
     strip.addEventListener("keydown", (event) => {
       const place = cards().findIndex((one) => indexOf(one) === cursor);
-      const target = {
-        ArrowLeft: place - 1,
-        ArrowRight: place + 1,
-        Home: 0,
-        End: Number.POSITIVE_INFINITY
-      }[event.key];
+      const target = { ArrowLeft: place - 1, ArrowRight: place + 1, Home: 0, End: Number.POSITIVE_INFINITY }[event.key];
       const at = event.target;
       if (event.key === "Escape") api.send({ kind: "close" });
       else if (at.tagName === "SELECT") return;
@@ -2821,8 +2750,7 @@
       event.stopPropagation();
     });
     strip.addEventListener("focusout", (event) => {
-      if (!strip.contains(event.relatedTarget) && !strip.matches(":hover"))
-        point(null);
+      if (!strip.contains(event.relatedTarget) && !strip.matches(":hover")) point(null);
     });
     function fill(select, choices, value) {
       const text = JSON.stringify(choices);
@@ -2852,9 +2780,7 @@
       card.append(
         picture2,
         name,
-        ...lines.map(
-          ({ text, tone }) => make("div", tone ? `pd-sample-line pd-${tone}` : "pd-sample-line", {}, text)
-        )
+        ...lines.map(({ text, tone }) => make("div", tone ? `pd-sample-line pd-${tone}` : "pd-sample-line", {}, text))
       );
       card.addEventListener("pointerenter", () => point(index));
       card.addEventListener("click", () => {
@@ -2974,10 +2900,7 @@
     return { box, move };
   }
   define("scorecard", (api) => {
-    const drawer = make("div", "pd-solid pd-agents pd-score", {
-      role: "region",
-      "aria-label": "Scorecard"
-    });
+    const drawer = make("div", "pd-solid pd-agents pd-score", { role: "region", "aria-label": "Scorecard" });
     drawer.hidden = true;
     const send2 = (event) => {
       const covered = (drawer.offsetLeft + drawer.offsetWidth) / Math.max(pictureSize().width, 1);
@@ -3060,10 +2983,8 @@
         box.append(item);
         if (!isChosen || !(state.isSearching || state.cures.length)) continue;
         const cures = make("div", "pd-score-cures");
-        if (state.isSearching)
-          cures.append(make("span", "pd-score-note", {}, "Looking for repairs ..."));
-        for (const name of state.cures)
-          cures.append(button("", name, () => send2({ kind: "cure", name })));
+        if (state.isSearching) cures.append(make("span", "pd-score-note", {}, "Looking for repairs ..."));
+        for (const name of state.cures) cures.append(button("", name, () => send2({ kind: "cure", name })));
         box.append(cures);
       }
       if (row.more) box.append(make("div", "pd-score-note", {}, `and ${row.more} more`));
@@ -3074,9 +2995,7 @@
       if (!state.isOpen) return;
       draws.checked = state.draws;
       list.replaceChildren(
-        ...state.rows.flatMap(
-          (row) => row.findings ? [rowOf(row), detail(row, state)] : [rowOf(row)]
-        )
+        ...state.rows.flatMap((row) => row.findings ? [rowOf(row), detail(row, state)] : [rowOf(row)])
       );
     };
   });
@@ -3176,9 +3095,7 @@
             isFolded[group.name] = !isFolded[group.name];
             drawRows();
           };
-          const head3 = button("pd-problem-group", group.title, fold, {
-            "aria-expanded": String(!isFolded[group.name])
-          });
+          const head3 = button("pd-problem-group", group.title, fold, { "aria-expanded": String(!isFolded[group.name]) });
           if (isFolded[group.name]) return [head3];
           const more = make("div", "pd-problem-more", {}, `... and ${group.more} more`);
           return [head3, ...group.rows.map(rowOf), ...group.more ? [more] : []];
@@ -3189,8 +3106,7 @@
         rows.scrollTop = top;
         if (focused) items()[place(focused)]?.focus({ preventScroll: true });
       }
-      for (const item of items())
-        item.setAttribute("aria-current", String(item.dataset.problem === state.active?.id));
+      for (const item of items()) item.setAttribute("aria-current", String(item.dataset.problem === state.active?.id));
     }
     api.box.addEventListener("keydown", (event) => {
       if (event.key !== "Escape" || !isOpen) return;
@@ -3227,8 +3143,7 @@
       const made = (active?.cures ?? []).map(
         (label) => button("pd-strong", label, () => api.send({ kind: "cure", value: label }))
       );
-      if (active?.ignore)
-        made.push(button("pd-quiet", active.ignore, () => api.send({ kind: "ignore" })));
+      if (active?.ignore) made.push(button("pd-quiet", active.ignore, () => api.send({ kind: "ignore" })));
       cures.replaceChildren(...made);
     }
     toggle(false);
@@ -3293,14 +3208,7 @@
   var SCRUB_PAUSE_MS = 40;
   var SOON_STEPS = 3;
   var LEFT_OPEN = 0.7;
-  var axis = {
-    firstStep: -50,
-    lastStep: 59,
-    beginStep: -50,
-    endStep: 59,
-    stepS: 0.1,
-    marks: []
-  };
+  var axis = { firstStep: -50, lastStep: 59, beginStep: -50, endStep: 59, stepS: 0.1, marks: [] };
   var head2 = { step: 0, isPlaying: false, speed: 1, loops: true };
   var since = performance.now();
   var isScrubbing = false;
@@ -3321,10 +3229,7 @@
   }
   var playIcon = icon2(["M4 2.5v11l9.5-5.5z", false]);
   var pauseIcon = icon2(["M3.5 2.5h3v11h-3z", false], ["M9.5 2.5h3v11h-3z", false]);
-  var loopIcon = icon2(
-    ["M4.5 5h6.2a2.8 2.8 0 0 1 0 6H4.8a2.8 2.8 0 0 1-2.6-3.8", true],
-    ["M6.5 1.8v6.4L2.8 5z", false]
-  );
+  var loopIcon = icon2(["M4.5 5h6.2a2.8 2.8 0 0 1 0 6H4.8a2.8 2.8 0 0 1-2.6-3.8", true], ["M6.5 1.8v6.4L2.8 5z", false]);
   define("timeline", (api) => {
     const bar = make("div", "pd-solid pd-timeline-bar", { role: "group", "aria-label": "Timeline" });
     const action = (name, title, kind) => button("", "", () => api.send({ kind }), { "aria-label": name, title });
@@ -3332,11 +3237,7 @@
     const current = action("t = 0", "Go to t = 0, where edits act", "current");
     current.textContent = "t = 0";
     const shown = make("output", "pd-time", { "aria-label": "Time shown" });
-    const track = make("div", "pd-track", {
-      role: "slider",
-      "aria-label": "Time",
-      "aria-orientation": "horizontal"
-    });
+    const track = make("div", "pd-track", { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal" });
     const lane = make("div", "pd-lane");
     const past = make("div", "pd-past");
     const future = make("div", "pd-future");
@@ -3567,8 +3468,7 @@
       },
       { passive: true }
     );
-    for (const type of ["pointerdown", "wheel", "keydown", "blur"])
-      hearFirst(type, hide, { passive: true });
+    for (const type of ["pointerdown", "wheel", "keydown", "blur"]) hearFirst(type, hide, { passive: true });
     onView(hide);
     return ({ at: point, lines, agent: under, asked }) => {
       if (asked !== asks || !lines.length) return;
@@ -3634,8 +3534,7 @@
         if (!isTop && across.length() > 3 * distance2) across.setLength(3 * distance2);
         center.add(across);
       }
-      for (const vector of [now.position, now.target])
-        vector.sub(center).multiplyScalar(factor).add(center);
+      for (const vector of [now.position, now.target]) vector.sub(center).multiplyScalar(factor).add(center);
       look(found, now, true);
     }
     function reach(at, eye) {

@@ -40,7 +40,7 @@ def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
     one, other = scenario.agents.position_m[:, scenario.current_step]
     assert other[1] - one[1] > 3.0
     corners = one + np.array([[-6.0, -10.0], [6.0, 2.0]])
-    event = {"kind": "drawn", "from": corners[0].tolist(), "to": corners[1].tolist()}
+    event = {"kind": "drawn", "start": corners[0].tolist(), "end": corners[1].tolist()}
     tab.run(lambda: drawing._heard(event))
     assert not drawing.is_active
     assert drawing.region is not None
@@ -49,7 +49,7 @@ def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
     assert panel._replaced(scenario) == scenario.agents.ids[:1]
     # A late event of a mode that is over changes nothing.
     before = drawing.region
-    tab.run(lambda: drawing._heard({**event, "to": (one + 60.0).tolist()}))
+    tab.run(lambda: drawing._heard({**event, "end": (one + 60.0).tolist()}))
     assert drawing.region is before
     tab.run(lambda: drawing._heard({"kind": "clear"}))
     assert drawing.region is None
