@@ -528,7 +528,7 @@ export interface GuidancePanelState {
   readonly run: GuidanceRun;
   readonly report: readonly (Note)[];
   readonly figures: readonly ([string, string, string, string])[];
-  readonly action: string;
+  readonly action: string | null;
 }
 
 export interface GuidancePanelEvent {
@@ -557,7 +557,7 @@ export interface GuidanceBadge {
 }
 
 export interface GuidanceMark {
-  readonly shape: "arc" | "arrow" | "badges" | "flag" | "line" | "path";
+  readonly shape: "arc" | "arrow" | "badge" | "flag" | "line" | "path";
   readonly index: number;
   readonly kind: string;
   readonly isOn: boolean;

@@ -40,6 +40,12 @@ from pd_editor.viewer.generation.generation_panel import (
     STOP_DRAWING,
 )
 from pd_editor.viewer.overlay.banner import OFFER, Banner
+from pd_editor.viewer.overlay.messages import (
+    ConnectionState,
+    FanState,
+    PageState,
+    ThemeState,
+)
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.context_menu import ContextMenu
 from pd_editor.viewer.scene.framing import FreePart
@@ -127,7 +133,7 @@ class BrowserSession:
             self._configure_page()
             self.overlay = Overlay(client, self._ui.post)
             self.overlay.on_ready = self._page_ready
-            self.overlay.show("connection", {"isNew": workspace.is_new})
+            self.overlay.show(ConnectionState(is_new=workspace.is_new))
             self._banner = Banner(self.overlay)
             self.timeline = Timeline(
                 self.overlay, self._banner, workspace.playback, self._request_frame
@@ -389,13 +395,8 @@ class BrowserSession:
         """Set title and theme of the page; a star marks a scenario with edits in force."""
         session = self._workspace.session
         mark = "*" if session.state.position else ""
-        self.overlay.show(
-            "page",
-            {
-                "title": f"{session.scenario.scenario_id}{mark} - Path Diffuser Editor",
-                "isDark": self._workspace.is_dark,
-            },
-        )
+        title = f"{session.scenario.scenario_id}{mark} - Path Diffuser Editor"
+        self.overlay.show(PageState(title=title, is_dark=self._workspace.is_dark))
 
     def _show_panels(self, state: SessionState) -> None:
         self._show_page()
@@ -413,7 +414,7 @@ class BrowserSession:
     def _fan_changed(self, is_shown: bool) -> None:
         """Mute other elements while possible trajectories are shown, and explain clicks."""
         self.picture.ribbons.set_muted(is_shown)
-        self.overlay.show("fan", {"isShown": is_shown})
+        self.overlay.show(FanState(is_shown=is_shown))
         session = self._workspace.session
         if not is_shown or len(session.selection) != 1:
             self._banner.hide("candidates")
@@ -560,7 +561,7 @@ class BrowserSession:
             self._set_theme(is_dark)
 
     def _theme_chosen(self, is_dark: bool) -> None:
-        self.overlay.show("theme", {"isDark": is_dark})
+        self.overlay.show(ThemeState(is_dark=is_dark))
         self._set_theme(is_dark)
 
     def _send_theme(self) -> None:

@@ -58,7 +58,7 @@ define("guidance_marks", (api) => {
   // Not drawn from the server's state: the held mark, and the term it has just become.
   function isHeldBack(mark: GuidanceMark): boolean {
     const hold = press ?? settling;
-    if (!hold?.point || mark.shape === "badges") return false;
+    if (!hold?.point || mark.shape === "badge") return false;
     return mark.index === hold.mark.index || !hold.known.has(mark.index);
   }
 
@@ -172,8 +172,8 @@ define("guidance_marks", (api) => {
 
   const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
   function drawMark(mark: Drawn) {
-    if (mark.shape === "badges") drawBadges(mark.badges ?? [], mark.at ?? null);
-    if (!mark.shape || mark.shape === "badges") return;
+    if (mark.shape === "badge") drawBadges(mark.badges ?? [], mark.at ?? null);
+    if (!mark.shape || mark.shape === "badge") return;
     const parent = group(mark);
     drawings[mark.shape](mark, parent);
     layer.append(parent);
@@ -205,7 +205,7 @@ define("guidance_marks", (api) => {
     const found = within(event, "[data-guide]");
     if (!found || !layer.contains(found)) return null;
     const index = Number(found.dataset.guide);
-    const all = state.marks.flatMap((mark): readonly Drawn[] => (mark.shape === "badges" ? mark.badges : [mark]));
+    const all = state.marks.flatMap((mark): readonly Drawn[] => (mark.shape === "badge" ? mark.badges : [mark]));
     return all.find((mark) => mark.index === index) ?? null;
   }
 

@@ -10,6 +10,7 @@ from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.overlay.messages import AgentRow, AgentSelectionState, AgentsState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -92,25 +93,25 @@ class AgentList:
             self._listed = listed
             self._number += 1
             self._ids = scenario.agents.ids
-            self._overlay.show(
-                "agents",
-                {
-                    "isOpen": True,
-                    "number": self._number,
-                    "focal": _css(palette.focal),
-                    "ego": _css(palette.ego),
-                    **listed_agents(
-                        scenario,
-                        session.base,
-                        palette,
-                        problems=problems,
-                        stale=self.stale_ids(),
-                    ),
-                },
+            kinds, rows = listed_agents(
+                scenario,
+                session.base,
+                palette,
+                problems=problems,
+                stale=self.stale_ids(),
             )
+            state = AgentsState(
+                is_open=True,
+                number=self._number,
+                focal=_css(palette.focal),
+                ego=_css(palette.ego),
+                kinds=kinds,
+                rows=rows,
+            )
+            self._overlay.show(state)
         row_of = scenario.agents.row_of
-        chosen = [row_of[agent_id] for agent_id in session.selection]
-        self._overlay.show("agent-selection", {"number": self._number, "rows": chosen})
+        chosen = tuple(row_of[agent_id] for agent_id in session.selection)
+        self._overlay.show(AgentSelectionState(number=self._number, rows=chosen))
 
     def _set_open(self, is_open: bool) -> None:
         self.is_open = is_open
@@ -118,7 +119,7 @@ class AgentList:
         if is_open:
             self.show()
         else:
-            self._overlay.show("agents", {"isOpen": False})
+            self._overlay.show(AgentsState())
             self._on_pointed(None)
         self._on_opened()
 
@@ -154,7 +155,7 @@ class AgentList:
 
 def listed_agents(
     scenario: Scenario, base: Scenario, palette: Palette, *, problems: Ids, stale: Ids
-) -> dict[str, Any]:
+) -> tuple[tuple[tuple[str, str], ...], tuple[AgentRow, ...]]:
     """Kinds and rows of the list, as the page takes them.
 
     A row is id, place of the kind, speed and distance to the focal agent at the
@@ -175,7 +176,7 @@ def listed_agents(
     marks = np.where(is_there, 0, np.where(comes_later, LATER, GONE))
     known = base.agents.row_of
     place = {kind: index for index, kind in enumerate(kinds)}
-    rows = []
+    rows: list[AgentRow] = []
     for row, agent_id in enumerate(agents.ids):
         mark = int(marks[row])
         mark |= FOCAL * (agent_id == scenario.focal_id) | EGO * (agent_id == EGO_ID)
@@ -187,19 +188,17 @@ def listed_agents(
             mark |= EDITED
         there = bool(is_there[row])
         rows.append(
-            [
+            (
                 agent_id,
                 place[agents.kinds[row]],
                 float(speed[row]) if there else None,
                 float(distance[row]) if there and has_focal else None,
                 mark,
                 there and bool(speed[row] >= STANDING_MPS),
-            ]
+            )
         )
-    return {
-        "kinds": [[kind.in_words, _css(palette.kinds[kind])] for kind in kinds],
-        "rows": rows,
-    }
+    named = tuple((kind.in_words, _css(palette.kinds[kind])) for kind in kinds)
+    return named, tuple(rows)
 
 
 def _css(color: tuple[int, int, int]) -> str:

@@ -14,6 +14,7 @@ from pd_editor.scene.paths.suggested_state import (
 )
 from pd_editor.viewer.meshes.palette import DARK, LIGHT
 from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.messages import PlacingState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import number_of, point_of
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -103,16 +104,14 @@ class PlacingMode:
     def _show_ghost(self) -> None:
         length, width = self._size_m()
         palette = DARK if self._ui.workspace.is_dark else LIGHT
-        self._overlay.show(
-            "placing",
-            {
-                "isActive": self.is_active,
-                "sizeM": [length, width, DEFAULT_HEIGHT_M[self.kind]],
-                "headingRad": round(self._heading_rad, 3),
-                "color": "rgb({}, {}, {})".format(*palette.kinds[self.kind]),
-                "numKinds": len(KEY_KINDS),
-            },
+        state = PlacingState(
+            is_active=self.is_active,
+            size_m=(length, width, DEFAULT_HEIGHT_M[self.kind]),
+            heading_rad=round(self._heading_rad, 3),
+            color="rgb({}, {}, {})".format(*palette.kinds[self.kind]),
+            num_kinds=len(KEY_KINDS),
         )
+        self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Handle a pointer event; late events of another mode are ignored."""

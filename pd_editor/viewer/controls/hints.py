@@ -2,6 +2,7 @@
 
 from pd_editor.editor.commands import ReplaceTraffic, TransformAgents
 from pd_editor.editor.session import EditorSession
+from pd_editor.viewer.overlay.messages import HintsDone, HintsState
 from pd_editor.viewer.overlay.overlay import Overlay
 
 
@@ -15,15 +16,11 @@ class Hints:
     def show(self, session: EditorSession) -> None:
         """Send which hints the session has fulfilled, and whether there is no agent."""
         commands = [part for one in session.entries for part in one.command.parts]
-        self._overlay.show(
-            "hints",
-            {
-                "isEmpty": not len(session.scenario.agents),
-                "done": {
-                    "select": bool(session.selection),
-                    "drag": any(isinstance(c, TransformAgents) for c in commands),
-                    "bend": session.scenario.applied_warp is not None,
-                    "regenerate": any(isinstance(c, ReplaceTraffic) for c in commands),
-                },
-            },
+        done = HintsDone(
+            select=bool(session.selection),
+            drag=any(isinstance(one, TransformAgents) for one in commands),
+            bend=session.scenario.applied_warp is not None,
+            regenerate=any(isinstance(one, ReplaceTraffic) for one in commands),
         )
+        is_empty = not len(session.scenario.agents)
+        self._overlay.show(HintsState(is_empty=is_empty, done=done))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pd_editor.viewer.overlay.messages import OrderState
 from pd_editor.viewer.overlay.overlay import Overlay
 
 
@@ -18,7 +19,7 @@ class PressOrder:
     ) -> None:
         """Tell the page which keys, and which buttons of the panel, may arm a mode."""
         self._overlay = overlay
-        self._arming = {"keys": list(keys), "labels": list(labels)}
+        self._arming = tuple(keys), tuple(labels)
         overlay.on("order", self._heard)
         self._answer(0)
 
@@ -28,4 +29,5 @@ class PressOrder:
             self._answer(number)
 
     def _answer(self, number: int) -> None:
-        self._overlay.show("order", {**self._arming, "answered": number})
+        keys, labels = self._arming
+        self._overlay.show(OrderState(keys=keys, labels=labels, answered=number))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
+from pd_editor.viewer.overlay.messages import PanelState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -23,17 +24,14 @@ class SidePanel:
         """Open the tab that was open; viser's own settings are offered to debug only."""
         self._ui = ui
         self._overlay = overlay
-        self._state = {
-            "tab": ui.workspace.view.panel_tab,
-            "isDebug": is_debug,
-            "instead": None,
-        }
+        self._state = PanelState(tab=ui.workspace.view.panel_tab, is_debug=is_debug)
         overlay.on("panel", self._heard)
-        overlay.show("panel", self._state)
+        overlay.show(self._state)
 
     def agent_clicked(self) -> None:
         """Show the agent in the place of the scene, once: later the user chooses."""
-        self._overlay.show("panel", {**self._state, "tab": AGENTS, "instead": SCENE})
+        state = PanelState(tab=AGENTS, instead=SCENE, is_debug=self._state.is_debug)
+        self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, title = event.get("kind"), event.get("title")

@@ -2,25 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
+from pd_editor.viewer.overlay.messages import Icon, Tool, ToolbarState
 from pd_editor.viewer.overlay.overlay import Overlay
-
-Icon = Literal[
-    "undo",
-    "redo",
-    "3d",
-    "top",
-    "fit",
-    "frame",
-    "measure",
-    "place",
-    "agents",
-    "scorecard",
-    "compare",
-    "live",
-    "help",
-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,26 +36,19 @@ class Toolbar:
 
     def show(self) -> None:
         """Show each tool as it is now."""
-        self._overlay.show(
-            "toolbar",
-            {
-                "tools": [
-                    {
-                        "icon": tool.icon,
-                        "hint": tool.hint
-                        if isinstance(tool.hint, str)
-                        else tool.hint(),
-                        "isActive": tool.is_active(),
-                        "isEnabled": tool.is_enabled(),
-                        "isHeld": tool.release is not None,
-                        "startsGroup": group is not self._groups[0]
-                        and tool is group[0],
-                    }
-                    for group in self._groups
-                    for tool in group
-                ]
-            },
+        tools = tuple(
+            Tool(
+                icon=tool.icon,
+                hint=tool.hint if isinstance(tool.hint, str) else tool.hint(),
+                is_active=tool.is_active(),
+                is_enabled=tool.is_enabled(),
+                is_held=tool.release is not None,
+                starts_group=group is not self._groups[0] and tool is group[0],
+            )
+            for group in self._groups
+            for tool in group
         )
+        self._overlay.show(ToolbarState(tools=tools))
 
     def _used(self, event: Mapping[str, Any]) -> None:
         tool = self._tools.get(event.get("icon", ""))

@@ -9,6 +9,7 @@ from pd_editor.base.errors import InputError
 from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.map_window import densest_windows, window_of
 from pd_editor.scene.road_map import Lane
+from pd_editor.viewer.overlay.messages import MapWindowState
 from pd_editor.viewer.overlay.overlay import Overlay
 
 _FINEST: Final = 1500
@@ -42,17 +43,17 @@ class MapWindowCard:
             for one in shapely.simplify(lines, span / _FINEST)
         )
         view = west - margin, -north - margin, east - west, north - south
-        state = {
-            "title": title,
-            "road": road,
-            "square": [first.x_m, first.y_m, first.radius_m],
-            "view": "{:.1f} {:.1f}".format(*view[:2])
+        state = MapWindowState(
+            title=title,
+            road=road,
+            square=(first.x_m, first.y_m, first.radius_m),
+            view="{:.1f} {:.1f}".format(*view[:2])
             + "".join(f" {side + 2 * margin:.1f}" for side in view[2:]),
-        }
-        self._overlay.show("mapWindow", state)
+        )
+        self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        self._overlay.show("mapWindow", {"road": ""})
+        self._overlay.show(MapWindowState())
         if event.get("kind") != "open":
             return
         try:

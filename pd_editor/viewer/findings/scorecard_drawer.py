@@ -15,6 +15,14 @@ from pd_editor.analysis.findings.scorecard import Level, ScoreRow, scorecard
 from pd_editor.analysis.metrics.agent_profile import agent_profile
 from pd_editor.editor.cures import Cure, cures
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.overlay.messages import (
+    Chart,
+    ChartsState,
+    ScorecardState,
+    ScoreFinding,
+    ScoreLine,
+    Tone,
+)
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.timeline import Timeline, marks_of
 from pd_editor.viewer.state.finding_watch import FindingWatch
@@ -25,7 +33,7 @@ MAX_CHARTED: Final = 3
 """Number of selected agents with lines in the charts."""
 MAX_LISTED: Final = 6
 """Number of findings that an open row lists."""
-_TONE: Final[dict[Level, str]] = {"usual": "good", "unusual": "warn", "extreme": "bad"}
+_TONE: Final[dict[Level, Tone]] = {"usual": "good", "unusual": "warn", "extreme": "bad"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +101,7 @@ class ScorecardDrawer:
         if is_open:
             self.show()
         else:
-            self._overlay.show("scorecard", {"isOpen": False})
+            self._overlay.show(ScorecardState())
             self._mark()
         self._actions.opened()
 
@@ -115,7 +123,7 @@ class ScorecardDrawer:
         charted = (scenario, session.selection[:MAX_CHARTED])
         if self._charted != charted:
             self._charted = charted
-            self._overlay.show("charts", _charts(*charted))
+            self._overlay.show(_charts(*charted))
 
     def set_muted(self, is_muted: bool) -> None:
         """Draw nothing in the scene while another scenario is drawn there."""
@@ -198,38 +206,34 @@ class ScorecardDrawer:
         scenario = self._ui.session.scenario
         rows = []
         for row in self._rows:
-            shown = _row(scenario, row)
-            if row.name == self._open_row:
-                shown["findings"] = self._listed(scenario, row.findings)
-                shown["more"] = max(len(row.findings) - MAX_LISTED, 0)
-            rows.append(shown)
-        self._overlay.show(
-            "scorecard",
-            {
-                "isOpen": True,
-                "draws": self._draws,
-                "rows": rows,
-                "isSearching": self._cures is None,
-                "cures": [cure.label for cure in self._cures or ()],
-            },
+            is_open = row.name == self._open_row
+            listed = self._listed(scenario, row.findings) if is_open else None
+            rows.append(_line(scenario, row, listed))
+        state = ScorecardState(
+            is_open=True,
+            draws=self._draws,
+            rows=tuple(rows),
+            is_searching=self._cures is None,
+            cures=tuple(cure.label for cure in self._cures or ()),
         )
+        self._overlay.show(state)
 
     def _listed(
         self, scenario: Scenario, findings: tuple[Finding, ...]
-    ) -> list[dict[str, Any]]:
+    ) -> tuple[ScoreFinding, ...]:
         listed = findings[:MAX_LISTED]
         if self._chosen in findings and self._chosen not in listed:
             listed = (*listed[:-1], self._chosen)
-        return [
-            {
-                "id": json.dumps(one.key),
-                "agent": " and ".join(one.agent_ids),
-                "text": one.headline.removeprefix(" and ".join(one.agent_ids)).strip(),
-                "time": _time_of(scenario, one),
-                "isChosen": one == self._chosen,
-            }
+        return tuple(
+            ScoreFinding(
+                id=json.dumps(one.key),
+                agent=" and ".join(one.agent_ids),
+                text=one.headline.removeprefix(" and ".join(one.agent_ids)).strip(),
+                time=_time_of(scenario, one),
+                is_chosen=one == self._chosen,
+            )
             for one in listed
-        ]
+        )
 
     def _mark_chosen(self, step: int) -> None:
         drawn = self._drawn_findings()
@@ -278,7 +282,10 @@ def _time_of(scenario: Scenario, finding: Finding) -> str:
     return f"{later * scenario.time_axis.step_s:.1f} s"
 
 
-def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
+def _line(
+    scenario: Scenario, row: ScoreRow, listed: tuple[ScoreFinding, ...] | None
+) -> ScoreLine:
+    """A row of the page; ``listed`` are its findings while it is open."""
     is_share = row.unit == "share"
     scale, unit = (100.0, "%") if is_share else (1.0, row.unit)
     usual = row.usual
@@ -287,45 +294,40 @@ def _row(scenario: Scenario, row: ScoreRow) -> dict[str, Any]:
     worst = next(iter(row.findings), None)
     where = "" if worst is None else f"{worst.headline}, {_time_of(scenario, worst)}"
     mark = "" if worst is None else _MARKS.get(worst.severity, "")
-    return {
-        "name": row.name,
-        "title": row.title,
-        "meaning": row.meaning,
-        "tone": _TONE[row.level],
-        "level": row.level,
-        "value": value,
-        "usual": f"{low} \u2013 {high}",
-        "where": where,
-        "count": len(row.findings),
-        "mark": mark,
-        "findings": None,
-        "more": 0,
-    }
+    return ScoreLine(
+        name=row.name,
+        title=row.title,
+        meaning=row.meaning,
+        tone=_TONE[row.level],
+        level=row.level,
+        value=value,
+        usual=f"{low} \u2013 {high}",
+        where=where,
+        count=len(row.findings),
+        mark=mark,
+        findings=listed,
+        more=max(len(row.findings) - MAX_LISTED, 0),
+    )
 
 
-def _charts(scenario: Scenario, ids: tuple[str, ...]) -> dict[str, Any]:
-    """Lines of the charts; None where an agent is not there."""
+def _charts(scenario: Scenario, ids: tuple[str, ...]) -> ChartsState:
     profiles = [agent_profile(scenario, one) for one in ids]
-    titles = ("Speed, m/s", "Acceleration, m/s\u00b2", "Gap to the nearest, m")
-    return {
-        "ids": [one.agent_id for one in profiles],
-        "time": profiles[0].time_s.round(2).tolist() if profiles else [],
-        "charts": [
-            {"title": title, "lines": [_numbers(line) for line in lines]}
-            for title, lines in zip(
-                titles,
-                (
-                    [one.speed_mps for one in profiles],
-                    [one.acceleration_mps2 for one in profiles],
-                    [one.gap_m for one in profiles],
-                ),
-                strict=True,
-            )
-        ],
+    lines = {
+        "Speed, m/s": [one.speed_mps for one in profiles],
+        "Acceleration, m/s\u00b2": [one.acceleration_mps2 for one in profiles],
+        "Gap to the nearest, m": [one.gap_m for one in profiles],
     }
+    return ChartsState(
+        ids=tuple(one.agent_id for one in profiles),
+        time=tuple(profiles[0].time_s.round(2).tolist()) if profiles else (),
+        charts=tuple(
+            Chart(title=title, lines=tuple(map(_numbers, values)))
+            for title, values in lines.items()
+        ),
+    )
 
 
-def _numbers(values: Float[np.ndarray, "T"]) -> list[float | None]:
-    return [
+def _numbers(values: Float[np.ndarray, "T"]) -> tuple[float | None, ...]:
+    return tuple(
         round(value, 2) if math.isfinite(value) else None for value in values.tolist()
-    ]
+    )

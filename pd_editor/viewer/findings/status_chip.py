@@ -7,6 +7,12 @@ from typing import Any, Final, Literal
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
 from pd_editor.editor.cures import Cure, cures
+from pd_editor.viewer.overlay.messages import (
+    ActiveProblem,
+    ProblemGroup,
+    ProblemRow,
+    StatusState,
+)
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.timeline import Timeline, marks_of
 from pd_editor.viewer.state.finding_watch import FindingWatch
@@ -110,27 +116,25 @@ class StatusChip:
         if study.is_running:
             text, tone = f"{text} \u00b7 study at {study.fraction:.0%}", "busy"
         problem = self._ui.session.journal_problem
-        self._overlay.show(
-            "status",
-            {
-                "text": text,
-                "tone": tone,
-                "fraction": None if run is None else run.fraction,
-                "action": action,
-                "unsaved": "" if problem is None else _unsaved(problem),
-                "groups": [
-                    {
-                        "name": name,
-                        "title": _title(name, problems),
-                        "rows": [self._row(problem) for problem in problems[:MAX_ROWS]],
-                        "more": max(len(problems) - MAX_ROWS, 0),
-                    }
-                    for name, problems in groups.items()
-                ],
-                "active": self._active_state(),
-                "numClosed": self._num_closed,
-            },
+        state = StatusState(
+            text=text,
+            tone=tone,
+            fraction=None if run is None else run.fraction,
+            action=action,
+            unsaved="" if problem is None else _unsaved(problem),
+            groups=tuple(
+                ProblemGroup(
+                    name=name,
+                    title=_title(name, problems),
+                    rows=tuple(map(self._row, problems[:MAX_ROWS])),
+                    more=max(len(problems) - MAX_ROWS, 0),
+                )
+                for name, problems in groups.items()
+            ),
+            active=self._active_state(),
+            num_closed=self._num_closed,
         )
+        self._overlay.show(state)
 
     def close_list(self) -> bool:
         """Close the list of problems; returns whether it was open."""
@@ -195,34 +199,32 @@ class StatusChip:
                 self._watch.untouched(),
             )
 
-    def _active_state(self) -> dict[str, Any] | None:
+    def _active_state(self) -> ActiveProblem | None:
         if self._active is None:
             return None
         group, problem = self._active
         # All buttons come at once, so that none moves under the pointer.
         ignore = {"ignored": "No longer ignore", "recorded": ""}.get(group, "Ignore")
-        buttons = [cure.label for cure in self._cures or ()]
-        return {
-            "id": _id(problem),
-            "message": problem.message,
-            "cures": buttons,
-            "ignore": "" if self._cures is None else ignore,
-            "note": _SOURCES[problem.source],
-        }
+        return ActiveProblem(
+            id=_id(problem),
+            message=problem.message,
+            cures=tuple(cure.label for cure in self._cures or ()),
+            ignore="" if self._cures is None else ignore,
+            note=_SOURCES[problem.source],
+        )
 
-    def _row(self, problem: Finding) -> dict[str, Any]:
+    def _row(self, problem: Finding) -> ProblemRow:
         scenario = self._ui.session.scenario
         later = problem.shown_step - scenario.current_step
-        return {
-            "id": _id(problem),
-            "icon": _ICON[problem.kind],
-            "severity": problem.severity,
-            "text": problem.headline,
-            "hint": problem.message,
-            "time": ""
-            if not _has_time(problem)
-            else f"{later * scenario.time_axis.step_s:.1f} s",
-        }
+        time = f"{later * scenario.time_axis.step_s:.1f} s"
+        return ProblemRow(
+            id=_id(problem),
+            icon=_ICON[problem.kind],
+            severity=problem.severity,
+            text=problem.headline,
+            hint=problem.message,
+            time=time if _has_time(problem) else "",
+        )
 
     def _mark_chosen(self, step: int) -> None:
         for problem in self._watch.new:

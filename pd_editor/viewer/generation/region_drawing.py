@@ -8,6 +8,7 @@ import numpy as np
 from pd_editor.base.errors import GenerationError
 from pd_editor.scene.generation import Region
 from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.messages import RegionState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -83,16 +84,14 @@ class RegionDrawing:
 
     def _show(self) -> None:
         region = self.region if self._is_shown else None
-        self._overlay.show(
-            "region",
-            {
-                "isActive": self.is_active,
-                "leastM": LEAST_SIDE_M,
-                "square": None
-                if region is None
-                else [*np.round(region.center_m, 3).tolist(), region.half_side_m],
-            },
+        square = None
+        if region is not None:
+            x, y = region.center_m
+            square = round(x, 3), round(y, 3), region.half_side_m
+        state = RegionState(
+            is_active=self.is_active, least_m=LEAST_SIDE_M, square=square
         )
+        self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Handle a pointer event; late events of another mode are ignored."""

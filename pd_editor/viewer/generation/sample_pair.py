@@ -1,6 +1,6 @@
 """Two samples side by side in top view, on one clock."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -8,6 +8,12 @@ import numpy as np
 from pd_editor.editor.basket.thumbnail import PictureFrame, ground_path
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.viewer.overlay.messages import (
+    PairAgent,
+    PairOffer,
+    PairSample,
+    SamplePairState,
+)
 from pd_editor.viewer.overlay.overlay import Overlay
 
 GROUND_SCALE: Final = 4.0
@@ -53,31 +59,29 @@ class SamplePair:
         """
         self.is_open = True
         wide = PictureFrame(middle_m=frame.middle_m, scale=frame.scale * GROUND_SCALE)
-        self._overlay.show(
-            "sample-pair",
-            {
-                "isOpen": True,
-                "halfWidth": round(frame.half_size_m[0], 1),
-                "ground": ground_path(samples[0][1].road_map, wide),
-                "offered": [
-                    {"index": index, "isAdopted": index == adopted} for index in offered
-                ],
-                "samples": [
-                    {
-                        "index": index,
-                        "isAdopted": index == adopted,
-                        "agents": _paths(scenario, frame),
-                    }
-                    for index, scenario in samples
-                ],
-            },
+        state = SamplePairState(
+            is_open=True,
+            half_width=round(frame.half_size_m[0], 1),
+            ground=ground_path(samples[0][1].road_map, wide),
+            offered=tuple(
+                PairOffer(index=index, is_adopted=index == adopted) for index in offered
+            ),
+            samples=tuple(
+                PairSample(
+                    index=index,
+                    is_adopted=index == adopted,
+                    agents=tuple(_paths(scenario, frame)),
+                )
+                for index, scenario in samples
+            ),
         )
+        self._overlay.show(state)
 
     def close(self) -> bool:
         """Close it; returns whether it was open."""
         was_open, self.is_open = self.is_open, False
         if was_open:
-            self._overlay.show("sample-pair", {"isOpen": False})
+            self._overlay.show(SamplePairState())
         return was_open
 
     def _heard(self, event: Mapping[str, Any]) -> None:
@@ -92,14 +96,13 @@ class SamplePair:
             self._choose(side, value)
 
 
-def _paths(scenario: Scenario, frame: PictureFrame) -> list[dict[str, Any]]:
+def _paths(scenario: Scenario, frame: PictureFrame) -> Iterator[PairAgent]:
     """Boxes and trajectories from the current step on, as far as agents exist.
 
     Positions are in decimetres from the middle of the frame, headings in hundredths of
     radians without jumps.
     """
     agents, now = scenario.agents, scenario.current_step
-    found: list[dict[str, Any]] = []
     for row in np.flatnonzero(agents.is_valid[:, now]).tolist():
         absent = np.flatnonzero(~agents.is_valid[row, now:])
         steps = slice(now, now + int(absent[0]) if len(absent) else None)
@@ -107,15 +110,12 @@ def _paths(scenario: Scenario, frame: PictureFrame) -> list[dict[str, Any]]:
         heading = 100 * np.unwrap(agents.heading_rad[row, steps])
         table = np.rint(np.column_stack([place, heading])).astype(int)
         length, width = agents.size_m[row].tolist()
-        found.append(
-            {
-                "length": round(length, 2),
-                "width": round(width, 2),
-                "color": _color(scenario, row),
-                "path": table.ravel().tolist(),
-            }
+        yield PairAgent(
+            length=round(length, 2),
+            width=round(width, 2),
+            color=_color(scenario, row),
+            path=tuple(table.ravel().tolist()),
         )
-    return found
 
 
 def _color(scenario: Scenario, row: int) -> int:

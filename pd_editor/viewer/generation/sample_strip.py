@@ -3,7 +3,7 @@
 import base64
 import threading
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -27,6 +27,13 @@ from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.generation.sample_pair import SamplePair
+from pd_editor.viewer.overlay.messages import (
+    Choice,
+    SampleCard,
+    SampleLine,
+    SamplePicturesState,
+    SamplesState,
+)
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -282,49 +289,37 @@ class SampleStrip:
     def _show(self, *, takes_focus: bool = False) -> None:
         if not self.is_open:
             self._pair.close()
-            self._overlay.show("samples", {"isOpen": False, "cards": []})
+            self._overlay.show(SamplesState())
             return
         cards, told = self._cards, self._told()
         assert cards is not None
         count = len(cards.numbers)
         rank = {index: number for number, index in enumerate(self._ranked(), 1)}
-        self._overlay.show(
-            "sample-pictures",
-            {"pictures": [_as_address(one) for one in cards.pictures]},
+        pictures = tuple(_as_address(one) for one in cards.pictures)
+        self._overlay.show(SamplePicturesState(pictures=pictures))
+        sizes = {0: f"All {count}"}
+        sizes |= {size: f"{size} most diverse" for size in PICKS if size < count}
+        state = SamplesState(
+            is_open=True,
+            takes_focus=takes_focus,
+            ranking=self._ranking,
+            rankings=tuple(
+                Choice(value=value, text=text) for value, text in RANKING_WORDS.items()
+            ),
+            pick=self._pick or 0,
+            picks=tuple(Choice(value=size, text=text) for size, text in sizes.items()),
+            cards=tuple(
+                SampleCard(
+                    index=index,
+                    rank=rank[index],
+                    is_adopted=index == self._adopted,
+                    lines=card_lines(told[index], cards.numbers[index], self._ranking),
+                    hint=all_numbers(cards.numbers[index], told[index]),
+                )
+                for index in self._order()
+            ),
         )
-        self._overlay.show(
-            "samples",
-            {
-                "isOpen": True,
-                "takesFocus": takes_focus,
-                "ranking": self._ranking,
-                "rankings": [
-                    {"value": value, "text": text}
-                    for value, text in RANKING_WORDS.items()
-                ],
-                "pick": self._pick or 0,
-                "picks": [
-                    {"value": 0, "text": f"All {count}"},
-                    *(
-                        {"value": size, "text": f"{size} most diverse"}
-                        for size in PICKS
-                        if size < count
-                    ),
-                ],
-                "cards": [
-                    {
-                        "index": index,
-                        "rank": rank[index],
-                        "isAdopted": index == self._adopted,
-                        "lines": card_lines(
-                            told[index], cards.numbers[index], self._ranking
-                        ),
-                        "hint": all_numbers(cards.numbers[index], told[index]),
-                    }
-                    for index in self._order()
-                ],
-            },
-        )
+        self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, value = event.get("kind"), event.get("value")
@@ -397,7 +392,7 @@ class SampleStrip:
 
 def card_lines(
     findings: Collection[Finding], numbers: SampleNumbers, ranking: Ranking
-) -> Sequence[Mapping[str, str]]:
+) -> tuple[SampleLine, ...]:
     """The three most telling lines of a sample: problems, their kinds, movement.
 
     With "interaction" the shortest time to collision replaces the movement.
@@ -408,25 +403,22 @@ def card_lines(
     parts = _kinds_in_words(problems)[:2]
     if not parts:
         parts = [f"{notices or 'no'} notice{'s' if notices != 1 else ''}"]
-    lines = [
-        {"text": words, "tone": "bad" if count else ""},
-        {"text": ", ".join(parts), "tone": ""},
-    ]
+    problems_line = SampleLine(text=words, tone="bad" if count else "")
+    kinds_line = SampleLine(text=", ".join(parts))
     time = numbers.time_to_collision_s
     if ranking == "interaction":
-        near = (
+        last = (
             "no collision course"
             if time is None
             else f"{time:.{SECONDS_DIGITS}f} s to collision"
         )
-        lines.append({"text": near, "tone": ""})
     else:
         moving, speed = round(100 * numbers.moving_share), numbers.mean_speed_mps
         # A card is too narrow for two figures of three digits.
         share = "all" if moving == 100 else f"{moving} %"
         digits = 1 if speed < 9.95 else 0
-        lines.append({"text": f"{share} move, {speed:.{digits}f} m/s", "tone": ""})
-    return lines
+        last = f"{share} move, {speed:.{digits}f} m/s"
+    return problems_line, kinds_line, SampleLine(text=last)
 
 
 def _kinds_in_words(problems: Iterable[Finding]) -> list[str]:

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any, Final
 
+from msgspec import structs
+
 from pd_editor.analysis.guidance.possible_encounters import (
     PossibleEncounter,
     endangered_id,
@@ -16,6 +18,11 @@ from pd_editor.viewer.guidance.guiding import replaced_index
 from pd_editor.viewer.guidance.term_marks import arc_mark
 from pd_editor.viewer.guidance.term_rows import agents_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.messages import (
+    EncounterLine,
+    EncounterList,
+    GuidanceMark,
+)
 from pd_editor.viewer.tab.ui_context import UiContext
 
 _POSSIBLE: Final = -2
@@ -130,9 +137,9 @@ class Encounters:
         """Number of the encounter that a mark stands for."""
         return _POSSIBLE - mark if mark <= _POSSIBLE else None
 
-    def marks(self, scenario: Scenario, poses: AgentPoses) -> list[dict[str, Any]]:
+    def marks(self, scenario: Scenario, poses: AgentPoses) -> list[GuidanceMark]:
         """An arc for each agent that could threaten, and for each that could yield."""
-        arcs: dict[tuple[str, ...], dict[str, Any]] = {}
+        arcs: dict[tuple[str, ...], GuidanceMark] = {}
         for number, one in enumerate(self._found or ()):
             key, is_pointed = (
                 (one.term.kind, *one.term.named_ids),
@@ -144,14 +151,15 @@ class Encounters:
                 arc = arc_mark(scenario, poses, one.term, _POSSIBLE - number)
                 if arc is None or one.term in scenario.guidance:
                     continue
-                arcs[key] = arc
-            arc["lines"].append(words)
+            arc = structs.replace(arc, lines=(*arc.lines, words))
             if is_pointed:
-                way = one.way_m[:: max(len(one.way_m) // 20, 1)]
-                arc |= {"isChosen": True, "points": way.round(2).tolist()}
+                way = one.way_m[:: max(len(one.way_m) // 20, 1)].round(2).tolist()
+                points = tuple((x, y) for x, y in way)
+                arc = structs.replace(arc, is_chosen=True, points=points)
+            arcs[key] = arc
         return list(arcs.values())
 
-    def listed(self) -> dict[str, Any]:
+    def listed(self) -> EncounterList:
         """The button and the list, for the page."""
         scenario, agent_id = self._ui.session.scenario, self._agent_id or self._wanted
         found = self._found or ()
@@ -165,22 +173,22 @@ class Encounters:
             about = (
                 f"{len(found)} to {_named(self._agent_id)}. Point to preview, click."
             )
-        return {
-            "label": f"What could happen to {_named(agent_id or EGO_ID)}?",
-            "isEnabled": agent_id is not None,
-            "isOpen": self._agent_id is not None,
-            "about": about,
-            "items": [
-                {
-                    "kind": one.term.kind,
-                    "agent": _guided(one, scenario),
-                    "text": one.in_words,
-                    "isMade": one.term in scenario.guidance,
-                    "isPointed": number == self._pointed,
-                }
+        return EncounterList(
+            label=f"What could happen to {_named(agent_id or EGO_ID)}?",
+            is_enabled=agent_id is not None,
+            is_open=self._agent_id is not None,
+            about=about,
+            items=tuple(
+                EncounterLine(
+                    kind=one.term.kind,
+                    agent=_guided(one, scenario),
+                    text=one.in_words,
+                    is_made=one.term in scenario.guidance,
+                    is_pointed=number == self._pointed,
+                )
                 for number, one in enumerate(found)
-            ],
-        }
+            ),
+        )
 
     @property
     def _wanted(self) -> str | None:

@@ -22,6 +22,7 @@ from pd_editor.viewer.guidance.term_marks import (
     round_bodies,
 )
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.messages import GuidanceMarksState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -88,10 +89,9 @@ class GuidanceHandles:
         marks = [*arcs, *marks]
         grab = self._grab
         refusal = "" if grab is None else grab.refusal
-        agents = round_bodies(scenario, poses) if arcs else []
-        self._overlay.show(
-            "guidance_marks", {"marks": marks, "agents": agents, "refusal": refusal}
-        )
+        agents = round_bodies(scenario, poses) if arcs else ()
+        state = GuidanceMarksState(marks=tuple(marks), agents=agents, refusal=refusal)
+        self._overlay.show(state)
 
     def show_again(self) -> None:
         """Show a change that moves no agent."""

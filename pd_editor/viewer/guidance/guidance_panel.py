@@ -1,8 +1,10 @@
 """The guidance panel: tools to add terms, and the list of terms."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
+
+from msgspec import structs
 
 from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import PdEditorError
@@ -16,7 +18,7 @@ from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.encounters import Encounters
-from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
+from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes, Line
 from pd_editor.viewer.guidance.guiding import TOOLS, Guiding, replaced_index
 from pd_editor.viewer.guidance.term_rows import (
     WEIGHTS,
@@ -25,6 +27,13 @@ from pd_editor.viewer.guidance.term_rows import (
     title_of,
     weight_stop,
     with_input,
+)
+from pd_editor.viewer.overlay.messages import (
+    GuidancePanelState,
+    GuidanceRow,
+    GuidanceRun,
+    GuidanceTool,
+    Note,
 )
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -97,68 +106,57 @@ class GuidancePanel:
         report = self._notes.report()
         is_running = self._actions.is_running()
         steered = steered_agent_ids(scenario, selection)
-        self._overlay.show(
-            "guidance_panel",
-            {
-                "version": self._version,
-                "answered": self._answered,
-                "about": about_in_words(scenario, selection),
-                "weights": list(WEIGHTS),
-                "tools": [*self._tools(selection)],
-                "encounters": self._encounters.listed(),
-                "rows": [
-                    self._row(index, scenario)
-                    for index in listed(scenario.guidance, selection)
-                ],
-                "run": {
-                    "label": "Regenerating ..." if is_running else run_label(steered),
-                    "all": "Everybody" if steered is not None else "",
-                    "isEnabled": not is_running,
-                },
-                "report": [
-                    {"tone": line.tone, "text": line.text} for line in report.lines
-                ],
-                "figures": [list(row) for row in report.figures],
-                "action": report.action,
-            },
+        state = GuidancePanelState(
+            version=self._version,
+            answered=self._answered,
+            about=about_in_words(scenario, selection),
+            weights=WEIGHTS,
+            tools=tuple(self._tools(selection)),
+            encounters=self._encounters.listed(),
+            rows=tuple(
+                self._row(index, scenario)
+                for index in listed(scenario.guidance, selection)
+            ),
+            run=GuidanceRun(
+                label="Regenerating ..." if is_running else run_label(steered),
+                all="Everybody" if steered is not None else "",
+                is_enabled=not is_running,
+            ),
+            report=_noted(report.lines),
+            figures=tuple(report.figures),
+            action=report.action,
         )
+        self._overlay.show(state)
 
-    def _tools(self, selection: tuple[str, ...]) -> list[dict[str, Any]]:
-        tools = []
+    def _tools(self, selection: tuple[str, ...]) -> Iterator[GuidanceTool]:
         for kind, one in KINDS.items():
             is_enabled = one.tool is None or len(selection) == 1
-            tools.append(
-                {
-                    "kind": kind,
-                    "title": one.short,
-                    "hint": one.hint if is_enabled else f"{NEEDS_ONE}. {one.hint}",
-                    "isActive": self._guiding.tool == kind,
-                    "isEnabled": is_enabled,
-                }
+            yield GuidanceTool(
+                kind=kind,
+                title=one.short,
+                hint=one.hint if is_enabled else f"{NEEDS_ONE}. {one.hint}",
+                is_active=self._guiding.tool == kind,
+                is_enabled=is_enabled,
             )
-        return tools
 
-    def _row(self, index: int, scenario: Scenario) -> dict[str, Any]:
+    def _row(self, index: int, scenario: Scenario) -> GuidanceRow:
         term = scenario.guidance[index]
         title, agents = title_of(term), agents_of(term, scenario)
-        return {
-            "index": index,
-            "kind": term.kind,
-            "title": title,
-            "agents": agents,
-            "name": f"{title} of {agents}",
-            "isOn": term.is_on,
-            "isChosen": index == self._chosen,
-            "stop": weight_stop(term.weight),
-            "inputs": [
-                one | {"notes": self._notes.of_options(index, one["name"])}
+        return GuidanceRow(
+            index=index,
+            kind=term.kind,
+            title=title,
+            agents=agents,
+            name=f"{title} of {agents}",
+            is_on=term.is_on,
+            is_chosen=index == self._chosen,
+            stop=weight_stop(term.weight),
+            inputs=tuple(
+                structs.replace(one, notes=self._notes.of_options(index, one.name))
                 for one in inputs_of(term)
-            ],
-            "notes": [
-                {"tone": line.tone, "text": line.text}
-                for line in self._notes.of_term(index)
-            ],
-        }
+            ),
+            notes=_noted(self._notes.of_term(index)),
+        )
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Act on an event of the list, and answer it even if it changes nothing."""
@@ -267,6 +265,10 @@ class GuidancePanel:
             act()
         except PdEditorError as error:
             self._ui.notify(f"{title}: not set", str(error), "error")
+
+
+def _noted(lines: Iterable[Line]) -> tuple[Note, ...]:
+    return tuple(Note(tone=line.tone, text=line.text) for line in lines)
 
 
 def listed(guidance: tuple[GuidanceTerm, ...], selection: tuple[str, ...]) -> list[int]:

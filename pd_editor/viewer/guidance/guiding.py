@@ -14,6 +14,7 @@ from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance, forms_of
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.messages import GuidingGhost, GuidingState, rounded_place
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import PointerRay, agent_under, point_of
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -42,7 +43,7 @@ class Guiding:
         self._banner = banner
         self._poses = poses
         self._listeners: list[Callable[[], None]] = []
-        self._ghost: dict[str, Any] = {}
+        self._ghost = GuidingGhost()
         self.tool: str | None = None
         """Kind of the term that is drawn; None while the mode is off."""
         self.agent_id = ""
@@ -71,13 +72,13 @@ class Guiding:
         agent_id = one_guided(self._ui.session.scenario, self._ui.session.selection)
         self._ui.commit_gesture()
         self._ui.show_current_step()
-        self.tool, self.agent_id, self._ghost = kind, agent_id, {}
+        self.tool, self.agent_id, self._ghost = kind, agent_id, GuidingGhost()
         self._changed()
 
     def stop(self) -> None:
         """End the mode, if it is active; nothing else changes."""
         if self.is_active:
-            self.tool, self._ghost = None, {}
+            self.tool, self._ghost = None, GuidingGhost()
             self._changed()
 
     def follow(self) -> None:
@@ -148,22 +149,20 @@ class Guiding:
     def _show(self) -> None:
         """Send the mode and what the pointer would do."""
         if self.tool is None:
-            self._overlay.show("guiding", {"isActive": False})
+            self._overlay.show(GuidingState())
             return
         agents = self._ui.session.scenario.agents
         row, step = agents.row_of[self.agent_id], agents.num_steps - 1
         step = min(step, self._ui.session.scenario.current_step)
         height = DEFAULT_HEIGHT_M[agents.kinds[row]] / 2
-        self._overlay.show(
-            "guiding",
-            {
-                "isActive": True,
-                "kind": self.tool,
-                "gesture": TOOLS[self.tool].gesture,
-                "start": [*np.round(agents.position_m[row, step], 2).tolist(), height],
-                "ghost": self._ghost,
-            },
+        state = GuidingState(
+            is_active=True,
+            kind=self.tool,
+            gesture=TOOLS[self.tool].gesture,
+            start=rounded_place((*agents.position_m[row, step], height)),
+            ghost=self._ghost,
         )
+        self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Handle a pointer event; late events of another mode are ignored."""
@@ -213,27 +212,28 @@ class Guiding:
             return None
         return agents.ids[row]
 
-    def _ghost_at(self, ray: PointerRay) -> dict[str, Any]:
+    def _ghost_at(self, ray: PointerRay) -> GuidingGhost:
         """What a click at the pointer would do, for the page."""
         scenario = self._ui.session.scenario
         if TOOLS[str(self.tool)].gesture == "pick" and self._picked(ray) is None:
-            return {}
+            return GuidingGhost()
         try:
             term = self._clicked(ray)
         except PdEditorError as error:
-            return {"text": str(error), "isBad": True}
+            return GuidingGhost(text=str(error), is_bad=True)
         if isinstance(term, PairGuidance):
             poses = self._poses()
             assert poses is not None
             row = scenario.agents.row_of[term.other_id]
             kind = scenario.agents.kinds[row].in_words
             height = DEFAULT_HEIGHT_M[scenario.agents.kinds[row]] / 2
-            to = [*np.round(poses.position_m[row], 2).tolist(), height]
-            return {"text": f"{kind} {term.other_id}", "end": to}
+            end = rounded_place((*poses.position_m[row], height))
+            return GuidingGhost(text=f"{kind} {term.other_id}", end=end)
         kind = KINDS[term.kind]
         if kind.points_m is None or kind.shape == "flag":
-            return {}
-        return {"points": np.round(kind.points_m(term, scenario), 2).tolist()}
+            return GuidingGhost()
+        points = np.round(kind.points_m(term, scenario), 2).tolist()
+        return GuidingGhost(points=tuple((x, y) for x, y in points))
 
 
 def drawn(

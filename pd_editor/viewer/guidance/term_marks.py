@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
+from msgspec import structs
 
 from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
@@ -13,14 +14,19 @@ from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.term_rows import sentence_of
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.messages import (
+    Ground,
+    GuidanceBadge,
+    GuidanceMark,
+    Place,
+    rounded_place,
+)
 
 LEAST_OFFER_M: Final = 4.0
 """Shortest trajectory whose end is offered as a goal to drag."""
 OFFER: Final = -1
 """Index of the offered goal, which is no term yet."""
 DRAG_HINT: Final = "drag to set a goal"
-
-Place = list[float]
 
 
 def marks_of(
@@ -30,35 +36,35 @@ def marks_of(
     notes: Mapping[int, tuple[str, ...]],
     *,
     chosen: int | None,
-) -> list[dict[str, Any]]:
+) -> list[GuidanceMark]:
     """One mark per term that has a place on the road, and badges of the other terms.
 
     Arrows and badges follow the drawn poses. Terms of agents that are not selected are
     fainter. ``notes`` are further lines of a term's tooltip, by its index.
     """
     marks = []
-    badges: dict[str, list[dict[str, Any]]] = {}
+    badges: dict[str, list[GuidanceBadge]] = {}
     at = _places(scenario, poses)
     for index, term in enumerate(scenario.guidance):
-        look = {
-            "index": index,
-            "kind": term.kind,
-            "isOn": term.is_on,
-            "isFaint": bool(selection) and not set(term.named_ids) & set(selection),
-            "isChosen": index == chosen,
-            "lines": [sentence_of(term, scenario), *notes.get(index, ())],
-            "isBad": bool(notes.get(index)),
-        }
+        look = GuidanceBadge(
+            index=index,
+            kind=term.kind,
+            is_on=term.is_on,
+            is_faint=bool(selection) and not set(term.named_ids) & set(selection),
+            is_chosen=index == chosen,
+            lines=(sentence_of(term, scenario), *notes.get(index, ())),
+            is_bad=bool(notes.get(index)),
+        )
         place = _place_of(term, scenario, at)
         if place is not None:
-            marks.append({**look, **place})
+            marks.append(structs.replace(place, **structs.asdict(look)))
         elif KINDS[term.kind].shape == "badge":
             for agent_id in term.guided_ids:
                 badges.setdefault(agent_id, []).append(look)
     for agent_id, looks in badges.items():
         place = at(agent_id)
         if place is not None:
-            marks.append({"shape": "badges", "at": place, "badges": looks})
+            marks.append(GuidanceMark(shape="badge", at=place, badges=tuple(looks)))
     return marks
 
 
@@ -92,59 +98,46 @@ def offered_goal(
 
 def offer_mark(
     scenario: Scenario, poses: AgentPoses, agent_id: str, end_m: Float[np.ndarray, "2"]
-) -> dict[str, Any]:
+) -> GuidanceMark:
     """Mark of an offered goal; the page hides it where it would cover its agent."""
-    return {
-        "index": OFFER,
-        "kind": GoalPoint.kind,
-        "isOn": True,
-        "isFaint": False,
-        "isChosen": False,
-        "isBad": False,
-        "lines": [f"{agent_id}: {DRAG_HINT}"],
-        "shape": "flag",
-        "point": _rounded(end_m),
-        "start": _places(scenario, poses)(agent_id),
-        "isOffer": True,
-    }
+    return GuidanceMark(
+        shape="flag",
+        index=OFFER,
+        kind=GoalPoint.kind,
+        lines=(f"{agent_id}: {DRAG_HINT}",),
+        point=_rounded(end_m),
+        start=_places(scenario, poses)(agent_id),
+        is_offer=True,
+    )
 
 
 def arc_mark(
     scenario: Scenario, poses: AgentPoses, term: PairGuidance, index: int
-) -> dict[str, Any] | None:
+) -> GuidanceMark | None:
     """Thin arc of a term that could be made; None if an agent is not drawn."""
     place = _place_of(term, scenario, _places(scenario, poses))
     if place is None:
         return None
-    return {
-        **place,
-        "index": index,
-        "kind": term.kind,
-        "isOn": True,
-        "isFaint": False,
-        "isChosen": False,
-        "isBad": False,
-        "lines": [],
-        "shape": "arc",
-    }
+    return structs.replace(place, index=index, kind=term.kind, shape="arc")
 
 
 def _place_of(
     term: GuidanceTerm, scenario: Scenario, at: Callable[[str], Place | None]
-) -> dict[str, Any] | None:
+) -> GuidanceMark | None:
     """Shape and points of a term; None if it has none, or its agents are not there."""
     kind = KINDS[term.kind]
     if isinstance(term, PairGuidance):
         start, end = at(term.agent_id), at(term.other_id)
         if start is None or end is None:
             return None
-        return {"shape": kind.shape, "start": start, "end": end}
+        return GuidanceMark(shape=kind.shape, start=start, end=end)
     if kind.points_m is None:
         return None
-    points = [_rounded(point) for point in kind.points_m(term, scenario)]
+    points = tuple(_rounded(point) for point in kind.points_m(term, scenario))
     if kind.shape == "flag":
-        return {"shape": "flag", "point": points[0], "start": at(*term.guided_ids)}
-    return {"shape": kind.shape, "points": points}
+        start = at(*term.guided_ids)
+        return GuidanceMark(shape="flag", point=points[0], start=start)
+    return GuidanceMark(shape=kind.shape, points=points)
 
 
 def _places(scenario: Scenario, poses: AgentPoses) -> Callable[[str], Place | None]:
@@ -155,19 +148,21 @@ def _places(scenario: Scenario, poses: AgentPoses) -> Callable[[str], Place | No
         row = agents.row_of.get(agent_id)
         if row is None or row >= len(poses.is_present) or not poses.is_present[row]:
             return None
-        x, y = _rounded(poses.position_m[row])
-        return [x, y, round(DEFAULT_HEIGHT_M[agents.kinds[row]] / 2, 2)]
+        height_m = DEFAULT_HEIGHT_M[agents.kinds[row]] / 2
+        return rounded_place((*poses.position_m[row], height_m))
 
     return at
 
 
-def round_bodies(scenario: Scenario, poses: AgentPoses) -> list[Place]:
+def round_bodies(
+    scenario: Scenario, poses: AgentPoses
+) -> tuple[tuple[float, float, float, float], ...]:
     """Middle and radius of each agent as drawn, in metres."""
     agents, at = scenario.agents, _places(scenario, poses)
     half_m = (np.hypot(*agents.size_m.T) / 2).round(2).tolist()
     found = zip(map(at, agents.ids), half_m, strict=True)
-    return [[*place, radius] for place, radius in found if place is not None]
+    return tuple((*place, radius) for place, radius in found if place is not None)
 
 
-def _rounded(point_m: Any) -> Place:
-    return [round(float(point_m[0]), 2), round(float(point_m[1]), 2)]
+def _rounded(point_m: Any) -> Ground:
+    return round(float(point_m[0]), 2), round(float(point_m[1]), 2)

@@ -7,6 +7,7 @@ from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import EditError
 from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance, forms_of
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.overlay.messages import GuidanceInput
 
 WEIGHTS: Final = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 """Strengths that the slider of a term offers; the middle one is the default."""
@@ -39,21 +40,21 @@ def sentence_of(term: GuidanceTerm, scenario: Scenario) -> str:
     return f"{agents_of(term, scenario)}: {KINDS[term.kind].asks(term)}{off}"
 
 
-def inputs_of(term: GuidanceTerm) -> list[dict[str, Any]]:
+def inputs_of(term: GuidanceTerm) -> list[GuidanceInput]:
     """The values of a term that can be edited, for the page: choices, then numbers."""
     forms = forms_of(type(term))
     return [
-        {
-            "name": name,
-            "label": form.label,
-            "value": form.choices.get(value, value),
-            "unit": form.unit,
-            "least": form.least if form.first is None else form.first,
-            "most": form.most,
-            "step": form.step,
-            "options": tuple(form.choices.values()),
-            "empty": form.empty,
-        }
+        GuidanceInput(
+            name=name,
+            label=form.label,
+            value=form.choices.get(value, value),
+            unit=form.unit,
+            least=form.least if form.first is None else form.first,
+            most=form.most,
+            step=form.step,
+            options=tuple(form.choices.values()),
+            empty=form.empty,
+        )
         for name, form in sorted(forms.items(), key=lambda one: not one[1].choices)
         for value in (getattr(term, name),)
     ]

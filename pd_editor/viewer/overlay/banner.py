@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from pd_editor.viewer.overlay.messages import BannerState
 from pd_editor.viewer.overlay.overlay import Overlay
 
 MODE: Final = 20
@@ -72,12 +73,11 @@ class Banner:
     def _draw(self) -> None:
         owner = self._shown_owner()
         if owner is None:
-            self._overlay.show("banner", {"owner": None, "text": "", "button": None})
+            self._overlay.show(BannerState())
             return
         claim = self._claims[owner]
-        self._overlay.show(
-            "banner", {"owner": owner, "text": claim.text, "button": claim.button}
-        )
+        state = BannerState(owner=owner, text=claim.text, button=claim.button)
+        self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Run the action of an owner's button."""

@@ -5,6 +5,7 @@ down, each as the whole of what an element shows; ``EVENTS`` come up. Names are 
 case on the way. Points are in metres of the scene, pixels in those of the picture.
 """
 
+from collections.abc import Iterable
 from typing import Final, Literal
 
 import msgspec
@@ -18,33 +19,39 @@ Square = tuple[float, float, float]
 Tone = Literal["", "good", "warn", "bad", "busy"]
 
 
+def rounded_place(point_m: Iterable[float]) -> Place:
+    """A point as it is sent, in whole centimetres."""
+    x, y, z = (round(float(value), 2) for value in point_m)
+    return x, y, z
+
+
 class Message(msgspec.Struct, frozen=True, kw_only=True, rename="camel"):
     """A state, an event, or a part of one."""
 
 
-class PageState(Message):
+class PageState(Message, frozen=True):
     title: str
     is_dark: bool
 
 
-class ThemeState(Message):
+class ThemeState(Message, frozen=True):
     is_dark: bool
 
 
-class ThemeEvent(Message):
+class ThemeEvent(Message, frozen=True):
     is_dark: bool
 
 
-class PageEvent(Message):
+class PageEvent(Message, frozen=True):
     kind: Literal["ready", "missing"]
     names: tuple[str, ...] = ()
 
 
-class ConnectionState(Message):
+class ConnectionState(Message, frozen=True):
     is_new: bool
 
 
-class OrderState(Message):
+class OrderState(Message, frozen=True):
     """Keys and buttons that may arm a mode, and the last one that was processed."""
 
     keys: tuple[str, ...] = ()
@@ -52,11 +59,11 @@ class OrderState(Message):
     answered: int = 0
 
 
-class OrderEvent(Message):
+class OrderEvent(Message, frozen=True):
     number: int
 
 
-class PanelState(Message):
+class PanelState(Message, frozen=True):
     """The tab of viser's panel to open, ``instead`` of another one if that is open."""
 
     tab: str | None
@@ -64,35 +71,35 @@ class PanelState(Message):
     instead: str | None = None
 
 
-class PanelEvent(Message):
+class PanelEvent(Message, frozen=True):
     kind: Literal["hold", "release", "tab"]
     title: str = ""
 
 
-class ViewState(Message):
+class ViewState(Message, frozen=True):
     """How the camera answers; ``look`` counts poses of the server."""
 
     is_top: bool
     look: int
 
 
-class CurtainState(Message):
+class CurtainState(Message, frozen=True):
     """Nodes to wait for while the former picture stays."""
 
     number: int
     nodes: tuple[str, ...]
 
 
-class CompassState(Message):
+class CompassState(Message, frozen=True):
     is_top: bool
     is_heading_up: bool
 
 
-class CompassEvent(Message):
+class CompassEvent(Message, frozen=True):
     kind: Literal["turn"]
 
 
-class LegendEntry(Message):
+class LegendEntry(Message, frozen=True):
     """A line of the legend; ``keeps`` is what a padlock keeps."""
 
     text: str
@@ -101,26 +108,26 @@ class LegendEntry(Message):
     keeps: str = ""
 
 
-class LegendState(Message):
+class LegendState(Message, frozen=True):
     entries: tuple[LegendEntry, ...]
 
 
-class KeyRow(Message):
+class KeyRow(Message, frozen=True):
     keys: str
     does: str
 
 
-class KeyGroup(Message):
+class KeyGroup(Message, frozen=True):
     title: str
     rows: tuple[KeyRow, ...]
 
 
-class KeysState(Message):
+class KeysState(Message, frozen=True):
     groups: tuple[KeyGroup, ...]
     num_opened: int
 
 
-class HintsDone(Message):
+class HintsDone(Message, frozen=True):
     """What the session has done already."""
 
     select: bool
@@ -129,22 +136,22 @@ class HintsDone(Message):
     regenerate: bool
 
 
-class HintsState(Message):
+class HintsState(Message, frozen=True):
     is_empty: bool
     done: HintsDone
 
 
-class BannerState(Message):
+class BannerState(Message, frozen=True):
     owner: str | None = None
     text: str = ""
     button: str | None = None
 
 
-class BannerEvent(Message):
+class BannerEvent(Message, frozen=True):
     owner: str | None
 
 
-class TooltipState(Message):
+class TooltipState(Message, frozen=True):
     """Answer to the request ``asked``."""
 
     at: Pixel
@@ -153,44 +160,44 @@ class TooltipState(Message):
     asked: int
 
 
-class TooltipEvent(Message):
+class TooltipEvent(Message, frozen=True):
     at: Pixel
     ray: Ray
     ask: int
 
 
-class FanState(Message):
+class FanState(Message, frozen=True):
     is_shown: bool
 
 
-class FanEvent(Message):
+class FanEvent(Message, frozen=True):
     point: Ground | None
 
 
-class CompareState(Message):
+class CompareState(Message, frozen=True):
     """How the scene differs from the original; empty while that is hidden."""
 
-    text: str
+    text: str = ""
 
 
-class CompareEvent(Message):
+class CompareEvent(Message, frozen=True):
     kind: Literal["hold", "release"]
 
 
-class MenuEntry(Message):
+class MenuEntry(Message, frozen=True):
     label: str
     key: str
     is_enabled: bool
 
 
-class MenuState(Message):
+class MenuState(Message, frozen=True):
     number: int
     at: Pixel
     title: str
     items: tuple[MenuEntry, ...]
 
 
-class MenuEvent(Message):
+class MenuEvent(Message, frozen=True):
     """A right click, or a choice in the menu of that number."""
 
     kind: Literal["open", "choose"]
@@ -200,18 +207,18 @@ class MenuEvent(Message):
     menu: int = 0
 
 
-class Label(Message):
+class Label(Message, frozen=True):
     text: str
     note: str
     point: Place
     radius: float
 
 
-class LabelsState(Message):
+class LabelsState(Message, frozen=True):
     labels: tuple[Label, ...]
 
 
-class LockMark(Message):
+class LockMark(Message, frozen=True):
     keeps: str
     seconds: str
     label: str
@@ -219,11 +226,11 @@ class LockMark(Message):
     radius: float
 
 
-class LocksState(Message):
+class LocksState(Message, frozen=True):
     locks: tuple[LockMark, ...]
 
 
-class MeasureState(Message):
+class MeasureState(Message, frozen=True):
     """The tool that measures; ``speed`` in m/s is that of ``agent``."""
 
     is_active: bool
@@ -232,7 +239,7 @@ class MeasureState(Message):
     agent: str
 
 
-class PlacingState(Message):
+class PlacingState(Message, frozen=True):
     """The mode in which clicks place agents: length, width and height of the ghost."""
 
     is_active: bool
@@ -242,33 +249,33 @@ class PlacingState(Message):
     num_kinds: int
 
 
-class PlacingEvent(Message):
+class PlacingEvent(Message, frozen=True):
     kind: Literal["point", "place", "kind"]
     point: Ground | None = None
     heading_rad: float | None = None
     number: int = 0
 
 
-class RegionState(Message):
+class RegionState(Message, frozen=True):
     is_active: bool
     least_m: float
     square: Square | None
 
 
-class RegionEvent(Message):
+class RegionEvent(Message, frozen=True):
     kind: Literal["drawn", "clear"]
     start: Ground | None = None
     end: Ground | None = None
 
 
-class MapWindowState(Message):
+class MapWindowState(Message, frozen=True):
     title: str = ""
     road: str = ""
     square: Square = (0.0, 0.0, 0.0)
     view: str = ""
 
 
-class MapWindowEvent(Message):
+class MapWindowEvent(Message, frozen=True):
     kind: Literal["open", "cancel"]
     square: Square | None = None
 
@@ -279,7 +286,7 @@ Icon = Literal[
 ]  # fmt: skip
 
 
-class Tool(Message):
+class Tool(Message, frozen=True):
     icon: Icon
     hint: str
     is_active: bool
@@ -288,22 +295,22 @@ class Tool(Message):
     starts_group: bool
 
 
-class ToolbarState(Message):
+class ToolbarState(Message, frozen=True):
     tools: tuple[Tool, ...]
 
 
-class ToolbarEvent(Message):
+class ToolbarEvent(Message, frozen=True):
     kind: Literal["press", "release"]
     icon: Icon
 
 
-class TimelineMark(Message):
+class TimelineMark(Message, frozen=True):
     kind: Literal["problem", "finding"]
     step: int
     text: str
 
 
-class TimelineState(Message):
+class TimelineState(Message, frozen=True):
     """The track, in steps from the current one on; the marks on it."""
 
     first_step: int
@@ -314,14 +321,14 @@ class TimelineState(Message):
     marks: tuple[TimelineMark, ...]
 
 
-class PlayheadState(Message):
+class PlayheadState(Message, frozen=True):
     step: float
     is_playing: bool
     speed: float
     loops: bool
 
 
-class TimelineEvent(Message):
+class TimelineEvent(Message, frozen=True):
     """A button of the timeline, a step to go to, or steps to go on by."""
 
     kind: Literal[
@@ -330,17 +337,17 @@ class TimelineEvent(Message):
     value: int = 0
 
 
-class Choice(Message):
+class Choice(Message, frozen=True):
     value: str | int
     text: str
 
 
-class SampleLine(Message):
+class SampleLine(Message, frozen=True):
     text: str
     tone: Tone = ""
 
 
-class SampleCard(Message):
+class SampleCard(Message, frozen=True):
     index: int
     rank: int
     is_adopted: bool
@@ -348,7 +355,7 @@ class SampleCard(Message):
     hint: str
 
 
-class SamplesState(Message):
+class SamplesState(Message, frozen=True):
     is_open: bool = False
     takes_focus: bool = False
     ranking: str = ""
@@ -358,16 +365,16 @@ class SamplesState(Message):
     cards: tuple[SampleCard, ...] = ()
 
 
-class SamplePicturesState(Message):
+class SamplePicturesState(Message, frozen=True):
     pictures: tuple[str, ...]
 
 
-class SamplesEvent(Message):
+class SamplesEvent(Message, frozen=True):
     kind: Literal["close", "leave", "rank", "pick", "point", "adopt", "keep", "pair"]
     value: str | int = ""
 
 
-class PairAgent(Message):
+class PairAgent(Message, frozen=True):
     """A box and its trajectory: x, y, heading of each step, in 0.1 m and 0.01 rad."""
 
     length: float
@@ -376,18 +383,18 @@ class PairAgent(Message):
     path: tuple[int, ...]
 
 
-class PairSample(Message):
+class PairSample(Message, frozen=True):
     index: int
     is_adopted: bool
     agents: tuple[PairAgent, ...]
 
 
-class PairOffer(Message):
+class PairOffer(Message, frozen=True):
     index: int
     is_adopted: bool
 
 
-class SamplePairState(Message):
+class SamplePairState(Message, frozen=True):
     """Two samples side by side, over the ground as SVG; half the width in metres."""
 
     is_open: bool = False
@@ -397,13 +404,13 @@ class SamplePairState(Message):
     samples: tuple[PairSample, ...] = ()
 
 
-class SamplePairEvent(Message):
+class SamplePairEvent(Message, frozen=True):
     kind: Literal["close", "use", "choose"]
     value: int = -1
     side: int = 0
 
 
-class ScoreFinding(Message):
+class ScoreFinding(Message, frozen=True):
     id: str
     agent: str
     text: str
@@ -411,7 +418,7 @@ class ScoreFinding(Message):
     is_chosen: bool
 
 
-class ScoreLine(Message):
+class ScoreLine(Message, frozen=True):
     """A row of the scorecard; ``findings`` is None unless it is open."""
 
     name: str
@@ -428,7 +435,7 @@ class ScoreLine(Message):
     more: int = 0
 
 
-class ScorecardState(Message):
+class ScorecardState(Message, frozen=True):
     is_open: bool = False
     draws: bool = False
     rows: tuple[ScoreLine, ...] = ()
@@ -436,7 +443,7 @@ class ScorecardState(Message):
     cures: tuple[str, ...] = ()
 
 
-class ScorecardEvent(Message):
+class ScorecardEvent(Message, frozen=True):
     """A part of the scorecard; ``covered`` is its share of the picture's width."""
 
     kind: Literal["close", "draw", "row", "finding", "cure"]
@@ -446,14 +453,14 @@ class ScorecardEvent(Message):
     id: str = ""
 
 
-class Chart(Message):
+class Chart(Message, frozen=True):
     """One line for each agent; None where it is not there."""
 
     title: str
     lines: tuple[tuple[float | None, ...], ...]
 
 
-class ChartsState(Message):
+class ChartsState(Message, frozen=True):
     """Charts of the selected agents, over time in seconds."""
 
     ids: tuple[str, ...]
@@ -461,7 +468,7 @@ class ChartsState(Message):
     charts: tuple[Chart, ...]
 
 
-class ProblemRow(Message):
+class ProblemRow(Message, frozen=True):
     id: str
     icon: str
     severity: str
@@ -473,14 +480,14 @@ class ProblemRow(Message):
 ProblemGroupName = Literal["new", "notices", "ignored", "recorded"]
 
 
-class ProblemGroup(Message):
+class ProblemGroup(Message, frozen=True):
     name: ProblemGroupName
     title: str
     rows: tuple[ProblemRow, ...]
     more: int
 
 
-class ActiveProblem(Message):
+class ActiveProblem(Message, frozen=True):
     """The chosen problem: cures, and the label of the button that ignores it."""
 
     id: str
@@ -490,7 +497,7 @@ class ActiveProblem(Message):
     note: str
 
 
-class StatusState(Message):
+class StatusState(Message, frozen=True):
     text: str
     tone: Tone
     fraction: float | None
@@ -501,7 +508,7 @@ class StatusState(Message):
     num_closed: int
 
 
-class StatusEvent(Message):
+class StatusEvent(Message, frozen=True):
     """A part of the chip; ``free`` is the share of the picture left of its list."""
 
     kind: Literal["list", "choose", "cure", "ignore", "cancel", "use", "download"]
@@ -514,7 +521,7 @@ AgentRow = tuple[str, int, float | None, float | None, int, bool]
 """Id, place of the kind, m/s, metres to the focal agent, marks, whether it moves."""
 
 
-class AgentsState(Message):
+class AgentsState(Message, frozen=True):
     is_open: bool = False
     number: int = 0
     focal: str = ""
@@ -523,26 +530,26 @@ class AgentsState(Message):
     rows: tuple[AgentRow, ...] = ()
 
 
-class AgentSelectionState(Message):
+class AgentSelectionState(Message, frozen=True):
     """Selected rows of the list of that number."""
 
     number: int
     rows: tuple[int, ...]
 
 
-class AgentsEvent(Message):
+class AgentsEvent(Message, frozen=True):
     kind: Literal["open", "close", "select", "lock", "point"]
     number: int = 0
     rows: tuple[int, ...] = ()
     row: int | None = None
 
 
-class Note(Message):
+class Note(Message, frozen=True):
     tone: str
     text: str
 
 
-class GuidanceTool(Message):
+class GuidanceTool(Message, frozen=True):
     kind: str
     title: str
     hint: str
@@ -550,7 +557,7 @@ class GuidanceTool(Message):
     is_enabled: bool
 
 
-class GuidanceInput(Message):
+class GuidanceInput(Message, frozen=True):
     name: str
     label: str
     value: str | float | None
@@ -564,7 +571,7 @@ class GuidanceInput(Message):
     """Few words, and a sentence, on each option."""
 
 
-class GuidanceRow(Message):
+class GuidanceRow(Message, frozen=True):
     index: int
     kind: str
     title: str
@@ -577,7 +584,7 @@ class GuidanceRow(Message):
     notes: tuple[Note, ...]
 
 
-class EncounterLine(Message):
+class EncounterLine(Message, frozen=True):
     kind: str
     agent: str
     text: str
@@ -585,7 +592,7 @@ class EncounterLine(Message):
     is_pointed: bool
 
 
-class EncounterList(Message):
+class EncounterList(Message, frozen=True):
     label: str = ""
     is_enabled: bool = False
     is_open: bool = False
@@ -593,13 +600,13 @@ class EncounterList(Message):
     items: tuple[EncounterLine, ...] = ()
 
 
-class GuidanceRun(Message):
+class GuidanceRun(Message, frozen=True):
     label: str
     all: str
     is_enabled: bool
 
 
-class GuidancePanelState(Message):
+class GuidancePanelState(Message, frozen=True):
     """The list of guidance terms; ``answered`` is the newest event that it answers."""
 
     version: int
@@ -612,10 +619,10 @@ class GuidancePanelState(Message):
     run: GuidanceRun
     report: tuple[Note, ...]
     figures: tuple[tuple[str, str, str, str], ...]
-    action: str
+    action: str | None
 
 
-class GuidancePanelEvent(Message):
+class GuidancePanelEvent(Message, frozen=True):
     kind: Literal[
         "tool", "run", "take", "look", "leave", "point", "make",
         "choose", "switch", "remove", "weight", "input",
@@ -633,7 +640,7 @@ class GuidancePanelEvent(Message):
     value: str | float | None = None
 
 
-class GuidanceBadge(Message):
+class GuidanceBadge(Message, frozen=True):
     index: int
     kind: str
     is_on: bool
@@ -643,10 +650,10 @@ class GuidanceBadge(Message):
     is_bad: bool
 
 
-class GuidanceMark(Message):
+class GuidanceMark(Message, frozen=True):
     """A term on the road, or the badges of an agent at ``at``."""
 
-    shape: Literal["flag", "path", "line", "arrow", "arc", "badges"]
+    shape: Literal["flag", "path", "line", "arrow", "arc", "badge"]
     index: int = 0
     kind: str = ""
     is_on: bool = True
@@ -663,7 +670,7 @@ class GuidanceMark(Message):
     badges: tuple[GuidanceBadge, ...] = ()
 
 
-class GuidanceMarksState(Message):
+class GuidanceMarksState(Message, frozen=True):
     """Marks on the road; middle and radius of agents under arcs."""
 
     marks: tuple[GuidanceMark, ...]
@@ -671,20 +678,20 @@ class GuidanceMarksState(Message):
     refusal: str
 
 
-class GuidanceMarksEvent(Message):
+class GuidanceMarksEvent(Message, frozen=True):
     kind: Literal["point", "grab", "drag", "drop", "cancel"]
     index: int | None
     point: Ground | None = None
 
 
-class GuidingGhost(Message):
+class GuidingGhost(Message, frozen=True):
     text: str = ""
     is_bad: bool = False
     end: Place | None = None
     points: tuple[Ground, ...] | None = None
 
 
-class GuidingState(Message):
+class GuidingState(Message, frozen=True):
     is_active: bool = False
     kind: str = ""
     gesture: Literal["", "draw", "pick", "click"] = ""
@@ -692,7 +699,7 @@ class GuidingState(Message):
     ghost: GuidingGhost = GuidingGhost()
 
 
-class GuidingEvent(Message):
+class GuidingEvent(Message, frozen=True):
     kind: Literal["point", "click", "drawn"]
     tool: str
     at: Pixel = (0.0, 0.0)

@@ -7,15 +7,17 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final
 
+import msgspec
 import viser
 from viser import _messages
 
 from pd_editor.analysis.guidance.kinds import KINDS
+from pd_editor.viewer.overlay.messages import STATES, Message
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
 
-State = Mapping[str, Any]
+_ELEMENTS: Final = {state: element for element, state in STATES.items()}
 Handler = Callable[[Mapping[str, Any]], None]
 
 
@@ -50,12 +52,14 @@ class Overlay:
         self._run(f"{page_script()}\nstart({json.dumps(uuid)});")
         self.on("page", self._page_said)
 
-    def show(self, element: str, state: State) -> None:
+    def show(self, state: Message) -> None:
         """Send an element's state unless the page shows it already.
 
-        The state is plain JSON; an element replaces what it showed before as a whole.
+        An element replaces what it showed before as a whole.
         """
-        text = json.dumps(state, separators=(",", ":"), allow_nan=False)
+        element = _ELEMENTS[type(state)]
+        values = msgspec.to_builtins(state)
+        text = json.dumps(values, separators=(",", ":"), allow_nan=False)
         if self._shown.get(element) != text:
             self._shown[element] = text
             self._run(f"pdOverlay.update({json.dumps(element)}, {text});")

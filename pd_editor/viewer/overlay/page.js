@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (cf30137915d4eee2); not to be edited. */
+/* Built by .ci/client.py from client/ (5ba4352066faa45b); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1076,7 +1076,7 @@
     const cover = (left, top, right, bottom) => taken.push({ left, top, width: right - left, height: bottom - top });
     function isHeldBack(mark) {
       const hold = press ?? settling;
-      if (!hold?.point || mark.shape === "badges") return false;
+      if (!hold?.point || mark.shape === "badge") return false;
       return mark.index === hold.mark.index || !hold.known.has(mark.index);
     }
     function group(mark) {
@@ -1175,8 +1175,8 @@
     }
     const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
     function drawMark(mark) {
-      if (mark.shape === "badges") drawBadges(mark.badges ?? [], mark.at ?? null);
-      if (!mark.shape || mark.shape === "badges") return;
+      if (mark.shape === "badge") drawBadges(mark.badges ?? [], mark.at ?? null);
+      if (!mark.shape || mark.shape === "badge") return;
       const parent = group(mark);
       drawings[mark.shape](mark, parent);
       layer.append(parent);
@@ -1203,7 +1203,7 @@
       const found = within(event, "[data-guide]");
       if (!found || !layer.contains(found)) return null;
       const index = Number(found.dataset.guide);
-      const all = state.marks.flatMap((mark) => mark.shape === "badges" ? mark.badges : [mark]);
+      const all = state.marks.flatMap((mark) => mark.shape === "badge" ? mark.badges : [mark]);
       return all.find((mark) => mark.index === index) ?? null;
     }
     function tell(lines, at) {

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.overlay.messages import CompareState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.original_view import OriginalView, difference_notes
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -27,7 +28,7 @@ class Comparison:
         self._is_held = False
         self._is_kept = False
         overlay.on("compare", self._heard)
-        overlay.show("compare", {"text": ""})
+        overlay.show(CompareState())
 
     @property
     def is_on(self) -> bool:
@@ -57,7 +58,7 @@ class Comparison:
         session = self._ui.session
         step = self._ui.workspace.playback.step
         self._view.show(session.base, session.scenario, step)
-        self._overlay.show("compare", {"text": self._summary()})
+        self._overlay.show(CompareState(text=self._summary()))
 
     def notes(self) -> dict[str, str]:
         """Note on each selected agent."""
@@ -95,5 +96,5 @@ class Comparison:
             return
         self._view.set_shown(self.is_on)
         if not self.is_on:
-            self._overlay.show("compare", {"text": ""})
+            self._overlay.show(CompareState())
         self._on_change()

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pd_editor.viewer.overlay.messages import MenuEntry, MenuState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import PointerRay
 
@@ -57,15 +58,13 @@ class ContextMenu:
         menu = self._menu_at(ray)
         self._items = () if menu is None else menu.items
         self._number += 1
-        self._overlay.show(
-            "menu",
-            {
-                "number": self._number,
-                "at": [ray.x_px, ray.y_px],
-                "title": "" if menu is None else menu.title,
-                "items": [
-                    {"label": item.label, "key": item.key, "isEnabled": item.is_enabled}
-                    for item in self._items
-                ],
-            },
+        state = MenuState(
+            number=self._number,
+            at=(ray.x_px, ray.y_px),
+            title="" if menu is None else menu.title,
+            items=tuple(
+                MenuEntry(label=item.label, key=item.key, is_enabled=item.is_enabled)
+                for item in self._items
+            ),
         )
+        self._overlay.show(state)

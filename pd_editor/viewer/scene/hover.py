@@ -11,6 +11,7 @@ from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.messages import TooltipState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import (
     PointerRay,
@@ -50,15 +51,13 @@ class Hover:
         row = agent_under(agents, poses, ray)
         lines = self._lines(ray, row)
         if lines:
-            self._overlay.show(
-                "tooltip",
-                {
-                    "at": [ray.x_px, ray.y_px],
-                    "lines": lines,
-                    "agent": None if row is None else agents.ids[row],
-                    "asked": int(ask),
-                },
+            state = TooltipState(
+                at=(ray.x_px, ray.y_px),
+                lines=tuple(lines),
+                agent=None if row is None else agents.ids[row],
+                asked=int(ask),
             )
+            self._overlay.show(state)
 
     def _lines(self, ray: PointerRay, row: int | None) -> list[str]:
         session = self._ui.session

@@ -8,6 +8,7 @@ import numpy as np
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.messages import Label, LabelsState, rounded_place
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.timeline import in_seconds
 from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
@@ -53,11 +54,11 @@ class LabelsView:
             agent_id = agents.ids[row]
             point = [*poses.position_m[row], DEFAULT_HEIGHT_M[agents.kinds[row]] / 2]
             labels.append(
-                {
-                    "text": f"{agents.kinds[row]} {agent_id} · {speed:.1f} m/s{when}",
-                    "note": notes.get(agent_id, ""),
-                    "point": [round(float(value), 2) for value in point],
-                    "radius": round(float(np.hypot(*sizes[row])) / 2, 2),
-                }
+                Label(
+                    text=f"{agents.kinds[row]} {agent_id} · {speed:.1f} m/s{when}",
+                    note=notes.get(agent_id, ""),
+                    point=rounded_place(point),
+                    radius=round(float(np.hypot(*sizes[row])) / 2, 2),
+                )
             )
-        self._overlay.show("labels", {"labels": labels})
+        self._overlay.show(LabelsState(labels=tuple(labels)))

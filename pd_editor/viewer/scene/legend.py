@@ -1,7 +1,6 @@
 """Legend of the picture's colours and lines."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState
 from pd_editor.viewer.meshes.colors import Rgb
 from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.overlay.messages import LegendEntry, LegendState
 from pd_editor.viewer.overlay.overlay import Overlay
 
 _KIND_NAME: Final[dict[AgentKind, str]] = {
@@ -33,17 +33,6 @@ _LOCKED: Final[dict[Kept, str]] = {
 }
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """A line of the legend."""
-
-    text: str
-    glyph: Literal["fill", "shaded", "line", "dots", "ring", "lock"]
-    color: str
-    keeps: str = ""
-    """What the lock of a padlock keeps."""
-
-
 class Legend:
     """A folding list over the picture, in the colours of the theme in force."""
 
@@ -61,28 +50,28 @@ class Legend:
     ) -> None:
         """List what is in the picture, if need be with what is drawn of the original."""
         agents = scenario.agents
-        entries: list[_Entry] = []
+        entries: list[LegendEntry] = []
         if scenario.focal_id in agents.row_of:
-            entries.append(_Entry("Focal agent", "fill", _css(palette.focal)))
+            entries.append(_entry("Focal agent", "fill", _css(palette.focal)))
         if EGO_ID in agents.row_of:
-            entries.append(_Entry("Ego", "fill", _css(palette.ego)))
+            entries.append(_entry("Ego", "fill", _css(palette.ego)))
         entries += _kinds(scenario, palette)
         vehicle = _css(palette.kinds[AgentKind.VEHICLE])
         entries += [
-            _Entry("Past", "line", _css(palette.past)),
-            _Entry("Trajectory ahead", "line", vehicle),
+            _entry("Past", "line", _css(palette.past)),
+            _entry("Trajectory ahead", "line", vehicle),
         ]
         is_there = agents.is_valid[:, scenario.current_step]
         if (~is_there).any():
-            entries.append(_Entry("Not there at t = 0", "dots", vehicle))
+            entries.append(_entry("Not there at t = 0", "dots", vehicle))
         ghost = _css(palette.ghost)
         if has_original_road:
-            entries.append(_Entry("Original road", "line", ghost))
+            entries.append(_entry("Original road", "line", ghost))
         if has_original_agents:
-            entries.append(_Entry("Original trajectory", "dots", ghost))
+            entries.append(_entry("Original trajectory", "dots", ghost))
         kept = {lock.keeps for lock in scenario.locks.values()}
         entries += [
-            _Entry(text, "lock", "", keeps)
+            _entry(text, "lock", "", keeps)
             for keeps, text in _LOCKED.items()
             if keeps in kept
         ]
@@ -90,26 +79,35 @@ class Legend:
             int(code) for one in scenario.signals for code in np.unique(one.states)
         }
         entries += [
-            _Entry(
+            _entry(
                 f"Signal: {state.name.lower()}", "line", _css(palette.signals[state])
             )
             for state in map(SignalState, sorted(shown))
         ]
         entries += [
-            _Entry("Selected", "ring", _css(palette.selection)),
-            _Entry("Problem", "ring", _css(palette.warning)),
+            _entry("Selected", "ring", _css(palette.selection)),
+            _entry("Problem", "ring", _css(palette.warning)),
         ]
-        self._overlay.show("legend", {"entries": [asdict(one) for one in entries]})
+        self._overlay.show(LegendState(entries=tuple(entries)))
 
 
-def _kinds(scenario: Scenario, palette: Palette) -> Iterator[_Entry]:
+def _kinds(scenario: Scenario, palette: Palette) -> Iterator[LegendEntry]:
     """The kinds that are there; kinds with one name have one colour."""
     present = set(scenario.agents.kinds)
     names = {name: kind for kind, name in _KIND_NAME.items() if kind in present}
     for name, kind in names.items():
         glyph = "shaded" if kind is AgentKind.BUS else "fill"
-        yield _Entry(name, glyph, _css(palette.kinds[kind]))
+        yield _entry(name, glyph, _css(palette.kinds[kind]))
 
 
 def _css(color: Rgb) -> str:
     return f"rgb{color}"
+
+
+def _entry(
+    text: str,
+    glyph: Literal["fill", "shaded", "line", "dots", "ring", "lock"],
+    color: str,
+    keeps: str = "",
+) -> LegendEntry:
+    return LegendEntry(text=text, glyph=glyph, color=color, keeps=keeps)

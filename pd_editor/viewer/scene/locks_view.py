@@ -3,6 +3,7 @@
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.overlay.messages import LockMark, LocksState, rounded_place
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
 
@@ -30,12 +31,12 @@ class LocksView:
                 continue
             point = [*poses.position_m[row], DEFAULT_HEIGHT_M[agents.kinds[row]] / 2]
             locks.append(
-                {
-                    "keeps": lock.keeps,
-                    "seconds": f"{lock.kept_s:g} s" if lock.keeps_beginning else "",
-                    "label": f"Locked: {lock.in_words} of agent {agent_id}",
-                    "point": [round(float(value), 2) for value in point],
-                    "radius": round(float(sizes[row, 1]) / 2, 2),
-                }
+                LockMark(
+                    keeps=lock.keeps,
+                    seconds=f"{lock.kept_s:g} s" if lock.keeps_beginning else "",
+                    label=f"Locked: {lock.in_words} of agent {agent_id}",
+                    point=rounded_place(point),
+                    radius=round(float(sizes[row, 1]) / 2, 2),
+                )
             )
-        self._overlay.show("locks", {"locks": locks})
+        self._overlay.show(LocksState(locks=tuple(locks)))

@@ -6,6 +6,7 @@ import numpy as np
 
 from pd_editor.editor.session import EditorSession
 from pd_editor.viewer.overlay.banner import MODE, Banner
+from pd_editor.viewer.overlay.messages import Ground, MeasureState
 from pd_editor.viewer.overlay.overlay import Overlay
 
 SLOWEST_MPS = 0.3
@@ -28,7 +29,7 @@ class Measure:
         self._session = session
         self._on_change = on_change
         self._is_active = False
-        self._start_m: list[float] | None = None
+        self._start_m: Ground | None = None
 
     @property
     def is_active(self) -> bool:
@@ -43,7 +44,7 @@ class Measure:
     def begin_at(self, point_m: np.ndarray) -> None:
         """Measure from a point of the ground on."""
         self.stop()
-        self._start_m = [float(point_m[0]), float(point_m[1])]
+        self._start_m = float(point_m[0]), float(point_m[1])
         self._set_active(True)
 
     def stop(self) -> None:
@@ -54,15 +55,13 @@ class Measure:
     def show(self) -> None:
         """Send the speed of the selected agent, by which the page computes seconds."""
         speed_mps, agent = self._selected_speed() if self._is_active else (None, "")
-        self._overlay.show(
-            "measure",
-            {
-                "isActive": self._is_active,
-                "start": self._start_m,
-                "speed": speed_mps,
-                "agent": agent,
-            },
+        state = MeasureState(
+            is_active=self._is_active,
+            start=self._start_m,
+            speed=speed_mps,
+            agent=agent,
         )
+        self._overlay.show(state)
 
     def _set_active(self, is_active: bool) -> None:
         self._is_active = is_active

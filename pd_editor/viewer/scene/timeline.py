@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from pd_editor.viewer.overlay.banner import STATE, Banner
+from pd_editor.viewer.overlay.messages import PlayheadState, TimelineMark, TimelineState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.playback import Playback
 
@@ -99,34 +100,26 @@ class Timeline:
         """Show the axis and the playhead as they are."""
         playback = self._playback
         axis = playback.axis
-        self._overlay.show(
-            "timeline",
-            {
-                "firstStep": -axis.current_step,
-                "lastStep": axis.num_steps - 1 - axis.current_step,
-                "beginStep": playback.first_step - axis.current_step,
-                "endStep": playback.last_step - axis.current_step,
-                "stepS": axis.step_s,
-                "marks": [
-                    {
-                        "kind": kind,
-                        "step": mark.step - axis.current_step,
-                        "text": mark.text,
-                    }
-                    for kind, mark in self._shown_marks()
-                ],
-            },
+        now = axis.current_step
+        track = TimelineState(
+            first_step=-now,
+            last_step=axis.num_steps - 1 - now,
+            begin_step=playback.first_step - now,
+            end_step=playback.last_step - now,
+            step_s=axis.step_s,
+            marks=tuple(
+                TimelineMark(kind=kind, step=mark.step - now, text=mark.text)
+                for kind, mark in self._shown_marks()
+            ),
         )
-        self._overlay.show(
-            "playhead",
-            {
-                "step": round(playback.step - axis.current_step, 4),
-                "isPlaying": playback.is_playing,
-                "speed": playback.speed,
-                "loops": playback.loops,
-            },
+        head = PlayheadState(
+            step=round(playback.step - now, 4),
+            is_playing=playback.is_playing,
+            speed=playback.speed,
+            loops=playback.loops,
         )
-
+        self._overlay.show(track)
+        self._overlay.show(head)
         self._show_banner()
 
     def _shown_marks(self) -> list[tuple[MarkKind, Mark]]:

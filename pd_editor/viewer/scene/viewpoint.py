@@ -8,6 +8,7 @@ import numpy as np
 
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.overlay.messages import CompassState, CurtainState, ViewState
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.camera import ground_point, projected, ray_through
 from pd_editor.viewer.scene.framing import (
@@ -94,7 +95,7 @@ class Viewpoint:
         it would show the former road from the new camera.
         """
         self._num_looks += 1
-        self._overlay.show("curtain", {"number": self._num_looks, "nodes": nodes})
+        self._overlay.show(CurtainState(number=self._num_looks, nodes=nodes))
 
     def frame_opened(self) -> None:
         """Show the focal agent and what surrounds it; of an empty scene the whole map."""
@@ -216,9 +217,8 @@ class Viewpoint:
         self._look(replace(pose, position_m=(x, south, pose.position_m[2]), up=UP))
 
     def _show_compass(self) -> None:
-        self._overlay.show(
-            "compass", {"isTop": self.is_top, "isHeadingUp": self.is_heading_up}
-        )
+        state = CompassState(is_top=self.is_top, is_heading_up=self.is_heading_up)
+        self._overlay.show(state)
 
     @property
     def _scenario(self) -> Scenario:
@@ -269,7 +269,7 @@ class Viewpoint:
         self._num_looks += 1
         with self._ui.client.atomic():
             # First, so that the page removes its limits during the transition.
-            self._overlay.show("view", {"isTop": self.is_top, "look": self._num_looks})
+            self._overlay.show(ViewState(is_top=self.is_top, look=self._num_looks))
             pose.apply_to(self._camera)
             self._show_compass()
 

@@ -3,8 +3,10 @@
 import json
 
 import pytest
+from msgspec import to_builtins
 
 from pd_editor.editor.commands import DuplicateAgents
+from pd_editor.viewer.overlay.messages import StatusState
 from tests.analysis.findings.builders import finding
 from tests.viewer.fake_browser import connected_tab, running_app
 
@@ -71,10 +73,10 @@ def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
     overlay = tab.tab.overlay
     real = overlay.show
 
-    def show(element, state):
-        if element == "status":
-            shown.append(json.loads(json.dumps(state["active"])))
-        real(element, state)
+    def show(state):
+        if isinstance(state, StatusState):
+            shown.append(to_builtins(state.active))
+        real(state)
 
     monkeypatch.setattr(overlay, "show", show)
     for problem in (first, second):

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,12 +18,12 @@ from pd_editor.viewer.generation.sample_strip import (
     SampleStrip,
     card_lines,
 )
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.tab.ui_context import UiContext
 from tests.analysis.findings.builders import finding
 from tests.analysis.findings.test_sample_ranking import PLAIN
 from tests.analysis.metrics.traffic_builders import sample_of
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
+from tests.viewer.fake_page import FakePage
 
 
 def test_the_pictures_hold_the_agents_of_all_samples_and_the_focal_agent():
@@ -50,19 +51,6 @@ def test_one_car_far_from_the_road_does_not_empty_the_picture():
     assert far == usual
 
 
-class Page(Overlay):
-    """Keeps what is shown; there is no page."""
-
-    def __init__(self):
-        self.shown, self.handlers = {}, {}
-
-    def show(self, element, state):
-        self.shown[element] = dict(state)
-
-    def on(self, element, handler):
-        self.handlers[element] = handler
-
-
 class Tab(UiContext):
     """Runs actions at once and keeps notices."""
 
@@ -88,7 +76,7 @@ class Strip(SampleStrip):
 
 @pytest.fixture
 def page():
-    return Page()
+    return FakePage()
 
 
 @pytest.fixture
@@ -148,7 +136,7 @@ def test_cards_are_ranked_and_marked(strip, page):
     assert sorted(card["index"] for card in shown["cards"]) == [0, 1, 2]
     assert [card["index"] for card in shown["cards"] if card["isAdopted"]] == [0]
     assert len(page.shown["sample-pictures"]["pictures"]) == 3
-    hear = page.handlers["samples"]
+    hear = partial(page.send, "samples")
     hear({"kind": "rank", "value": "movement"})
     cards = page.shown["samples"]["cards"]
     assert [card["index"] for card in cards] == [2, 1, 0]
@@ -161,7 +149,7 @@ def test_cards_are_ranked_and_marked(strip, page):
 
 def test_pointing_previews_and_a_click_adopts(strip, page, drawn):
     opened(strip, page)
-    hear = page.handlers["samples"]
+    hear = partial(page.send, "samples")
     hear({"kind": "point", "value": 2})
     assert strip.previewed is not None
     assert len(drawn) == 1
@@ -181,17 +169,17 @@ def test_pointing_previews_and_a_click_adopts(strip, page, drawn):
 
 def test_a_sample_is_compared_with_the_one_in_use(strip, page):
     opened(strip, page)
-    page.handlers["samples"]({"kind": "pair", "value": 2})
+    page.send("samples", {"kind": "pair", "value": 2})
     pair = page.shown["sample-pair"]
     assert [one["index"] for one in pair["samples"]] == [0, 2]
     left, right = (one["agents"][0]["path"] for one in pair["samples"])
     assert len(left) == len(right) == 3 * 61
     assert left[:2] == right[:2]
     assert left != right
-    page.handlers["sample-pair"]({"kind": "use", "value": 2})
+    page.send("sample-pair", {"kind": "use", "value": 2})
     assert strip.adopted == [2]
-    assert page.shown["sample-pair"] == {"isOpen": False}
-    page.handlers["samples"]({"kind": "pair", "value": 1})
+    assert not page.shown["sample-pair"]["isOpen"]
+    page.send("samples", {"kind": "pair", "value": 1})
     assert strip.close(), "the comparison is closed first"
     assert strip.is_open
     assert strip.close()
@@ -210,14 +198,14 @@ def test_the_key_compares_whatever_is_pointed_at(strip, page):
         strip.compare()
         return [one["index"] for one in page.shown["sample-pair"]["samples"]]
 
-    page.handlers["samples"]({"kind": "point", "value": 2})
+    page.send("samples", {"kind": "point", "value": 2})
     assert compared() == [0, 2]
     strip.compare()
-    assert page.shown["sample-pair"] == {"isOpen": False}
-    page.handlers["samples"]({"kind": "point", "value": 0})
+    assert not page.shown["sample-pair"]["isOpen"]
+    page.send("samples", {"kind": "point", "value": 0})
     assert compared() == [best, 0]
     assert strip.close()
-    page.handlers["samples"]({"kind": "leave"})
+    page.send("samples", {"kind": "leave"})
     assert compared() == [best, 0]
 
 
@@ -246,12 +234,12 @@ def test_cards_count_collisions_with_agents_that_appear_later():
 def test_any_two_samples_are_compared(strip, page):
     """(W13) Each side has a menu of all samples; the one of the other side swaps."""
     opened(strip, page)
-    hear = page.handlers["sample-pair"]
+    hear = partial(page.send, "sample-pair")
 
     def sides() -> list[int]:
         return [one["index"] for one in page.shown["sample-pair"]["samples"]]
 
-    page.handlers["samples"]({"kind": "pair", "value": 2})
+    page.send("samples", {"kind": "pair", "value": 2})
     assert sides() == [0, 2]
     offered = page.shown["sample-pair"]["offered"]
     assert sorted(one["index"] for one in offered) == [0, 1, 2]
@@ -265,13 +253,13 @@ def test_any_two_samples_are_compared(strip, page):
     assert sides() == [2, 1]
     assert not strip.adopted
     # The one in use is compared with the best other one.
-    page.handlers["samples"]({"kind": "pair", "value": 0})
+    page.send("samples", {"kind": "pair", "value": 0})
     assert sides() == [offered[0]["index"] or offered[1]["index"], 0]
 
 
 def test_the_strip_hides_and_comes_back_with_the_state(strip, page):
     opened(strip, page)
-    page.handlers["samples"]({"kind": "point", "value": 1})
+    page.send("samples", {"kind": "point", "value": 1})
     strip.follow(None, is_valid=False)
     assert not page.shown["samples"]["isOpen"]
     strip.follow(None, is_valid=True)
@@ -290,7 +278,7 @@ def test_the_strip_hides_and_comes_back_with_the_state(strip, page):
 def test_three_lines():
     def texts(kinds, numbers=PLAIN, ranking="realism"):
         found = [finding(kind, str(n)) for n, kind in enumerate(kinds)]
-        return [line["text"] for line in card_lines(found, numbers, ranking)]
+        return [line.text for line in card_lines(found, numbers, ranking)]
 
     moves = "50 % move, 8.0 m/s"
     assert texts([]) == ["No new problems", "no notices", moves]
@@ -303,7 +291,7 @@ def test_three_lines():
     words = ["sharp bend", "against traffic", "impossible", "unmet guidance"]
     assert [texts([kind])[1] for kind in kinds] == [f"1 {one}" for one in words]
     (line, *_) = card_lines([finding("collision", "a")], PLAIN, "interaction")
-    assert line == {"text": "1 problem", "tone": "bad"}
+    assert (line.text, line.tone) == ("1 problem", "bad")
     assert texts([], ranking="interaction")[2] == "2.0 s to collision"
     never = replace(PLAIN, time_to_collision_s=None)
     assert texts([], never, "interaction")[2] == "no collision course"

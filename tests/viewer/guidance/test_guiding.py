@@ -236,7 +236,7 @@ def test_the_list_shows_terms_of_the_selection(tab: FakeTab):
     ]
     assert [row["isOn"] for row in rows] == [True, True, True, False]
     marks = shown(tab, "guidance_marks")["marks"]
-    assert sorted(mark["shape"] for mark in marks) == ["arrow", "badges", "badges"]
+    assert sorted(mark["shape"] for mark in marks) == ["arrow", "badge", "badge"]
 
 
 def heard(tab: FakeTab, **event) -> None:

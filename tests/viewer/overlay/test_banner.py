@@ -3,25 +3,12 @@
 import pytest
 
 from pd_editor.viewer.overlay.banner import MODE, OFFER, STATE, Banner
-from pd_editor.viewer.overlay.overlay import Overlay
-
-
-class Page(Overlay):
-    """Keeps what is shown; there is no page."""
-
-    def __init__(self):
-        self.shown, self.handler = {}, None
-
-    def show(self, element, state):
-        self.shown = dict(state)
-
-    def on(self, element, handler):
-        self.handler = handler
+from tests.viewer.fake_page import FakePage
 
 
 @pytest.fixture
 def page():
-    return Page()
+    return FakePage()
 
 
 @pytest.fixture
@@ -33,12 +20,12 @@ def test_the_highest_priority_is_shown_and_the_rest_waits(banner, page):
     banner.show("time", "time", priority=STATE)
     banner.show("placing", "placing", priority=MODE)
     banner.show("candidates", "fan", priority=OFFER)
-    assert banner.text == page.shown["text"] == "placing"
+    assert banner.text == page.shown["banner"]["text"] == "placing"
     banner.hide("placing")
-    assert page.shown["text"] == "fan"
+    assert page.shown["banner"]["text"] == "fan"
     banner.hide("candidates")
     banner.hide("time")
-    assert page.shown == {"owner": None, "text": "", "button": None}
+    assert page.shown["banner"] == {"owner": None, "text": "", "button": None}
     assert banner.text is None
 
 
@@ -53,7 +40,7 @@ def test_of_equals_the_latest_is_shown(banner):
 def test_the_button_acts_for_its_owner_and_garbage_is_dropped(banner, page):
     pressed = []
     banner.show("time", "t", button="Go", on_press=lambda: pressed.append("time"))
-    page.handler({"kind": "press", "owner": "time"})
+    page.send("banner", {"owner": "time"})
     for owner in (None, 3, "missing", ["time"]):
-        page.handler({"kind": "press", "owner": owner})
+        page.send("banner", {"owner": owner})
     assert pressed == ["time"]

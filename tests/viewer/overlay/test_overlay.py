@@ -6,6 +6,7 @@ import pytest
 
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.viewer.overlay.messages import CompareState, MapWindowState
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import connected_tab, running_app
 
@@ -55,8 +56,8 @@ def test_garbage_is_dropped(tab, text):
 def test_an_element_is_sent_again_only_when_it_changes(tab, monkeypatch):
     overlay, sent = tab.tab.overlay, []
     monkeypatch.setattr(overlay, "_run", sent.append)
-    for state in ({"a": 1}, {"a": 1}, {"a": 2}):
-        overlay.show("probe", state)
+    for text in ("one", "one", "other"):
+        overlay.show(CompareState(text=text))
     assert len(sent) == 2
     with pytest.raises(ValueError, match="JSON"):
-        overlay.show("probe", {"a": float("nan")})
+        overlay.show(MapWindowState(square=(0.0, 0.0, float("nan"))))

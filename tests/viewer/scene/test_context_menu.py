@@ -2,21 +2,8 @@
 
 import pytest
 
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.context_menu import ContextMenu, Menu, MenuItem
-
-
-class Page(Overlay):
-    """Keeps what is shown; there is no page."""
-
-    def __init__(self):
-        self.shown, self.handler = {}, None
-
-    def show(self, element, state):
-        self.shown = dict(state)
-
-    def on(self, element, handler):
-        self.handler = handler
+from tests.viewer.fake_page import FakePage
 
 
 @pytest.fixture
@@ -26,7 +13,7 @@ def done():
 
 @pytest.fixture
 def page(done):
-    page = Page()
+    page = FakePage()
     items = (
         MenuItem("Snap", lambda: done.append("snap")),
         MenuItem("Focal", lambda: done.append("focal"), is_enabled=False),
@@ -39,23 +26,26 @@ OPEN = {"kind": "open", "at": [1, 2], "ray": [[0, 0, 9], [0, 0, 0]]}
 
 
 def test_a_line_acts_once_and_only_in_its_menu(page, done):
-    page.handler(OPEN)
-    number = page.shown["number"]
-    assert [item["label"] for item in page.shown["items"]] == ["Snap", "Focal"]
-    page.handler({"kind": "choose", "index": 0, "menu": number - 1})
+    page.send("menu", OPEN)
+    number = page.shown["menu"]["number"]
+    assert [item["label"] for item in page.shown["menu"]["items"]] == ["Snap", "Focal"]
+    page.send("menu", {"kind": "choose", "index": 0, "menu": number - 1})
     assert not done
-    page.handler({"kind": "choose", "index": 0, "menu": number})
-    page.handler({"kind": "choose", "index": 0, "menu": number})
+    page.send("menu", {"kind": "choose", "index": 0, "menu": number})
+    page.send("menu", {"kind": "choose", "index": 0, "menu": number})
     assert done == ["snap"]
 
 
 def test_disabled_lines_and_garbage_do_nothing(page, done):
-    page.handler(OPEN)
-    number = page.shown["number"]
+    page.send("menu", OPEN)
+    number = page.shown["menu"]["number"]
     for index in (1, 2, -1, None, "0", 10**400):
-        page.handler(OPEN)
-        page.handler({"kind": "choose", "index": index, "menu": page.shown["number"]})
-    page.handler({"kind": "open", "at": None, "ray": [1, 2]})
-    page.handler({})
+        page.send("menu", OPEN)
+        page.send(
+            "menu",
+            {"kind": "choose", "index": index, "menu": page.shown["menu"]["number"]},
+        )
+    page.send("menu", {"kind": "open", "at": None, "ray": [1, 2]})
+    page.send("menu", {})
     assert not done
-    assert page.shown["number"] > number
+    assert page.shown["menu"]["number"] > number

@@ -7,10 +7,10 @@ import pytest
 
 from pd_editor.editor.commands import SetAgentSpeed, TransformAgents
 from pd_editor.viewer.meshes.agent_poses import poses_at
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.hover import Hover, agent_lines, lane_lines
 from pd_editor.viewer.scene.picking import lane_under
 from tests.builders import two_agents_that_pass
+from tests.viewer.fake_page import FakePage
 
 
 def test_an_agent_is_told_with_speed_lane_and_marks():
@@ -45,19 +45,6 @@ def test_a_lane_is_told_with_its_paint():
     assert "_" not in second
 
 
-class Page(Overlay):
-    """Keeps what is shown; there is no page."""
-
-    def __init__(self):
-        self.shown, self.handler = [], None
-
-    def show(self, element, state):
-        self.shown.append(dict(state))
-
-    def on(self, element, handler):
-        self.handler = handler
-
-
 class FakeDesk:
     """A session and a playhead that stands."""
 
@@ -70,18 +57,16 @@ class FakeDesk:
 
 
 def test_answers_name_the_question_and_garbage_gets_none(monkeypatch):
-    page = Page()
-    hover = Hover.__new__(Hover)
-    hover._ui, hover._overlay = FakeDesk, page
-    hover._is_quiet = lambda: False
-    hover._poses = lambda: poses_at(FakeDesk.session.scenario.agents, 49.0)
+    page = FakePage()
+    poses = poses_at(FakeDesk.session.scenario.agents, 49.0)
+    Hover(FakeDesk, page, lambda: poses, lambda: False)
     asked = {"at": [3, 4], "ray": [[0, 0, 50], [0, 0, 0]], "ask": 7}
-    hover._heard(asked)
-    assert page.shown[0]["asked"] == 7
-    assert page.shown[0]["at"] == [3, 4]
+    page.send("tooltip", asked)
+    assert page.shown["tooltip"]["asked"] == 7
+    assert page.shown["tooltip"]["at"] == [3, 4]
     for ask in (math.nan, "7", None, 10**400, []):
-        hover._heard({**asked, "ask": ask})
-    hover._heard({"ask": 7})
+        page.send("tooltip", {**asked, "ask": ask})
+    page.send("tooltip", {"ask": 7})
     monkeypatch.setattr(FakeDesk.workspace.playback, "is_playing", True)
-    hover._heard(asked)
-    assert len(page.shown) == 1
+    page.send("tooltip", asked)
+    assert page.num_sent == 1
