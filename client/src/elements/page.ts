@@ -4,8 +4,8 @@ import { missing, openCommands } from "../bridge.ts";
 import { hasModifier, isTyping, make, recall, remember, within } from "../dom.ts";
 import { define, hearFirst, isOnPicture, listen, onDispose, root, take } from "../frame.ts";
 
-/** viser has built its page by then. */
-const BUILT_MS = 10_000;
+/** viser has built its page by then, unless the browser is busy. */
+const BUILT_MS = 20_000;
 
 define("page", (api) => {
   listen(document, "keydown", (event) => {
@@ -37,13 +37,20 @@ define("page", (api) => {
   const lack = make("div", "pd-solid pd-banner-bar pd-connection-bar", { role: "alert" });
   lack.hidden = true;
   api.box.append(lack);
-  const check = setTimeout(() => {
+  // Told when it was so twice: a busy browser builds its page late.
+  let before: readonly string[] = [];
+  const watch = setInterval(() => {
     const names = missing();
-    lack.hidden = !names.length;
+    lack.hidden = !names.length || !before.length;
     lack.textContent = `This version of viser lacks what the editor needs for: ${names.join(", ")}.`;
-    if (names.length) api.send({ kind: "missing", names });
+    if (!names.length) clearInterval(watch);
+    else if (before.length) {
+      clearInterval(watch);
+      api.send({ kind: "missing", names });
+    }
+    before = names;
   }, BUILT_MS);
-  onDispose(() => clearTimeout(check));
+  onDispose(() => clearInterval(watch));
 
   return ({ title, isDark }) => {
     document.title = title;

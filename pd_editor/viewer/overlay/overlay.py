@@ -90,6 +90,8 @@ class Overlay:
         if event.get("kind") == "ready":
             self.is_ready = True
             self.on_ready()
+        elif event.get("kind") == "missing":
+            _LOG.warning("viser's page lacks what the editor needs: %s", event)
 
 
 @cache

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (5ba4352066faa45b); not to be edited. */
+/* Built by .ci/client.py from client/ (e7421f72ef5bdd51); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2214,7 +2214,7 @@
   });
 
   // src/elements/page.ts
-  var BUILT_MS = 1e4;
+  var BUILT_MS = 2e4;
   define("page", (api) => {
     listen(document, "keydown", (event) => {
       const isAsked = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "a";
@@ -2240,13 +2240,19 @@
     const lack = make("div", "pd-solid pd-banner-bar pd-connection-bar", { role: "alert" });
     lack.hidden = true;
     api.box.append(lack);
-    const check = setTimeout(() => {
+    let before = [];
+    const watch = setInterval(() => {
       const names = missing();
-      lack.hidden = !names.length;
+      lack.hidden = !names.length || !before.length;
       lack.textContent = `This version of viser lacks what the editor needs for: ${names.join(", ")}.`;
-      if (names.length) api.send({ kind: "missing", names });
+      if (!names.length) clearInterval(watch);
+      else if (before.length) {
+        clearInterval(watch);
+        api.send({ kind: "missing", names });
+      }
+      before = names;
     }, BUILT_MS);
-    onDispose(() => clearTimeout(check));
+    onDispose(() => clearInterval(watch));
     return ({ title, isDark }) => {
       document.title = title;
       root.classList.toggle("pd-dark", isDark);
