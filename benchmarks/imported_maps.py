@@ -1,15 +1,18 @@
 """As many agents as fit, with their trajectories, on imported maps of each road format.
 
 Files beside PD_EDITOR_AV2 (``formats`` and ``sumo_cities``): up to ten maps of a format, and
-where there are fewer the densest squares of 150 m. Agents of files are left out. Raw
-comes first: no guidance, nothing sampled again, no yielding. ``--out`` gets a picture of
-all of them, in the order of the table. ``--demos`` takes the demos instead, written in each
-format: their picture is free of others' licences.
+where there are fewer the densest squares of 150 m. Agents of files are left out. The maps
+of ``train``, asked for the same, and their mirror images, in which traffic drives on the
+left, tell what is due to the format. Raw comes first: no guidance, nothing sampled again,
+no yielding. ``--out`` gets a picture of all of them, in the order of the table.
+``--demos`` takes the demos instead, written in each format: their picture is free of
+others' licences.
 """
 
 import argparse
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +37,7 @@ from pd_editor.scene.generation import (
     run_to_end,
 )
 from pd_editor.scene.map_window import densest_windows
+from pd_editor.scene.road_map import Lane, RoadMap
 from pd_editor.scene.scenario import Scenario
 
 MOST_MAPS = 10
@@ -65,6 +69,34 @@ def roads(root: Path, patterns: tuple[str, ...]) -> Iterator[tuple[str, Scenario
                 number += 1
 
 
+def recorded_maps(folder: Path, *, is_mirrored: bool) -> Iterator[tuple[str, Scenario]]:
+    """Names and bare maps of recorded scenes, or their mirror images."""
+    for path in sorted(folder.iterdir()):
+        scenario = open_scenario(path)
+        bare = scenario.without_agents(scenario.agents.ids)
+        if is_mirrored:
+            bare = replace(bare, road_map=mirrored(bare.road_map))
+        yield path.name[:8], bare
+
+
+def mirrored(road_map: RoadMap) -> RoadMap:
+    """The mirror image of a map: traffic that drove on the right drives on the left."""
+
+    def swapped(lane: Lane) -> Lane:
+        return replace(
+            lane,
+            left=lane.right,
+            right=lane.left,
+            left_mark=lane.right_mark,
+            right_mark=lane.left_mark,
+            left_neighbor=lane.right_neighbor,
+            right_neighbor=lane.left_neighbor,
+        )
+
+    moved = road_map.moved(lambda points: points * (1.0, -1.0))
+    return replace(moved, lanes=tuple(map(swapped, moved.lanes)))
+
+
 def demos(name: str, folder: Path) -> Iterator[tuple[str, Scenario]]:
     """Names and bare maps of some demos, written in a format and read again."""
     for demo in DEMOS:
@@ -78,7 +110,9 @@ def demos(name: str, folder: Path) -> Iterator[tuple[str, Scenario]]:
         yield demo, scenario.without_agents(scenario.agents.ids)
 
 
-def filled(generator: PathDiffuser, bare: Scenario, *, is_raw: bool) -> Scenario:
+def filled(
+    generator: PathDiffuser, bare: Scenario, *, is_raw: bool, seed: int = 0
+) -> Scenario:
     """The map with as many agents as fit."""
     off = tuple(
         GuidanceSetting(name=name, weight=0.0) for name in (LANE_GUIDANCE, AVOIDANCE)
@@ -89,7 +123,7 @@ def filled(generator: PathDiffuser, bare: Scenario, *, is_raw: bool) -> Scenario
         samples_num_agents=True,
         refines_states=not is_raw,
         guidance=off if is_raw else (),
-        seed=0,
+        seed=seed,
     )
     traffic = run_to_end(generator.generate(request))
     return traffic_command(request, traffic).apply(bare)
@@ -120,6 +154,8 @@ def main() -> None:
     parser.add_argument("--model", type=Path, default=Path("models/path-diffuser"))
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--demos", type=Path, help="folder for files of demos")
+    parser.add_argument("--seeds", type=int, default=3, help="of raw samples")
+    parser.add_argument("--only", nargs="*", help="rows; default: all")
     options = parser.parse_args()
     av2 = Path(os.environ["PD_EDITOR_AV2"])
     print(f"{'':38}{'agents':>8}{'off road, %':>16}{'new collisions, %':>18}")
@@ -130,16 +166,24 @@ def main() -> None:
     sources = (
         {name: demos(name, options.demos) for name in WRITTEN}
         if options.demos
-        else {name: roads(av2.parent, patterns) for name, patterns in FILES.items()}
+        else {
+            "train": recorded_maps(av2 / "train", is_mirrored=False),
+            "left-hand": recorded_maps(av2 / "train", is_mirrored=True),
+            **{name: roads(av2.parent, patterns) for name, patterns in FILES.items()},
+        }
     )
     for name, maps in sources.items():
+        if options.only and name not in options.only:
+            continue
         total = np.zeros((2, 4), int)
         pictures: list[Image.Image] = []
         for path, bare in maps:
-            raw, usual = (
-                filled(generator, bare, is_raw=is_raw) for is_raw in (True, False)
+            usual = filled(generator, bare, is_raw=False)
+            raw = (
+                filled(generator, bare, is_raw=True, seed=seed)
+                for seed in range(options.seeds)
             )
-            total += [counts(raw), counts(usual)]
+            total += [sum(map(counts, raw), np.zeros(4, int)), counts(usual)]
             middle = np.median(usual.agents.position_m[:, usual.current_step], axis=0)
             pictures.append(top_view(usual, middle, PICTURE_PX))
             print(row(f"  {name}: {path}", counts(usual)), flush=True)
