@@ -1,6 +1,6 @@
-"""Runs all benchmarks, one after the other: ``python -m benchmarks [NAME ...]``.
+"""Runs benchmarks, one after the other: ``python -m benchmarks [NAME ...]``.
 
-What a benchmark needs, PD_EDITOR_AV2, PD_EDITOR_CORPUS or Chromium, its docstring says;
+Without a name it is the table of times, with ``all`` each of them. What a benchmark needs, PD_EDITOR_AV2, PD_EDITOR_CORPUS or Chromium, its docstring says;
 without it, it is skipped aloud. Each runs in a process of its own.
 """
 
@@ -51,15 +51,16 @@ def machine() -> str:
 
 
 def run_all() -> int:
-    """Run those named on the command line, or all; the exit code."""
+    """Run those named on the command line, or the table; the exit code."""
     known = benchmarks()
-    unknown = [name for name in sys.argv[1:] if name not in known]
+    named = list(known) if sys.argv[1:] == ["all"] else sys.argv[1:] or ["table"]
+    unknown = [name for name in named if name not in known]
     if unknown:
         print(f"No benchmark {', '.join(unknown)}; there are {', '.join(known)}.")
         return 2
     failed = []
     print(f"== {machine()}")
-    for name in sys.argv[1:] or known:
+    for name in named:
         lack = missing(known[name])
         if lack:
             print(f"== {name}: SKIPPED, {lack}", flush=True)
