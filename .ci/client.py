@@ -55,14 +55,18 @@ def install() -> str | None:
     if done.exists() and done.read_bytes() == lock.read_bytes():
         return None
     found = npm(
-        ["ci", "--fetch-retries=1", "--loglevel=error"],
+        ["ci", "--fetch-retries=1", "--fetch-timeout=30000", "--loglevel=error"],
         cwd=CLIENT,
         capture_output=True,
         text=True,
         return_completed_process=True,
     )
     if found.returncode:
-        return str(found.stderr).strip().splitlines()[0]
+        told = str(found.stderr).strip()
+        # A registry that cannot be reached is no fault of the client; a wrong lock is.
+        if "EUSAGE" in told or "EINTEGRITY" in told:
+            sys.exit(told)
+        return told.splitlines()[0]
     done.write_bytes(lock.read_bytes())
     return None
 

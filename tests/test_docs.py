@@ -21,7 +21,7 @@ WINGS = (
     "pd_editor/",
     *(f"pd_editor/{one.name}/" for one in ROOT.glob("pd_editor/*")),
 )
-ENDINGS = (".py", ".toml", ".js", ".css", ".jinja")
+ENDINGS = (".py", ".toml", ".js", ".ts", ".css", ".jinja")
 CODE_BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 

@@ -12,7 +12,7 @@ import viser
 from viser import _messages
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.viewer.overlay.messages import STATES, Message
+from pd_editor.viewer.overlay.messages import EVENTS, STATES, Message
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
@@ -81,6 +81,7 @@ class Overlay:
             message = json.loads(text)
             handler = self._handlers[message["element"]]
             event = dict(message["event"])
+            msgspec.convert(event, EVENTS[message["element"]])
         except (ValueError, KeyError, TypeError, RecursionError):
             _LOG.info("The page sent an event that no element sends.")
             return

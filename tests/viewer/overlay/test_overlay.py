@@ -25,11 +25,12 @@ def tab(tmp_path):
 
 def test_events_reach_their_element_alone(tab):
     overlay, heard = tab.tab.overlay, []
-    overlay.on("probe", heard.append)
-    for event in ({"kind": "a"}, {"kind": "b", "at": [1, 2]}):
-        message = json.dumps({"number": 1, "element": "probe", "event": event})
+    events = [{"kind": "tab", "title": "Road"}, {"kind": "hold"}]
+    overlay.on("panel", heard.append)
+    for event in events:
+        message = json.dumps({"number": 1, "element": "panel", "event": event})
         tab.run(lambda message=message: overlay._heard(message))
-    assert heard == [{"kind": "a"}, {"kind": "b", "at": [1, 2]}]
+    assert heard == events
 
 
 @pytest.mark.parametrize(
@@ -40,14 +41,16 @@ def test_events_reach_their_element_alone(tab):
         "{",
         "null",
         '{"element":"missing","event":{}}',
-        '{"element":"probe","event":3}',
-        '{"element":["probe"],"event":{}}',
+        '{"element":"panel","event":3}',
+        '{"element":["panel"],"event":{}}',
+        '{"element":"panel","event":{"kind":"leave"}}',
+        '{"element":"panel","event":{"kind":"tab","title":7}}',
         "9" * 70_000,
     ],
 )
 def test_garbage_is_dropped(tab, text):
     heard = []
-    tab.tab.overlay.on("probe", heard.append)
+    tab.tab.overlay.on("panel", heard.append)
     tab.run(lambda: tab.tab.overlay._heard(text))
     assert heard == []
     assert tab.run(lambda: "still working") == "still working"
