@@ -26,7 +26,7 @@ def seconds(checkout: Path, *words: object) -> tuple[float, float]:
     """Processor and wall seconds of a command in a process of its own."""
     before, began = os.times(), time.perf_counter()
     subprocess.run(
-        [sys.executable, "-m", "pd_editor.cli", *map(str, words)],
+        [sys.executable, "-m", "pd_editor", *map(str, words)],
         cwd=checkout,
         env={**os.environ, "PYTHONPATH": str(checkout)},
         stdout=subprocess.DEVNULL,

@@ -1,20 +1,17 @@
-"""A format of one's own in a few lines: lanes and tracks as CSV files of one folder.
+"""A format of one's own: folders with ``lanes.csv`` and ``tracks.csv``.
 
-``lanes.csv`` has points ``lane, x_m, y_m`` in the order of driving; ``tracks.csv``, if it
-is there, states ``agent, time_s, x_m, y_m, heading_rad`` of cars. A package names FORMAT
-in its entry points, and then whatever opens scenes takes such folders:
+A package names FORMAT in its entry points, and then whatever opens scenes takes such folders:
 
 [project.entry-points."pd_editor.formats"]
 csv-folder = "examples.csv_format:FORMAT"
 """
 
 import csv
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
-from pd_editor.base.errors import FormatError
+from examples.csv_writer import write
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
 from pd_editor.scene.formats.recorded_map import CenterLane, lanes_of
@@ -22,39 +19,42 @@ from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.scenario import Scenario
 
 
-def tables(path: Path) -> dict[str, np.ndarray]:
-    """Rows of each lane or agent, by its name; nothing if there is no such file."""
-    if not path.exists():
-        return {}
-    with path.open(newline="") as file:
-        rows = list(csv.reader(file))[1:]
-    parts = groupby(rows, key=lambda row: row[0])
-    return {name: np.array([one[1:] for one in some], float) for name, some in parts}
+def rows_of(path: Path) -> dict[str, list[list[str]]]:
+    """Rows of each lane or agent, whose name is in the first column."""
+    found: dict[str, list[list[str]]] = {}
+    if not path.exists():  # Maps without agents are scenes, too.
+        return found
+    for name, *rest in list(csv.reader(path.read_text().splitlines()))[1:]:
+        found.setdefault(name, []).append(rest)
+    return found
 
 
 def read(path: Path) -> Scenario:
-    """Read a folder; lanes lead on where they end, and are 3.5 m wide."""
-    try:
-        lanes, tracks = tables(path / "lanes.csv"), tables(path / "tracks.csv")
-        states = {name: table.T for name, table in tracks.items()}
-        return FileScene(
-            path=path,
-            name=path.name,
-            lanes=lanes_of([CenterLane(key=k, line=line) for k, line in lanes.items()]),
-            tracks=tuple(
-                FileTrack(track_id=name, kind=AgentKind.VEHICLE, size_m=None, time_s=t,
-                          position_m=np.stack([x, y], axis=-1), heading_rad=heading)
-                for name, (t, x, y, heading) in states.items()
-            ),
-        ).scenario((path / "lanes.csv").read_bytes())  # fmt: skip
-    except (ValueError, OSError) as error:
-        raise FormatError(f"{path}: cannot be read ({error}).") from error
+    """Read a folder; what this raises, users see as one sentence."""
+    lanes, tracks = [], []
+    for name, rows in rows_of(path / "lanes.csv").items():
+        half, after = float(rows[0][0]) / 2, rows[0][1].split()
+        line = np.array([row[2:] for row in rows], float)
+        lanes.append(
+            CenterLane(key=name, line=line, half_width_m=(half, half), successors=after)
+        )
+    for name, rows in rows_of(path / "tracks.csv").items():
+        time, x, y, heading = np.array([row[1:] for row in rows], float).T
+        tracks.append(
+            FileTrack(
+                track_id=name, kind=AgentKind(rows[0][0]), size_m=None, time_s=time,
+                position_m=np.stack([x, y], axis=-1), heading_rad=heading,
+            )
+        )  # fmt: skip
+    scene = FileScene(
+        path=path, name=path.name, lanes=lanes_of(lanes), tracks=tuple(tracks), current_s=0.0
+    )  # fmt: skip
+    return scene.scenario(
+        b"".join(one.read_bytes() for one in sorted(path.glob("*.csv")))
+    )
 
 
 FORMAT = SceneFormat(
-    name="csv-folder",
-    title="CSV folder",
-    endings=(),
+    name="csv-folder", title="CSV folder", endings=(), read=read, write=write,
     recognises=lambda path: (path / "lanes.csv").is_file(),
-    read=read,
-)
+)  # fmt: skip

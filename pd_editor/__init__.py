@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pd_editor.base.errors import PdEditorError
     from pd_editor.base.installed_files import demo_names
+    from pd_editor.cli.convert import convert
     from pd_editor.cli.edit import edit
     from pd_editor.cli.evaluate import evaluate
     from pd_editor.cli.export import export
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.replay import replay
     from pd_editor.cli.study import study
     from pd_editor.cli.synth import synth
+    from pd_editor.cli.threats import threats
     from pd_editor.cli.train import train
     from pd_editor.cli.warp import warp
     from pd_editor.editor import commands
@@ -65,6 +67,7 @@ __all__ = [
     "Recipe",
     "Scenario",
     "commands",
+    "convert",
     "demo_names",
     "edit",
     "evaluate",
@@ -75,6 +78,7 @@ __all__ = [
     "replay",
     "study",
     "synth",
+    "threats",
     "train",
     "warp",
 ]
@@ -91,6 +95,7 @@ _HOMES = {
     "PdEditorError": "pd_editor.base.errors",
     "Recipe": "pd_editor.editor.recipe",
     "Scenario": "pd_editor.scene.scenario",
+    "convert": "pd_editor.cli.convert",
     "demo_names": "pd_editor.base.installed_files",
     "edit": "pd_editor.cli.edit",
     "evaluate": "pd_editor.cli.evaluate",
@@ -101,6 +106,7 @@ _HOMES = {
     "replay": "pd_editor.cli.replay",
     "study": "pd_editor.cli.study",
     "synth": "pd_editor.cli.synth",
+    "threats": "pd_editor.cli.threats",
     "train": "pd_editor.cli.train",
     "warp": "pd_editor.cli.warp",
 }

@@ -22,8 +22,8 @@ from torch import nn
 
 from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
-from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.formats.dataset import DatasetIndex
+from pd_editor.scene.formats.registry import read_scene
 from pd_editor.scene.paths.driving_paths import paths_along_routes
 from pd_editor.scene.paths.lanes.route_choice import choose_routes
 from pd_editor.scene.prediction import (
@@ -135,7 +135,7 @@ def bent() -> RoadPredictor:
 def samples(folder: Path, roads: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Features and knots of the moving vehicles of all scenes, and their mirror images."""
     found = [
-        windows(road.applied_to(read_scenario(card.folder)))
+        windows(road.applied_to(read_scene(card.folder)))
         for card in DatasetIndex(folder).filter()
         for road in road_conditions(roads)
     ]

@@ -21,13 +21,14 @@ from pd_editor.base.regular_file import check_path
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.editor.scenario_store import (
-    foreign_files,
+    foreign_scenes,
     lanes_of_file,
     open_scenario,
     read_once,
 )
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.work_engine import EngineChoice, InThisProcess, run_items
+from pd_editor.scene.formats.registry import is_foreign_scene
 from pd_editor.scene.map_window import densest_windows, window_of
 
 Options = ParamSpec("Options")
@@ -107,9 +108,14 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
         return list(demo_names())
     check_path(reference)
     path = os.path.expanduser(reference)
+    takes_foreign = files == SCENE_FILES
     if os.path.exists(path):
         matches = [path]
-        if not os.path.isdir(path) or glob.glob(files, root_dir=path):
+        if (
+            not os.path.isdir(path)
+            or glob.glob(files, root_dir=path)
+            or (takes_foreign and is_foreign_scene(Path(path)))
+        ):
             return [reference]
     elif glob.has_magic(path):
         matches = sorted(glob.glob(path))
@@ -121,7 +127,7 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
         for scene in (
             [
                 *sorted({file.parent for file in match.glob(f"**/{files}")}),
-                *(foreign_files(match) if files == SCENE_FILES else ()),
+                *(foreign_scenes(match) if takes_foreign else ()),
             ]
             if match.is_dir()
             else [match]

@@ -38,7 +38,7 @@ from pd_editor.scene.formats.registry import (
     format_of,
     formats,
     has_foreign_ending,
-    is_foreign_file,
+    is_foreign_scene,
     read_scene,
     writer,
 )
@@ -189,19 +189,28 @@ def _read(text: str) -> Scenario:
 
 
 def _only_file(folder: Path) -> Path | None:
-    """The scene in a folder of another format than Argoverse 2, such as an export."""
-    if ARGOVERSE2.recognises(folder):
+    """The file of a scene in a folder that is none itself, such as an export."""
+    if format_of(folder) is not None:
         return None
     try:
-        found = [one for one in folder.iterdir() if is_foreign_file(one)]
+        found = [one for one in folder.iterdir() if is_foreign_scene(one)]
     except OSError:
         return None
     return found[0] if len(found) == 1 else None
 
 
-def foreign_files(folder: Path) -> list[Path]:
-    """Files below a folder that a format other than Argoverse 2 reads, sorted."""
-    return sorted(one for one in folder.rglob("*") if is_foreign_file(one))
+def foreign_scenes(folder: Path) -> list[Path]:
+    """What formats other than Argoverse 2 read: a folder, or what is below it, sorted."""
+    if is_foreign_scene(folder):
+        return [folder]
+    found: list[Path] = []
+    for place, folders, files in os.walk(folder):
+        inside = [Path(place, one) for one in (*folders, *files)]
+        scenes = list(filter(is_foreign_scene, inside))
+        # What is within a scene is a part of it.
+        folders[:] = [one for one in folders if Path(place, one) not in scenes]
+        found += scenes
+    return sorted(found)
 
 
 def _open_zip(path: Path) -> Scenario:

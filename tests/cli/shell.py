@@ -52,7 +52,7 @@ def run_in_process(
 ) -> Result:
     """A command in a Python process of its own."""
     done = subprocess.run(
-        [sys.executable, "-m", "pd_editor.cli", *arguments],
+        [sys.executable, "-m", "pd_editor", *arguments],
         cwd=cwd,
         env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})},
         capture_output=True,

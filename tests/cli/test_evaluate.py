@@ -125,7 +125,7 @@ def test_a_killed_process_goes_on_to_the_same_numbers(data: Path, tmp_path: Path
         words = (
             f"evaluate --data {data} --out {tmp_path / out} --warps none ripple-road:3"
         )
-        return [sys.executable, "-m", "pd_editor.cli", *words.split(), "--workers", "1"]
+        return [sys.executable, "-m", "pd_editor", *words.split(), "--workers", "1"]
 
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     killed = subprocess.Popen(

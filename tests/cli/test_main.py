@@ -166,7 +166,7 @@ EXPECTED_CODES = {"no-stderr": 2, "full": 2, "help-full": 2, "both-full": 2}
 def test_an_output_without_reader_or_room_is_no_bug(tmp_path, name: str):
     """The files were written, and a traceback and exit code 1 said that there is a bug."""
     line = SHELL_LINES[name].format(
-        pd=f"{sys.executable} -m pd_editor.cli", demo=JUNCTION, out=tmp_path / "out"
+        pd=f"{sys.executable} -m pd_editor", demo=JUNCTION, out=tmp_path / "out"
     )
     done = subprocess.run(
         ["bash", "-c", line],

@@ -301,7 +301,7 @@ def test_broken_scenarios_are_counted(av2_scenario_folders: list[Path], tmp_path
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_ctrl_c_leaves_a_run_that_goes_on(shards: Path, cache: Path, tmp_path: Path):
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "pd_editor.cli", "train", "traj", *TINY]
+    command = [sys.executable, "-m", "pd_editor", "train", "traj", *TINY]
     options = ["--data", shards, "--out", out, "--cache", cache, "--minutes", "30"]
     with subprocess.Popen(
         [*command, *map(str, options)],

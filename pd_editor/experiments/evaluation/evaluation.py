@@ -1,5 +1,6 @@
 """Runs an evaluation: every method on every scene and road condition."""
 
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
 
 ROWS_NAME: Final = "rows.parquet"
+_LOG: Final = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,6 +129,11 @@ def scenes_of(data: Sequence[Path], limit: int | None = None) -> FoundScenes:
                     "every folder once."
                 )
         num_skipped += index.num_skipped
+        if broken := index.failures():
+            _LOG.warning(
+                "%d scenes in %s cannot be read and are left out, first: %s",
+                len(broken), root, broken[0],
+            )  # fmt: skip
     if not found:
         raise no_scenario(data)
     return FoundScenes(scenes=tuple(found.values()), num_skipped=num_skipped)

@@ -23,13 +23,13 @@ import numpy as np
 
 from pd_editor.analysis.guidance.report import guidance_reports
 from pd_editor.base.errors import GenerationError
+from pd_editor.base.foreign_code import asked
 from pd_editor.base.plain_text import (
     MAX_ID_CHARACTERS,
     is_plain,
     nearest_or_all,
     one_line,
 )
-from pd_editor.generation.generators.foreign_code import asked
 from pd_editor.generation.generators.predictor_generator import PredictorGenerator
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
@@ -188,12 +188,6 @@ def _plain_sample(found: Any) -> TrafficSample:
 def installed_plugins() -> Mapping[str, EntryPoint]:
     """Entry points of installed packages, by name."""
     return {one.name: one for one in entry_points(group=ENTRY_POINTS)}
-
-
-def origin_of(entry_point: EntryPoint) -> str:
-    """Where an entry point is from, in words."""
-    package = entry_point.dist.name if entry_point.dist else "an unknown package"
-    return f"{entry_point.value} of the package {package}"
 
 
 def generator_of_reference(reference: str) -> ScenarioGenerator:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pd_editor.base.errors import GenerationError, InputError
+from pd_editor.base.foreign_code import origin_of
 from pd_editor.base.installed_files import models_folder
 from pd_editor.base.plain_text import is_plain, nearest_or_all, one_line
 from pd_editor.base.regular_file import check_regular, read_regular
@@ -27,7 +28,6 @@ from pd_editor.generation.generators.plugins import (
     generator_of_folder,
     generator_of_reference,
     installed_plugins,
-    origin_of,
 )
 from pd_editor.generation.training_record import saw_warps
 from pd_editor.scene.generation import (

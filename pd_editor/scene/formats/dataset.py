@@ -3,6 +3,7 @@
 Files are read on demand only, and calls are safe from any thread.
 """
 
+import logging
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -10,7 +11,8 @@ from pathlib import Path
 from threading import RLock
 from typing import Final
 
-from pd_editor.base.errors import InputError, ScenarioFileError
+from pd_editor.base.errors import InputError
+from pd_editor.base.foreign_code import described
 from pd_editor.base.plain_text import is_plain
 from pd_editor.base.regular_file import check_path
 from pd_editor.scene.av2_io.file_names import (
@@ -21,10 +23,15 @@ from pd_editor.scene.av2_io.file_names import (
 )
 from pd_editor.scene.av2_io.track_table import open_track_table
 from pd_editor.scene.av2_io.tracks_file import current_step_of
-from pd_editor.scene.formats.registry import is_foreign_file, read_scene
+from pd_editor.scene.formats.registry import (
+    is_foreign_scene,
+    name_of_scene,
+    read_scene,
+)
 
 MAX_DEPTH: Final = 4
 """Levels of folders below the root that are searched."""
+_LOG: Final = logging.getLogger(__name__)
 _CARD_COLUMNS: Final = (
     "track_id",
     "city",
@@ -42,9 +49,9 @@ class ScenarioCard:
     """Summary of a scenario for lists."""
 
     scenario_id: str
-    """Its id, or the name of the file of another format."""
+    """Its id, or the name of the file or folder of another format."""
     folder: Path
-    """Its folder, or that file."""
+    """Its folder, or that file or folder."""
     city: str
     num_agents: int
     split: str = ""
@@ -97,6 +104,7 @@ class SearchStep:
 class _Found:
     scenario_id: str
     folder: Path
+    is_foreign: bool = False
 
 
 class DatasetIndex:
@@ -117,7 +125,8 @@ class DatasetIndex:
         self._walk = _scenario_folders(self.root, 0)
         self._found: list[_Found] = []
         self._position_of: dict[Path, int] = {}
-        self._cards: dict[int, ScenarioCard | None] = {}
+        self._cards: dict[int, ScenarioCard | str] = {}
+        """What was read of scenes, or why one could not be."""
         self._num_incomplete = 0
         self._lock = RLock()
 
@@ -130,25 +139,31 @@ class DatasetIndex:
     def num_skipped(self) -> int:
         """Number of folders that lack a file and of unreadable scenarios so far."""
         with self._lock:
-            damaged = sum(card is None for card in self._cards.values())
-            return self._num_incomplete + damaged
+            return self._num_incomplete + len(self.failures())
+
+    def failures(self) -> tuple[str, ...]:
+        """Why scenes could not be read so far, in the order of the dataset."""
+        with self._lock:
+            found = [self._cards[position] for position in sorted(self._cards)]
+        return tuple(one for one in found if isinstance(one, str))
 
     def folders(self) -> tuple[Path, ...]:
         """Folders of the Argoverse 2 scenarios listed so far."""
         with self._lock:
-            return tuple(one.folder for one in self._found if one.folder.is_dir())
+            return tuple(one.folder for one in self._found if not one.is_foreign)
 
     def cities(self) -> tuple[str, ...]:
         """Cities of the scenarios read so far, sorted."""
-        with self._lock:
-            cards = list(self._cards.values())
-        return tuple(sorted({card.city for card in cards if card is not None}))
+        return tuple(sorted({card.city for card in self._read_so_far()}))
 
     def splits(self) -> tuple[str, ...]:
         """Splits of the scenarios read so far, sorted."""
+        return tuple(sorted({card.split for card in self._read_so_far()}))
+
+    def _read_so_far(self) -> list[ScenarioCard]:
         with self._lock:
             cards = list(self._cards.values())
-        return tuple(sorted({card.split for card in cards if card is not None}))
+        return [card for card in cards if isinstance(card, ScenarioCard)]
 
     def scan(self, limit: int | None = None) -> int:
         """List up to ``limit`` more scenario folders; 0 when there are no more."""
@@ -244,11 +259,24 @@ class DatasetIndex:
         if not wanted.accepts_id(found.scenario_id):
             return None
         if position not in self._cards:
-            card = _read_card(found, self.root)
+            card = self._read(found)
             with self._lock:
                 self._cards[position] = card
         card = self._cards[position]
-        return card if card is not None and wanted.accepts(card) else None
+        return card if isinstance(card, ScenarioCard) and wanted.accepts(card) else None
+
+    def _read(self, found: _Found) -> ScenarioCard | str:
+        """A scene's card, or why it cannot be read: it must not stop those after it."""
+        place = str(found.folder)
+        try:
+            return _read_card(found, self.root)
+        except InputError as error:
+            reason = str(error)
+        except Exception as error:  # noqa: BLE001  (told as the bug that it is)
+            _LOG.exception("%s: a bug in the editor", place)
+            reason = f"cannot be read ({described(error)})."
+        reason = reason if place in reason else f"{place}: {reason}"
+        return reason.replace(f"{self.root}{os.sep}", "")
 
 
 def no_scenario(roots: Iterable[Path]) -> InputError:
@@ -284,9 +312,15 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
         is_whole = len(tracks) == 1 and has_map and is_scenario_id(scenario_id)
         yield _Found(scenario_id=scenario_id, folder=folder) if is_whole else folder
         return
-    scenes = [one for one in sorted(files) if is_foreign_file(folder / one)]
+    if is_foreign_scene(folder):
+        name = folder.absolute().name
+        yield _Found(scenario_id=name, folder=folder, is_foreign=True)
+        return
+    scenes = [one for one in sorted(files) if is_foreign_scene(folder / one)]
     for name in scenes:
-        yield _Found(scenario_id=name.partition(".")[0], folder=folder / name)
+        yield _Found(
+            scenario_id=name_of_scene(name), folder=folder / name, is_foreign=True
+        )
     if scenes and (depth == MAX_DEPTH or not folders):
         return
     if depth == MAX_DEPTH or not folders:
@@ -296,41 +330,26 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
             yield from _scenario_folders(folder / name, depth + 1)
 
 
-def _read_card(found: _Found, root: Path) -> ScenarioCard | None:
-    name = f"{TRACKS_PREFIX}{found.scenario_id}.parquet"
-    if found.folder.is_file():
-        return _card_of_file(found, root)
-    try:
+def _read_card(found: _Found, root: Path) -> ScenarioCard:
+    """Read what a list shows of a scene; raises InputError if that is not possible."""
+    if found.is_foreign:
+        scene = read_scene(found.folder)
+        city, num_agents = scene.city, len(scene.agents)
+        has_future = scene.last_step > scene.current_step
+    else:
+        name = f"{TRACKS_PREFIX}{found.scenario_id}.parquet"
         table = open_track_table(found.folder / name, name, _CARD_COLUMNS)
-        _, ids = table.texts("track_id")
-        city = table.one_text("city")
+        city, num_agents = table.one_text("city"), len(table.texts("track_id")[1])
         step = table.integers("timestep")
         num_steps = int(table.one_number("num_timestamps"))
-        current = current_step_of(table, step, num_steps)
-    except ScenarioFileError:
-        return None
+        has_future = bool((step > current_step_of(table, step, num_steps)).any())
     return ScenarioCard(
         scenario_id=found.scenario_id,
         folder=found.folder,
         city=city,
-        num_agents=len(ids),
+        num_agents=num_agents,
         split=_split_of(found.folder, root),
-        has_future=bool((step > current).any()),
-    )
-
-
-def _card_of_file(found: _Found, root: Path) -> ScenarioCard | None:
-    try:
-        scene = read_scene(found.folder)
-    except InputError:
-        return None
-    return ScenarioCard(
-        scenario_id=found.scenario_id,
-        folder=found.folder,
-        city=scene.city,
-        num_agents=len(scene.agents),
-        split=_split_of(found.folder, root),
-        has_future=scene.last_step > scene.current_step,
+        has_future=has_future,
     )
 
 

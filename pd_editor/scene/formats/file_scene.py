@@ -80,8 +80,9 @@ class FileScene:
     """What is drivable beside the lanes, such as shoulders and junctions."""
     tracks: tuple[FileTrack, ...] = ()
     signals: tuple[FileSignal, ...] = ()
-    current_s: float = 0.0
-    """Time of the current step."""
+    current_s: float | None = None
+    """Time of the current step; None: as far after the first state as in Argoverse 2, 4.9 s,
+    in short recordings the middle."""
     ego_id: str = ""
     """Track of the recording vehicle, which becomes ``AV``; empty: there is none."""
     focal_id: str = ""
@@ -110,7 +111,7 @@ class FileScene:
             agents, position_m=np.where(there, agents.position_m - origin, 0.0)
         )
         road_map = self._road_map()
-        times_s = self.current_s + axis.times_s()
+        times_s = self._now_s() + axis.times_s()
         signals, told = sampled_signals(self.signals, road_map.lanes, times_s)
         road_map = road_map.moved(lambda points: points - origin)
         excess = agents_excess(agents, road_map) if len(agents) else None
@@ -128,7 +129,7 @@ class FileScene:
             provenance=Provenance(
                 source=os.path.realpath(self.path),
                 content_sha256=hashlib.sha256(data).hexdigest(),
-                notes=tuple(map(one_line, (*self.notes, *told, *self._leaps()))),
+                notes=tuple(map(one_line, (*self.notes, *told, *self._link_notes()))),
                 attribution=one_line(self.attribution) or None,
                 file_format=self.file_format,
             ),
@@ -153,19 +154,30 @@ class FileScene:
             tracks=tuple(filter(is_inside, self.tracks)),
         )
 
-    def _leaps(self) -> list[str]:
-        """A sentence on lanes that do not begin where those before them end."""
+    def _link_notes(self) -> list[str]:
+        """Sentences on lanes that begin apart from those before them, or that lack."""
         ends = {one.lane_id: one.centerline_m[[0, -1]] for one in self.lanes}
-        steps = [
-            ends[after][0] - ends[one.lane_id][1]
+        links = [
+            (one.lane_id, other, after)
             for one in self.lanes
-            for after in one.successors
-            if after in ends
+            for other, after in (
+                *((other, True) for other in one.successors),
+                (one.left_neighbor, False),
+                (one.right_neighbor, False),
+            )
+            if other is not None
+        ]
+        steps = [
+            ends[after][0] - ends[one][1]
+            for one, after, follows in links
+            if follows and after in ends
         ]
         gap_m = np.hypot(*np.array(steps).reshape(-1, 2).T)
         number = int((gap_m > _LEAP_M).sum())
-        told = f"{number} lanes begin up to {gap_m.max(initial=0.0):.1f} m from those before them."
-        return [told] if number else []
+        lacking = sum(other not in ends for _, other, _ in links)
+        leaps = f"{number} lanes begin up to {gap_m.max(initial=0.0):.1f} m from those before them."
+        lacks = f"{lacking} links name lanes that its map lacks."
+        return [leaps] * bool(number) + [lacks] * bool(lacking)
 
     def _raise_for(self, excess: str | None, data: bytes) -> None:
         if excess is None:
@@ -188,9 +200,13 @@ class FileScene:
         if not self.lanes:
             raise wrong("has no lane for vehicles; expected a road.")
         lines = RoadMap(lanes=self.lanes, crosswalks=self.crosswalks)
-        for points in lines.polylines:
+        for row, points in enumerate(lines.polylines):
             if not (np.abs(points) <= MAX_COORDINATE_M).all():
-                raise wrong("has lines without a place; expected finite coordinates.")
+                own = [one.lane_id for one in self.lanes for _ in range(3)][
+                    row : row + 1
+                ]
+                whose = f"its lane {own[0]}" if own else "a crosswalk"
+                raise wrong(f"{whose} has lines without a place; expected metres.")
         extent_m = np.ptp(np.concatenate([n.centerline_m for n in self.lanes]), axis=0)
         if len(self.lanes) > 1 and extent_m.max() < _LEAST_EXTENT_M:
             raise wrong(
@@ -217,25 +233,33 @@ class FileScene:
             )
         self._raise_for(excess, data)
 
+    def _now_s(self) -> float:
+        if self.current_s is not None or not self.tracks:
+            return self.current_s or 0.0
+        first = min(one.time_s[0] for one in self.tracks)
+        last = max(one.time_s[-1] for one in self.tracks)
+        half = int((last - first) / 2 / _STEP_S + ON_GRID_S)
+        return float(first) + _STEP_S * min(TimeAxis().current_step, half)
+
     def _time_axis(self) -> TimeAxis:
         """Steps of 0.1 s that cover all tracks, and the usual past and future."""
         if not self.tracks:
             return TimeAxis()
         times = [one.time_s[[0, -1]] for one in self.tracks]
-        first, last = np.min(times), np.max(times)
+        first, last, now_s = np.min(times), np.max(times), self._now_s()
         # At least as many steps as Argoverse 2 has, so that what is generated and
         # exported has a past and a future.
         usual = TimeAxis()
-        before = int((self.current_s - first) / _STEP_S + ON_GRID_S)
+        before = int((now_s - first) / _STEP_S + ON_GRID_S)
         before = max(before, usual.current_step)
-        after = int((last - self.current_s) / _STEP_S + ON_GRID_S)
+        after = int((last - now_s) / _STEP_S + ON_GRID_S)
         after = max(after, usual.num_future_steps)
         if before + after + 1 > MAX_STEPS:
             raise FormatError(
                 f"{self.path}: lasts {last - first:.0f} s; at most "
                 f"{MAX_STEPS * _STEP_S:g} s are opened."
             )
-        start_s = self.current_s - before * _STEP_S
+        start_s = now_s - before * _STEP_S
         return TimeAxis(
             num_steps=before + after + 1,
             current_step=before,
@@ -244,7 +268,7 @@ class FileScene:
         )
 
     def _agents(self, axis: TimeAxis) -> AgentTracks:
-        times = self.current_s + axis.times_s()
+        times = self._now_s() + axis.times_s()
         tables = [_at_times(one, times) for one in self.tracks]
         shown = [n for n, table in enumerate(tables) if table[3].any()]
         tracks, tables = [self.tracks[n] for n in shown], [tables[n] for n in shown]

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from pd_editor.base.errors import FormatError
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import (
@@ -17,6 +18,7 @@ from pd_editor.scene.geometry.polyline import (
     without_repeats,
 )
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
+from pd_editor.scene.scene_limits import MAX_COORDINATE_M
 
 USUAL_WIDTH_M: Final = 3.5
 _WIDTHS_M: Final = (2.2, 6.0)
@@ -46,9 +48,18 @@ def lanes_of(found: Sequence[CenterLane]) -> tuple[Lane, ...]:
     """Lanes with boundaries beside their centre lines, numbered from 1.
 
     Links that the map does not tell lead from the end of a lane to the beginnings there.
+    Lanes that others name and that are not there have numbers as well, outside the map.
+
+    Raises:
+        FormatError: a lane has no usable key, line or width.
     """
+    _check(found)
     number = lane_numbers(found)
     kept = [one for one in found if _is_line(one)]
+    for one in kept:
+        for key in (*(one.successors or ()), one.left_neighbor, one.right_neighbor):
+            if key:
+                number.setdefault(key, len(number) + 1)
     lines = [_simplified(one.line) for one in kept]
     follows = _links(kept, lines, number)
     before: dict[int, list[int]] = {}
@@ -82,6 +93,25 @@ def lane_numbers(found: Sequence[CenterLane]) -> dict[str, int]:
     """Numbers that lanes get by their keys."""
     kept = filter(_is_line, found)
     return {one.key: row for row, one in enumerate(kept, start=1)}
+
+
+def _check(found: Sequence[CenterLane]) -> None:
+    """Raise for what no lane can be, with its name."""
+    seen: set[str] = set()
+    for one in found:
+        name = f"lane {str(one.key)[:40]!r}"
+        if not one.key or one.key in seen:
+            raise FormatError(f"{name} comes twice, or has no usable name.")
+        seen.add(one.key)
+        if np.ndim(one.line) != 2 or np.shape(one.line)[1] != 2:
+            raise FormatError(
+                f"{name} has a line of shape {np.shape(one.line)}; expected N points "
+                "of x and y."
+            )
+        if not (np.abs(one.line) <= MAX_COORDINATE_M).all():
+            raise FormatError(f"{name} has points without a place; expected metres.")
+        if not np.isfinite(one.half_width_m or (0.0, 0.0)).all():
+            raise FormatError(f"{name} has no width; expected metres.")
 
 
 def _is_line(lane: CenterLane) -> bool:
@@ -130,9 +160,7 @@ def _links(
     """Numbers of the lanes that follow each."""
     if any(one.successors is not None for one in lanes):
         return {
-            number[one.key]: [
-                number[key] for key in one.successors or () if key in number
-            ]
+            number[one.key]: [number[key] for key in one.successors or () if key]
             for one in lanes
         }
     start = np.array([line[0] for line in lines])

@@ -1,5 +1,7 @@
 """All formats of scenes: those here, and those that other packages bring."""
 
+import logging
+import os
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import entry_points
@@ -7,8 +9,10 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.base.errors import ExportError, InputError, LargeMapError
+from pd_editor.base.foreign_code import origin_of
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.commonroad import COMMONROAD
+from pd_editor.scene.formats.foreign_format import foreign_format
 from pd_editor.scene.formats.gpudrive import GPUDRIVE
 from pd_editor.scene.formats.lanelet2 import LANELET2
 from pd_editor.scene.formats.opendrive import OPENDRIVE
@@ -31,27 +35,24 @@ OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     TABLES,
 )
 
+_LOG: Final = logging.getLogger(__name__)
+
 
 @cache
 def formats() -> dict[str, SceneFormat]:
-    """Formats by name, of which those here come first.
-
-    Raises:
-        InputError: an entry point names no format, or a name that is taken.
-    """
+    """Formats by name, of which those here come first; broken ones of others are left out."""
     found = {one.name: one for one in OWN_FORMATS}
     for point in entry_points(group=ENTRY_POINTS):
         try:
-            value = point.load()
-        except Exception as error:
-            raise InputError(
-                f"The format {point.name!r} cannot be loaded ({error})."
-            ) from error
-        if not isinstance(value, SceneFormat) or value.name in found:
-            raise InputError(
-                f"The entry point {point.name!r} must name a SceneFormat of a new name."
+            value = foreign_format(point)
+        except InputError as error:
+            _LOG.warning("%s", error)
+            continue
+        if value.name in found:
+            _LOG.warning(
+                "%s: there is a format %r already.", origin_of(point), value.name
             )
-        found[value.name] = value
+        found.setdefault(value.name, value)
     return found
 
 
@@ -82,11 +83,20 @@ def has_foreign_ending(name: str) -> bool:
     return unpacked_name(name.lower()).endswith(endings)
 
 
-def is_foreign_file(path: Path) -> bool:
-    """Whether a path is a file that a format other than Argoverse 2 reads."""
-    return (
-        has_foreign_ending(path.name) and path.is_file() and format_of(path) is not None
+def name_of_scene(name: str) -> str:
+    """A file's name without the ending of its format."""
+    name = unpacked_name(name)
+    endings = [one for kind in formats().values() for one in kind.endings]
+    known = [one for one in endings if name.lower().endswith(one)]
+    return name[: -len(max(known, key=len))] if known else Path(name).stem
+
+
+def is_foreign_scene(path: Path) -> bool:
+    """Whether a file or folder is a scene of a format other than Argoverse 2."""
+    may_be = os.path.isdir(path) or (
+        has_foreign_ending(path.name) and os.path.isfile(path)
     )
+    return may_be and format_of(path) not in (None, ARGOVERSE2)
 
 
 def read_scene(path: Path) -> Scenario:

@@ -12,7 +12,7 @@ class WrittenScene:
     """Files of a scene in some format."""
 
     files: Mapping[str, bytes]
-    """Contents by path, relative to the folder of the export."""
+    """Contents by file name, without folders."""
     losses: tuple[str, ...] = ()
     """One sentence for each part of the scene that the format cannot say."""
 
@@ -37,9 +37,9 @@ class SceneFormat:
     title: str
     """For people, such as "CommonRoad"."""
     endings: tuple[str, ...]
-    """Endings of its files in lower case; empty for a format of folders."""
+    """Endings of its files in lower case; empty if its scenes are folders."""
     recognises: Callable[[Path], bool]
-    """Whether a path holds this format, by its name and first bytes; raises nothing."""
+    """Whether a path, also of a folder, holds this format, by its name and first bytes."""
     read: Callable[[Path], Scenario] | None = None
     """Reads a path; raises an ``InputError`` of one sentence."""
     write: Callable[[Scenario], WrittenScene] | None = None

@@ -5,7 +5,9 @@ from typing import Any, Final
 import viser
 
 from pd_editor.base.errors import InputError
+from pd_editor.base.plain_text import one_line
 from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
+from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.workspace import DatasetSearch
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
@@ -15,6 +17,7 @@ ROOT: Final[str] = "(not in a folder)"
 """Name of the split of scenarios that are in the root itself."""
 MAX_LISTED: Final = 200
 MAX_AGENTS: Final = 200
+MAX_REASON_CHARACTERS: Final = 200
 NONE_FOUND: Final[str] = "-"
 
 
@@ -94,6 +97,9 @@ class DatasetPanel:
         more = "" if len(found) <= MAX_LISTED else f", the first {MAX_LISTED} listed"
         state = "" if search.is_complete else ", still reading"
         text = f"{len(found)} of {search.num_seen} scenarios{more}{state}"
+        if broken := search.failures():
+            first = plain(one_line(broken[0], MAX_REASON_CHARACTERS))
+            text += f"\n\n{len(broken)} cannot be read, first: {first}"
         set_property(self._count, "content", text)
 
     def follow(self) -> None:

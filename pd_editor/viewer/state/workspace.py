@@ -85,6 +85,10 @@ class DatasetSearch:
         """Splits found so far."""
         return self._dataset.splits()
 
+    def failures(self) -> tuple[str, ...]:
+        """Why scenes could not be read so far."""
+        return self._dataset.failures()
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenedEdits:

@@ -554,7 +554,7 @@ def test_a_user_can_still_interrupt(tmp_path: Path):
     )
     words = ["generate", "crosswalk", "--model", "my_slow_plugin:G", "--out", "o"]
     running = subprocess.Popen(
-        [sys.executable, "-m", "pd_editor.cli", *words],
+        [sys.executable, "-m", "pd_editor", *words],
         cwd=tmp_path,
         stderr=subprocess.PIPE,
         text=True,

@@ -226,7 +226,7 @@ def test_weights_that_are_all_zero_are_refused_in_one_sentence(tmp_path: Path):
     for options in ((), ("--num-agents", "fit")):
         done = subprocess.run(
             [
-                *(sys.executable, "-m", "pd_editor.cli", "generate", "crosswalk"),
+                *(sys.executable, "-m", "pd_editor", "generate", "crosswalk"),
                 *("--model", str(folder), "--out", str(tmp_path / "out"), *options),
             ],
             capture_output=True,

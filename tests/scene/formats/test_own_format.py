@@ -1,15 +1,34 @@
 """A format of one's own: the example, joined by an entry point as a package does it."""
 
+import shutil
+import sys
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pd_editor.base.errors import InputError
+from pd_editor.base.errors import ExportError, FormatError, InputError
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.scene.formats import registry
-from pd_editor.scene.formats.registry import ENTRY_POINTS, formats
+from pd_editor.experiments.evaluation.evaluation import scenes_of
+from pd_editor.scene.formats import dataset, registry
+from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex
+from pd_editor.scene.formats.recorded_map import CenterLane, lanes_of
+from pd_editor.scene.formats.registry import ENTRY_POINTS, formats, writer
+from tests.cli.shell import Shell
+
+BROKEN = """
+from dataclasses import replace
+from pathlib import Path
+from examples.csv_format import FORMAT
+from pd_editor.base.errors import FormatError
+def fails(what):
+    error = {"key": KeyError("speed"), "exit": SystemExit(0), "own": FormatError("too old")}
+    def failing(_): raise error[what]
+    return failing
+knows = lambda path: path.suffix == ".mine" or path.name == "my_street"
+FORMAT = replace(FORMAT, name="broken", title="Mine", endings=(".mine",), recognises=knows)
+"""
 
 
 @pytest.fixture
@@ -27,16 +46,35 @@ def joined(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest):
 
 
 @pytest.fixture
+def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Joins a format of which a field is replaced."""
+
+    def joins(change: str) -> None:
+        (tmp_path / "my_broken_format.py").write_text(
+            f"{BROKEN}FORMAT = replace(FORMAT, {change})\n"
+        )
+        monkeypatch.syspath_prepend(str(tmp_path))
+        point = EntryPoint("broken", "my_broken_format:FORMAT", ENTRY_POINTS)
+        monkeypatch.setattr(registry, "entry_points", lambda **_: EntryPoints([point]))
+        formats.cache_clear()
+
+    yield joins
+    sys.modules.pop("my_broken_format", None)
+    formats.cache_clear()
+
+
+@pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Two lanes in a row, and a car that drives along both."""
-    path = tmp_path / "my_street"
-    path.mkdir()
+    path = tmp_path / "data" / "my_street"
+    path.mkdir(parents=True)
     (path / "lanes.csv").write_text(
-        "lane,x_m,y_m\na,0,0\na,60,0\nb,60,0\nb,120,10\nc,0,3.5\nc,60,3.5\n"
+        "lane,width_m,next,x_m,y_m\na,4,b,0,0\na,4,b,60,0\nb,3,gone,60,0\nb,3,gone,120,10\n"
+        "c,3,,0,3.5\nc,3,,60,3.5\n"
     )
-    rows = [f"car,{n / 5},{10 * n / 5},0,0" for n in range(40)]
+    rows = [f"car,vehicle,{n / 5 - 4},{10 * n / 5},0,0" for n in range(40)]
     (path / "tracks.csv").write_text(
-        "\n".join(["agent,time_s,x_m,y_m,heading_rad", *rows])
+        "\n".join(["agent,kind,time_s,x_m,y_m,heading_rad", *rows])
     )
     return path
 
@@ -45,7 +83,10 @@ def folder(tmp_path: Path) -> Path:
 def test_a_folder_opens_like_any_scene(folder: Path):
     scenario = open_scenario(folder)
     assert scenario.scenario_id == "my_street"
-    assert [lane.successors for lane in scenario.road_map.lanes] == [(2,), (), ()]
+    first, second, _ = scenario.road_map.lanes
+    assert first.successors == (2,)
+    widths = [np.ptp(np.stack([one.left, one.right])[:, 0, 1]) for one in (first, second)]  # fmt: skip
+    np.testing.assert_allclose(widths, [4.0, 3.0], atol=0.1)
     agents = scenario.agents
     assert agents.ids == ("car",)
     known = agents.is_valid[0]
@@ -56,18 +97,188 @@ def test_a_folder_opens_like_any_scene(folder: Path):
 
 
 @pytest.mark.usefixtures("joined")
-def test_a_broken_file_is_one_sentence(folder: Path):
-    (folder / "tracks.csv").write_text(
-        "agent,time_s,x_m,y_m,heading_rad\ncar,0,a,0,0\n"
-    )
-    with pytest.raises(InputError, match="my_street: cannot be read"):
-        open_scenario(folder)
+def test_lanes_that_others_name_and_that_are_not_there_are_counted(folder: Path):
+    """Such a successor was dropped without a word."""
+    scenario = open_scenario(folder)
+    second = scenario.road_map.lanes[1]
+    assert not set(second.successors) & set(scenario.road_map.lane_of)
+    assert "1 links name lanes" in " ".join(scenario.provenance.notes)
+
+
+@pytest.mark.usefixtures("joined")
+def test_the_current_step_is_after_a_past_unless_it_is_told(folder: Path):
+    from dataclasses import replace
+
+    from pd_editor.scene.agent_kind import AgentKind
+    from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+
+    def opened(seconds: float, **more):
+        time = np.arange(0, seconds, 0.1) + 7.0
+        place = np.stack([10 * time, np.zeros_like(time)], axis=-1)
+        track = FileTrack(track_id="a", kind=AgentKind.VEHICLE, size_m=None, time_s=time, position_m=place, heading_rad=np.zeros_like(time))  # fmt: skip
+        lane = CenterLane(key="a", line=np.array([[0.0, 0.0], [300.0, 0.0]]))
+        scene = FileScene(
+            path=folder, name="x", lanes=lanes_of([lane]), tracks=(track,)
+        )
+        scenario = replace(scene, **more).scenario(b"")
+        return int(scenario.agents.is_valid[0, : scenario.current_step].sum())
+
+    assert (opened(11.0), opened(4.05), opened(11.0, current_s=8.0)) == (49, 20, 10)
 
 
 @pytest.mark.usefixtures("joined")
 @pytest.mark.parametrize(
+    ("table", "row", "told"),
+    [
+        ("tracks.csv", "car,vehicle,0,a,0,0", "ValueError.*in csv_format.py:"),
+        ("tracks.csv", "car,boat,0,0,0,0", "ValueError.*boat"),
+        ("lanes.csv", "a,4,b", "lane 'a' has a line of shape"),
+        ("lanes.csv", "a,4,b,nan,0\na,4,b,10,0", "lane 'a' has points without a place"),
+        ("lanes.csv", "a,4,b,0,inf\na,4,b,10,0", "lane 'a' has points without a place"),
+        ("lanes.csv", "a,nan,b,0,0\na,nan,b,10,0", "lane 'a' has no width"),
+    ],
+)
+def test_a_broken_file_is_one_sentence(folder: Path, table: str, row: str, told: str):
+    """Points that are not numbers were a traceback of a library."""
+    (folder / table).write_text(f"a header\n{row}\n")
+    with pytest.raises(FormatError, match=f"my_street: .*({told})"):
+        open_scenario(folder)
+
+
+@pytest.mark.parametrize("key", ["a", ""])
+def test_lanes_of_one_name_are_refused(key: str):
+    line = np.array([[0.0, 0.0], [9.0, 0.0]])
+    with pytest.raises(FormatError, match="twice"):
+        lanes_of([CenterLane(key=key, line=line), CenterLane(key=key, line=line)])
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("read=fails('key')", r"my_street: Mine cannot be read \(KeyError: 'speed' in my_broken_format.py:8\)"),
+        ("read=fails('exit')", "my_street: Mine cannot be read .SystemExit"),
+        ("read=fails('own')", "my_street: too old"),
+        ("read=lambda path: 5", "read returned a int; expected a Scenario"),
+        ("recognises=fails('key')", "found no track files"),
+    ],
+)  # fmt: skip
+def test_whatever_a_format_raises_is_one_sentence(
+    folder: Path, broken, change: str, told: str, caplog
+):
+    broken(change)
+    with pytest.raises(InputError, match=told):
+        open_scenario(folder)
+    # Nobody else's scene suffers.
+    assert open_scenario("roundabout").scenario_id == "roundabout"
+    if "recognises" in change:
+        assert "did not say whether it knows a file (KeyError" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("write=fails('key')", "cannot be written as Mine .KeyError: 'speed' in my_br"),
+        ("write=lambda scenario: {}", "write returned a dict"),
+        ("write=lambda s, own=FORMAT.write: replace(own(s), files={'a': 'b'})", "Mine .*'a'"),
+    ],
+)  # fmt: skip
+def test_whatever_a_writer_raises_is_one_sentence(broken, change: str, told: str):
+    scenario = open_scenario("roundabout")
+    broken(change)
+    with pytest.raises(ExportError, match=told):
+        writer("broken").write(scenario)
+
+
+@pytest.mark.parametrize(
     "joined", ["examples.csv_format:read", "examples.none:A"], indirect=True
 )
-def test_an_entry_point_that_names_no_format_is_told(folder: Path):
-    with pytest.raises(InputError, match="csv-folder"):
-        open_scenario(folder)
+@pytest.mark.usefixtures("joined")
+def test_a_format_that_cannot_be_loaded_is_left_out_and_told(caplog):
+    """It stopped exports of demos."""
+    assert writer("av2").write(open_scenario("roundabout")).files
+    assert "The format 'csv-folder'" in caplog.text
+    assert "cannot be loaded" in caplog.text
+    assert "csv-folder" not in formats()
+
+
+@pytest.fixture
+def shell(capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(capsys)
+
+
+@pytest.mark.usefixtures("joined")
+def test_commands_take_folders_of_a_format(shell: Shell, folder: Path, tmp_path: Path):
+    """They looked for Argoverse 2 files in them, and found none."""
+    shutil.copytree(folder, folder.parent / "town" / "other.street")
+    out = tmp_path / "out"
+    for where, names in (
+        (folder, ["my_street"]),
+        (folder.parent, ["my_street", "other-street"]),
+        (folder.parent / "*street", ["my_street"]),
+    ):
+        result = shell.run("convert", where, "--to", "csv-folder", "--out", out / "c", "--overwrite")  # fmt: skip
+        assert result.code == 0, result.err
+        found = {Path(one).name for one in result.lines if "losses" not in one}
+        assert {one.replace(".", "-") for one in found} == set(names)
+    assert (out / "c" / "my_street" / "losses.txt").exists()
+    again, first = open_scenario(out / "c" / "my_street"), open_scenario(folder)
+    np.testing.assert_allclose(
+        again.agents.position_m + again.origin_city_m,
+        first.agents.position_m + first.origin_city_m,
+        atol=1e-9,
+    )
+    assert again.current_step == first.current_step
+    warped = shell.run("warp", folder, "--kind", "smooth-turn", "--power", 3, "--out", out / "w")  # fmt: skip
+    assert warped.code == 0, warped.err
+    made = shell.run("generate", folder.parent, "--model", "lane-follower", "--out", out / "g")  # fmt: skip
+    assert (made.code, len(list((out / "g").iterdir()))) == (0, 2), made.err
+    whole = shell.run("export", "roundabout", "--format", "csv-folder", "--out", out / "e")  # fmt: skip
+    assert whole.code == 0, whole.err
+    replayed = shell.run("replay", out / "c", "--out", out / "r")
+    assert replayed.code == 0, replayed.err
+
+
+@pytest.mark.usefixtures("joined")
+def test_folders_of_a_format_are_scenes_of_a_dataset(folder: Path):
+    shutil.copytree(folder, folder.parent / "town" / "other.street")
+    (folder.parent / "town" / "other.street" / "page.xml").write_text("<html/>")
+    cards = list(DatasetIndex(folder.parent).filter())
+    assert [(one.scenario_id, one.split, one.num_agents) for one in cards] == [
+        ("my_street", "", 1),
+        ("other.street", "town", 1),
+    ]
+    assert [one.scenario_id for one in DatasetIndex(folder).filter()] == ["my_street"]
+    assert len(scenes_of((folder.parent,)).scenes) == 2
+
+
+@pytest.mark.usefixtures("joined")
+@pytest.mark.parametrize("fault", ["row", "bug"])
+def test_a_scene_that_cannot_be_read_counts_as_seen(
+    folder: Path, fault: str, monkeypatch: pytest.MonkeyPatch, caplog
+):
+    """It was read again twice a second, and those after it never."""
+    shutil.copytree(folder, folder.parent / "b_street")
+    read = registry.read_scene
+
+    def failing(path: Path):
+        if fault == "bug" and path.name == "b_street":
+            raise KeyError("speed")
+        return read(path)
+
+    monkeypatch.setattr(dataset, "read_scene", failing)
+    if fault == "row":
+        (folder.parent / "b_street" / "tracks.csv").write_text("x\ncar,vehicle,0\n")
+    index = DatasetIndex(folder.parent)
+    position, names = 0, []
+    for _ in range(10):
+        step = index.search(CardFilter(), position, 1)
+        position, names = step.next_start, names + [one.scenario_id for one in step.cards]  # fmt: skip
+        if step.is_complete:
+            break
+    assert (names, step.is_complete) == (["my_street"], True)
+    (reason,) = index.failures()
+    assert reason.startswith("b_street: ")
+    assert ("KeyError" if fault == "bug" else "ValueError") in reason
+    assert len(scenes_of((folder.parent,)).scenes) == 1
+    assert "1 scenes in" in caplog.text
+    assert reason in caplog.text

@@ -44,6 +44,23 @@ def test_the_end_of_the_search_is_told(tmp_path):
         assert panel._count.content == "3 of 3 scenarios"
 
 
+def test_scenes_that_cannot_be_read_are_told_with_the_first_reason(tmp_path):
+    """They were left out without a word."""
+    root = write_dataset(tmp_path / "data")
+    for path in (root / "train").glob("*/scenario_*.parquet"):
+        path.write_bytes(b"no_table")
+    with (
+        running_app(tmp_path / "library", "roundabout", data_root=root) as app,
+        connected_tab(app) as tab,
+    ):
+        panel, search = tab.tab.panels.dataset, tab.tab._workspace.search
+        until(lambda: search.is_complete)
+        tab.run(panel.show)
+        count, told = panel._count.content.split("\n\n")
+        assert count == "1 of 3 scenarios"
+        assert told.startswith("2 cannot be read, first: train/aaa\\: ")
+
+
 def test_splits_and_missing_futures_are_named_and_filtered(tmp_path):
     """Which scenarios end at t = 0 was seen only after they had been opened."""
     root = write_dataset(tmp_path / "data")

@@ -10,6 +10,7 @@ from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
+from pd_editor.scene.formats.registry import is_foreign_scene
 from pd_editor.scene.scenario import Scenario
 
 MAX_SCENES: Final = 300
@@ -25,7 +26,7 @@ def scenario_folders(roots: Sequence[Path]) -> list[Path]:
     found: dict[str, Path] = {}
     for root in roots:
         for card in DatasetIndex(root).filter():
-            if card.folder.is_dir():
+            if not is_foreign_scene(card.folder):
                 found.setdefault(card.folder.name, card.folder)
     if not found:
         raise no_scenario(roots)

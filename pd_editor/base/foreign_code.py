@@ -9,37 +9,53 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from functools import cache
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from pd_editor.base.errors import GenerationError, PdEditorError
+from pd_editor.base.errors import GenerationError, LargeMapError, PdEditorError
 
 Value = TypeVar("Value")
 
-_OWN_CODE: Final = str(Path(__file__).parents[2])
+_OWN_CODE: Final = str(Path(__file__).parents[1])
 _WAYS_OUT: Final = "_exit", "execv", "execve"
 """Functions of ``os`` that end this program without an exception."""
 _INSIDE: Final = threading.local()
 """Has the id of the process while the thread runs foreign code."""
 
 
-def asked(ask: Callable[[], Value], place: str, failed: str) -> Value:
+def asked(
+    ask: Callable[[], Value],
+    place: str,
+    failed: str,
+    kind: type[PdEditorError] = GenerationError,
+) -> Value:
     """What foreign code answers.
 
     Raises:
-        GenerationError: it raised anything, or tried to end the program; ``place`` and
-            ``failed`` say whose code and what it did not do.
+        PdEditorError: of this kind: it raised anything, or tried to end the program;
+            ``place`` and ``failed`` say whose code and what it did not do.
         KeyboardInterrupt: the user interrupted it.
     """
     with _unchanged_process() as was_interrupted:
         try:
             return ask()
+        except LargeMapError:
+            raise  # A part of the map can be opened.
         except PdEditorError as error:
-            raise GenerationError(f"{place}: {error}") from error
+            told = str(error)
+            is_placed = told.startswith(f"{place}:")
+            raise kind(told if is_placed else f"{place}: {told}") from error
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt) and was_interrupted():
                 raise
-            raise GenerationError(f"{place}{failed} ({described(error)}).") from error
+            raise kind(f"{place}{failed} ({described(error)}).") from error
+
+
+def origin_of(entry_point: EntryPoint) -> str:
+    """Where an entry point is from, in words."""
+    package = entry_point.dist.name if entry_point.dist else "an unknown package"
+    return f"{entry_point.value} of the package {package}"
 
 
 def described(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""``python -m pd_editor.cli`` is ``pd-editor``."""
+"""``python -m pd_editor`` is ``pd-editor``."""
 
 import sys
 
