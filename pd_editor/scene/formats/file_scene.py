@@ -155,29 +155,20 @@ class FileScene:
         )
 
     def _link_notes(self) -> list[str]:
-        """Sentences on lanes that begin apart from those before them, or that lack."""
+        """Sentences on lanes that begin apart from those before them, or are not there."""
         ends = {one.lane_id: one.centerline_m[[0, -1]] for one in self.lanes}
-        links = [
-            (one.lane_id, other, after)
-            for one in self.lanes
-            for other, after in (
-                *((other, True) for other in one.successors),
-                (one.left_neighbor, False),
-                (one.right_neighbor, False),
-            )
-            if other is not None
+        after = [(one.lane_id, other) for one in self.lanes for other in one.successors]
+        beside = [
+            n for one in self.lanes for n in (one.left_neighbor, one.right_neighbor)
         ]
-        steps = [
-            ends[after][0] - ends[one][1]
-            for one, after, follows in links
-            if follows and after in ends
-        ]
+        steps = [ends[n][0] - ends[one][1] for one, n in after if n in ends]
         gap_m = np.hypot(*np.array(steps).reshape(-1, 2).T)
-        number = int((gap_m > _LEAP_M).sum())
-        lacking = sum(other not in ends for _, other, _ in links)
-        leaps = f"{number} lanes begin up to {gap_m.max(initial=0.0):.1f} m from those before them."
-        lacks = f"{lacking} links name lanes that its map lacks."
-        return [leaps] * bool(number) + [lacks] * bool(lacking)
+        apart = int((gap_m > _LEAP_M).sum())
+        lacking = sum(n not in ends for _, n in after)
+        lacking += sum(n is not None and n not in ends for n in beside)
+        told = f"{apart} lanes begin up to {gap_m.max(initial=0.0):.1f} m from those before them."
+        lacks = f"{lacking} links name lanes that the map lacks."
+        return [told] * bool(apart) + [lacks] * bool(lacking)
 
     def _raise_for(self, excess: str | None, data: bytes) -> None:
         if excess is None:
