@@ -312,16 +312,13 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
         is_whole = len(tracks) == 1 and has_map and is_scenario_id(scenario_id)
         yield _Found(scenario_id=scenario_id, folder=folder) if is_whole else folder
         return
-    if is_foreign_scene(folder):
-        name = folder.absolute().name
-        yield _Found(scenario_id=name, folder=folder, is_foreign=True)
-        return
-    scenes = [one for one in sorted(files) if is_foreign_scene(folder / one)]
-    for name in scenes:
-        yield _Found(
-            scenario_id=name_of_scene(name), folder=folder / name, is_foreign=True
-        )
-    if scenes and (depth == MAX_DEPTH or not folders):
+    is_scene = is_foreign_scene(folder)
+    inside = (folder / name for name in sorted(files))
+    scenes = [folder] if is_scene else list(filter(is_foreign_scene, inside))
+    for path in scenes:
+        name = name_of_scene(path)
+        yield _Found(scenario_id=name, folder=path, is_foreign=True)
+    if is_scene or (scenes and (depth == MAX_DEPTH or not folders)):
         return
     if depth == MAX_DEPTH or not folders:
         yield folder

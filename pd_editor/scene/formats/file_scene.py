@@ -152,6 +152,7 @@ class FileScene:
             crosswalks=crosswalks_within(self.crosswalks, window),
             more_paved=[one for one in self.more_paved if one.intersects(square)],
             tracks=tuple(filter(is_inside, self.tracks)),
+            current_s=self._now_s(),
         )
 
     def _link_notes(self) -> list[str]:
@@ -193,10 +194,12 @@ class FileScene:
         lines = RoadMap(lanes=self.lanes, crosswalks=self.crosswalks)
         for row, points in enumerate(lines.polylines):
             if not (np.abs(points) <= MAX_COORDINATE_M).all():
-                own = [one.lane_id for one in self.lanes for _ in range(3)][
-                    row : row + 1
-                ]
-                whose = f"its lane {own[0]}" if own else "a crosswalk"
+                is_lane = row < 3 * len(self.lanes)
+                whose = (
+                    f"its lane {self.lanes[row // 3].lane_id}"
+                    if is_lane
+                    else "a crosswalk"
+                )
                 raise wrong(f"{whose} has lines without a place; expected metres.")
         extent_m = np.ptp(np.concatenate([n.centerline_m for n in self.lanes]), axis=0)
         if len(self.lanes) > 1 and extent_m.max() < _LEAST_EXTENT_M:

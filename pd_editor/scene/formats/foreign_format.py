@@ -1,11 +1,12 @@
 """Formats that other packages bring: whatever their code raises becomes one sentence."""
 
 import logging
+from collections.abc import Collection
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeVar
 
 from pd_editor.base.errors import ExportError, FormatError, InputError
 from pd_editor.base.foreign_code import asked, origin_of
@@ -13,54 +14,43 @@ from pd_editor.base.plain_text import one_line
 from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
 from pd_editor.scene.scenario import Scenario
 
+Value = TypeVar("Value")
+
 _LOG: Final = logging.getLogger(__name__)
 
 
-def foreign_format(point: EntryPoint) -> SceneFormat:
+def foreign_format(point: EntryPoint, taken: Collection[str]) -> SceneFormat:
     """The format that an entry point names; of its faults, users see one sentence.
 
     Raises:
-        InputError: it cannot be loaded, or is no format.
+        InputError: it cannot be loaded, or is no format of a name that is not taken.
     """
     place = f"The format {point.name!r} ({origin_of(point)})"
     found = asked(
-        lambda: _checked_format(point.load()), place, " cannot be loaded", InputError
+        lambda: _checked(point.load(), taken), place, " cannot be loaded", InputError
     )
+    knows = found.recognises
+    reads: Any = found.read
+    writes: Any = found.write
 
     def recognises(path: Path) -> bool:
+        told = " did not say whether it knows a file"
         try:
-            return asked(
-                lambda: bool(found.recognises(path)),
-                place,
-                " did not say whether it knows a file",
-                InputError,
-            )
+            return asked(lambda: bool(knows(path)), place, told, InputError)
         except InputError as error:
             _told_once(str(error))
             return False
 
     def read(path: Path) -> Scenario:
-        assert found.read is not None, "it can be read"
-        return asked(
-            lambda: _checked_scenario(found.read(path)),  # type: ignore[misc]
-            str(path),
-            f": {found.title} cannot be read",
-            FormatError,
-        )
+        told = f": {found.title} cannot be read"
+        return asked(lambda: _a(Scenario, reads(path)), str(path), told, FormatError)
 
     def write(scenario: Scenario) -> WrittenScene:
-        return asked(
-            lambda: _checked_files(found.write(scenario)),  # type: ignore[misc]
-            scenario.scenario_id,
-            f" cannot be written as {found.title}",
-            ExportError,
-        )
+        told, name = f" cannot be written as {found.title}", scenario.scenario_id
+        return asked(lambda: _plain_files(writes(scenario)), name, told, ExportError)
 
     return replace(
-        found,
-        recognises=recognises,
-        read=found.read and read,
-        write=found.write and write,
+        found, recognises=recognises, read=reads and read, write=writes and write
     )
 
 
@@ -70,30 +60,23 @@ def _told_once(what: str) -> None:
     _LOG.warning("%s", what)
 
 
-def _checked_format(found: object) -> SceneFormat:
-    if not isinstance(found, SceneFormat):
-        raise TypeError(f"it is a {type(found).__name__}; expected a SceneFormat")
-    texts = found.name, found.title, *found.endings
-    if isinstance(found.endings, str) or not all(
-        isinstance(one, str) and one for one in texts
-    ):
-        raise TypeError(f"name, title and endings are {texts!r}; expected texts")
+def _a(kind: type[Value], found: Any) -> Value:
+    if not isinstance(found, kind):
+        raise TypeError(f"got a {type(found).__name__}; expected a {kind.__name__}")
     return found
 
 
-def _checked_scenario(found: object) -> Scenario:
-    if not isinstance(found, Scenario):
-        raise TypeError(f"read returned a {type(found).__name__}; expected a Scenario")
+def _checked(found: Any, taken: Collection[str]) -> SceneFormat:
+    if _a(SceneFormat, found).name in taken:
+        raise ValueError(f"there is a format {found.name!r} already")
+    for text in (found.name, found.title, *_a(tuple, found.endings)):
+        _a(str, text)
     return found
 
 
-def _checked_files(found: object) -> WrittenScene:
-    if not isinstance(found, WrittenScene):
-        raise TypeError(
-            f"write returned a {type(found).__name__}; expected a WrittenScene"
-        )
-    for name, data in found.files.items():
-        if not isinstance(name, str) or not isinstance(data, bytes):
-            raise TypeError(f"file {name!r} is a {type(data).__name__}; expected bytes")
-    told = (found.losses,) if isinstance(found.losses, str) else found.losses
-    return replace(found, losses=tuple(one_line(str(one)) for one in told))
+def _plain_files(found: Any) -> WrittenScene:
+    for name, data in _a(WrittenScene, found).files.items():
+        _a(str, name)
+        _a(bytes, data)
+    losses = (found.losses,) if isinstance(found.losses, str) else found.losses
+    return replace(found, losses=tuple(one_line(str(one)) for one in losses))

@@ -99,19 +99,18 @@ def _check(found: Sequence[CenterLane]) -> None:
     """Raise for what no lane can be, with its name."""
     seen: set[str] = set()
     for one in found:
-        name = f"lane {str(one.key)[:40]!r}"
         if not one.key or one.key in seen:
-            raise FormatError(f"{name} comes twice, or has no usable name.")
-        seen.add(one.key)
-        if np.ndim(one.line) != 2 or np.shape(one.line)[1] != 2:
-            raise FormatError(
-                f"{name} has a line of shape {np.shape(one.line)}; expected N points "
-                "of x and y."
-            )
-        if not (np.abs(one.line) <= MAX_COORDINATE_M).all():
-            raise FormatError(f"{name} has points without a place; expected metres.")
-        if not np.isfinite(one.half_width_m or (0.0, 0.0)).all():
-            raise FormatError(f"{name} has no width; expected metres.")
+            wrong = "comes twice, or has no usable name"
+        elif np.ndim(one.line) != 2 or np.shape(one.line)[1] != 2:
+            wrong = f"has a line of shape {np.shape(one.line)}; expected points of x, y"
+        elif not (np.abs(one.line) <= MAX_COORDINATE_M).all():
+            wrong = "has points without a place; expected metres"
+        elif not np.isfinite(one.half_width_m or (0.0, 0.0)).all():
+            wrong = "has no width; expected metres"
+        else:
+            seen.add(one.key)
+            continue
+        raise FormatError(f"lane {str(one.key)[:40]!r} {wrong}.")
 
 
 def _is_line(lane: CenterLane) -> bool:

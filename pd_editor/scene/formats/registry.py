@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.base.errors import ExportError, InputError, LargeMapError
-from pd_editor.base.foreign_code import origin_of
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.commonroad import COMMONROAD
 from pd_editor.scene.formats.foreign_format import foreign_format
@@ -44,15 +43,10 @@ def formats() -> dict[str, SceneFormat]:
     found = {one.name: one for one in OWN_FORMATS}
     for point in entry_points(group=ENTRY_POINTS):
         try:
-            value = foreign_format(point)
+            value = foreign_format(point, found)
+            found[value.name] = value
         except InputError as error:
             _LOG.warning("%s", error)
-            continue
-        if value.name in found:
-            _LOG.warning(
-                "%s: there is a format %r already.", origin_of(point), value.name
-            )
-        found.setdefault(value.name, value)
     return found
 
 
@@ -83,20 +77,25 @@ def has_foreign_ending(name: str) -> bool:
     return unpacked_name(name.lower()).endswith(endings)
 
 
-def name_of_scene(name: str) -> str:
-    """A file's name without the ending of its format."""
+def name_of_scene(path: Path) -> str:
+    """Name of a foreign file or folder, of a file without the ending of its format."""
+    name = path.absolute().name
+    if path.is_dir():
+        return name
     name = unpacked_name(name)
-    endings = [one for kind in formats().values() for one in kind.endings]
-    known = [one for one in endings if name.lower().endswith(one)]
-    return name[: -len(max(known, key=len))] if known else Path(name).stem
+    every = [one for kind in formats().values() for one in kind.endings]
+    known = [one for one in every if name.lower().endswith(one)]
+    return name[: -max(map(len, known))] if known else name
 
 
 def is_foreign_scene(path: Path) -> bool:
     """Whether a file or folder is a scene of a format other than Argoverse 2."""
-    may_be = os.path.isdir(path) or (
+    if not os.path.isdir(path) and not (
         has_foreign_ending(path.name) and os.path.isfile(path)
-    )
-    return may_be and format_of(path) not in (None, ARGOVERSE2)
+    ):
+        return False
+    others = [one for one in formats().values() if one.read and one is not ARGOVERSE2]
+    return any(one.recognises(path) for one in others)
 
 
 def read_scene(path: Path) -> Scenario:

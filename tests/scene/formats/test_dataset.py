@@ -205,3 +205,10 @@ def test_files_of_other_formats_are_scenes_of_a_dataset(tmp_path):
     assert town.num_agents > 0
     index = DatasetIndex(tmp_path)
     assert index.after(bare.folder).folder == town.folder
+
+
+def test_files_of_one_name_up_to_a_dot_are_told_apart(tmp_path):
+    """Both were listed as "town": one could not be chosen."""
+    for name in ("town.v1.xml", "town.v2.xml"):
+        (tmp_path / name).write_text(commonroad_text())
+    assert ids(DatasetIndex(tmp_path).filter()) == ["town.v1", "town.v2"]

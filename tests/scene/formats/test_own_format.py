@@ -158,7 +158,7 @@ def test_lanes_of_one_name_are_refused(key: str):
         ("read=fails('key')", r"my_street: Mine cannot be read \(KeyError: 'speed' in my_broken_format.py:8\)"),
         ("read=fails('exit')", "my_street: Mine cannot be read .SystemExit"),
         ("read=fails('own')", "my_street: too old"),
-        ("read=lambda path: 5", "read returned a int; expected a Scenario"),
+        ("read=lambda path: 5", "got a int; expected a Scenario"),
         ("recognises=fails('key')", "found no track files"),
     ],
 )  # fmt: skip
@@ -178,7 +178,7 @@ def test_whatever_a_format_raises_is_one_sentence(
     ("change", "told"),
     [
         ("write=fails('key')", "cannot be written as Mine .KeyError: 'speed' in my_br"),
-        ("write=lambda scenario: {}", "write returned a dict"),
+        ("write=lambda scenario: {}", "got a dict; expected a WrittenScene"),
         ("write=lambda s, own=FORMAT.write: replace(own(s), files={'a': 'b'})", "Mine .*'a'"),
     ],
 )  # fmt: skip
@@ -190,7 +190,9 @@ def test_whatever_a_writer_raises_is_one_sentence(broken, change: str, told: str
 
 
 @pytest.mark.parametrize(
-    "joined", ["examples.csv_format:read", "examples.none:A"], indirect=True
+    "joined",
+    ["examples.csv_format:read", "examples.none:A", f"{registry.__name__}:OPENDRIVE"],
+    indirect=True,
 )
 @pytest.mark.usefixtures("joined")
 def test_a_format_that_cannot_be_loaded_is_left_out_and_told(caplog):
