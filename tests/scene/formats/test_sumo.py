@@ -10,7 +10,7 @@ import pytest
 import sumolib
 
 from pd_editor.base.errors import FormatError
-from pd_editor.editor.scenario_store import foreign_files, open_scenario
+from pd_editor.editor.scenario_store import foreign_scenes, open_scenario
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.registry import format_of
 from pd_editor.scene.road_map import LaneKind
@@ -67,7 +67,7 @@ def test_lanes_through_junctions_are_links(tmp_path: Path):
         (LaneKind.VEHICLE, (1,)),
         (LaneKind.BUS, ()),
     ]
-    assert foreign_files(tmp_path) == [path]
+    assert foreign_scenes(tmp_path) == [path]
 
 
 def test_a_network_is_known_by_its_root_where_its_name_says_nothing(tmp_path: Path):
