@@ -10,7 +10,7 @@ import pytest
 
 from pd_editor.base.errors import FormatError
 from pd_editor.editor.scenario_store import (
-    foreign_files,
+    foreign_scenes,
     is_foreign,
     open_scenario,
     scenario_and_recipe,
@@ -47,7 +47,7 @@ def test_gzipped_files_open_as_the_plain_ones_do(tmp_path: Path, name: str):
     assert found.scenario_id == plain.scenario_id
     assert len(found.road_map.lanes) == len(plain.road_map.lanes)
     assert found.agents.ids == plain.agents.ids
-    assert foreign_files(packed.parent) == [packed]
+    assert foreign_scenes(packed.parent) == [packed]
     assert is_foreign(packed.name, packed.read_bytes())
     uploaded, _ = scenario_and_recipe({packed.name: packed.read_bytes()})
     assert uploaded.scenario_id == plain.scenario_id
