@@ -132,7 +132,11 @@ def test_the_current_step_is_after_a_past_unless_it_is_told(folder: Path):
     [
         ("tracks.csv", "car,vehicle,0,a,0,0", "ValueError.*in csv_format.py:"),
         ("tracks.csv", "car,boat,0,0,0,0", "ValueError.*boat"),
-        ("lanes.csv", "a,4,b", "lane 'a' has a line of shape|CSV folder cannot be read"),
+        (
+            "lanes.csv",
+            "a,4,b",
+            "lane 'a' has a line of shape|CSV folder cannot be read",
+        ),
         ("lanes.csv", "a,4,b,nan,0\na,4,b,10,0", "lane 'a' has points without a place"),
         ("lanes.csv", "a,4,b,0,inf\na,4,b,10,0", "lane 'a' has points without a place"),
         ("lanes.csv", "a,nan,b,0,0\na,nan,b,10,0", "lane 'a' has no width"),
