@@ -63,8 +63,8 @@ def check_request(request: GenerationRequest) -> None:
     if is_long(scenario):
         raise GenerationError(
             f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
-            f"the model samples {FUTURE_S:g} s. Open it cut: in the browser with the "
-            "button under Scene, else with --until 6 (open_scenario: until_s=6)."
+            f"the model samples {FUTURE_S:g} s. Cut it: 'Keep {FUTURE_S:g} s after t = 0' "
+            "under Scene; on the shell --until 6 (open_scenario: until_s=6)."
         )
     if not scenario.road_map.lanes:
         raise GenerationError("The scenario has no lanes; the model needs a road.")

@@ -74,6 +74,11 @@ def agents_excess(agents: AgentTracks, road_map: RoadMap) -> str | None:
             f"There would be {len(agents)} agents over {agents.num_steps} steps; at most"
             f" {MAX_STATES} states are possible."
         )
+    return odd_agent(agents) or _misplaced(agents, road_map)
+
+
+def odd_agent(agents: AgentTracks) -> str | None:
+    """Reason, with the limit, why some agent is none; None if each is one."""
     is_odd = ~((agents.size_m > 0) & (agents.size_m <= MAX_LENGTH_M)).all(axis=1)
     if is_odd.any():
         return (
@@ -91,6 +96,13 @@ def agents_excess(agents: AgentTracks, road_map: RoadMap) -> str | None:
             f"Agent {agents.ids[fast]} would move at {speed.max():.0f} m/s; at most"
             f" {MAX_SPEED_MPS:g} m/s are possible."
         )
+    return None
+
+
+def _misplaced(agents: AgentTracks, road_map: RoadMap) -> str | None:
+    row, step = np.nonzero(agents.is_valid)
+    if not len(row):
+        return None
     position = agents.position_m[row, step]
     apart = is_apart(position).any(axis=1)
     if apart.any():

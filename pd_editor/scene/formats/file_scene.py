@@ -31,6 +31,7 @@ from pd_editor.scene.scene_limits import (
     MAX_COORDINATE_M,
     MAX_STEPS,
     agents_excess,
+    odd_agent,
     road_excess,
 )
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -114,6 +115,8 @@ class FileScene:
         times_s = self._now_s() + axis.times_s()
         signals, told = sampled_signals(self.signals, road_map.lanes, times_s)
         road_map = road_map.moved(lambda points: points - origin)
+        if odd := odd_agent(agents):
+            raise FormatError(f"{self.path}: {odd[:1].lower()}{odd[1:]}")
         excess = agents_excess(agents, road_map) if len(agents) else None
         self._raise_for(road_excess(road_map) or excess, data)
         focal_id = "" if row is None else agents.ids[row]

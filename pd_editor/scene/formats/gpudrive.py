@@ -10,7 +10,12 @@ import numpy as np
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.formats.file_scene import FileScene, FileTrack
+from pd_editor.scene.formats.file_scene import (
+    NO_HEADINGS,
+    FileScene,
+    FileTrack,
+    headings_on_the_way,
+)
 from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import (
     ending_of,
@@ -109,6 +114,7 @@ def read(path: Path) -> Scenario:
         ego_id=_id_of(found["objects"], ego),
         focal_id=_id_of(found["objects"], asked[0] if asked else -1),
         city="waymo",
+        notes=(NO_HEADINGS,) * any("heading" not in one for one in found["objects"]),
         attribution="Recorded by the Waymo Open Motion Dataset, under its own licence.",
     ).scenario(data)
 
@@ -135,14 +141,16 @@ def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
     is_valid = np.array(one["valid"], bool) & np.isfinite(position).all(axis=1)
     if not is_valid.any():
         return None
+    told = np.array(one.get("heading", [np.nan] * len(position)), float)[is_valid]
+    time_s = step_s * np.flatnonzero(is_valid)
     size = float(np.median(one["length"])), float(np.median(one["width"]))
     return FileTrack(
         track_id=_name(row, one),
         kind=_KINDS.get(str(one["type"]), AgentKind.UNKNOWN),
         size_m=size if min(size) > 0 else None,
-        time_s=step_s * np.flatnonzero(is_valid),
+        time_s=time_s,
         position_m=position[is_valid],
-        heading_rad=np.array(one["heading"], float)[is_valid],
+        heading_rad=headings_on_the_way(time_s, position[is_valid], told),
         velocity_mps=_table(one["velocity"])[is_valid] if "velocity" in one else None,
     )
 

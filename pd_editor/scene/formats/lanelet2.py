@@ -235,7 +235,7 @@ class _File:
             FormatError: it has not one way on each side.
         """
         ways = [self._members(place, role) for role in ("left", "right")]
-        if any(len(one) != 1 for one in ways):
+        if any(len(one) != 1 for one in ways) or ways[0] == ways[1]:
             raise place.error("needs one way as left bound and one as right bound.")
         (left,), (right,) = ways
         one, two = (self.points((way, 1))[:, :2] for way in (left, right))

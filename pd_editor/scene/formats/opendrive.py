@@ -37,24 +37,18 @@ MOST_MINOR: Final = 8
 """Newest minor version that is known."""
 SPACING_M: Final = 1.0
 _SAME_LINE_M: Final = 0.01
+_HOLE_M: Final = 1.0
+"""Longer parts of a reference line that are not told are told of."""
 _LEAST_WIDTH_M: Final = 0.3
 """Lanes that are nowhere wider are left out."""
 _LANE_KINDS: Final = {
-    "driving": LaneKind.VEHICLE,
-    "entry": LaneKind.VEHICLE,
-    "exit": LaneKind.VEHICLE,
-    "onRamp": LaneKind.VEHICLE,
-    "offRamp": LaneKind.VEHICLE,
-    "connectingRamp": LaneKind.VEHICLE,
-    "slipLane": LaneKind.VEHICLE,
-    "bidirectional": LaneKind.VEHICLE,
-    "HOV": LaneKind.VEHICLE,
-    "mwyEntry": LaneKind.VEHICLE,
-    "mwyExit": LaneKind.VEHICLE,
-    "bus": LaneKind.BUS,
-    "taxi": LaneKind.BUS,
-    "biking": LaneKind.BIKE,
-}
+    "driving": LaneKind.VEHICLE, "entry": LaneKind.VEHICLE, "exit": LaneKind.VEHICLE,
+    "onRamp": LaneKind.VEHICLE, "offRamp": LaneKind.VEHICLE,
+    "connectingRamp": LaneKind.VEHICLE, "slipLane": LaneKind.VEHICLE,
+    "bidirectional": LaneKind.VEHICLE, "HOV": LaneKind.VEHICLE,
+    "mwyEntry": LaneKind.VEHICLE, "mwyExit": LaneKind.VEHICLE,
+    "bus": LaneKind.BUS, "taxi": LaneKind.BUS, "biking": LaneKind.BIKE,
+}  # fmt: skip
 """Types of lanes that are driven on."""
 _PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
 """Types of lanes that are drivable, but lead nowhere."""
@@ -72,7 +66,7 @@ def read(path: Path) -> Scenario:
     """Read a road network as a scene without agents.
 
     Lanes are one for each lane of each section; elevations are kept, cross falls are not.
-    Roads of less than a few centimetres only join lanes. Traffic lights have unknown
+    Roads without length, or connecting within centimetres, only join lanes. Lights have unknown
     states; signs, and objects other than crosswalks and asphalt, are left out. City
     coordinates are those that the header's offset leads to, unless it turns the road.
 
@@ -99,6 +93,8 @@ def read(path: Path) -> Scenario:
     signals, notes = network.signals()
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")
+    if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
+        notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
     scene = FileScene(
         path=path,
         name=stem_of(path),
@@ -183,7 +179,8 @@ class _Road:
     def line(self) -> ReferenceLine:
         """The reference line."""
         plan = self.place.child("planView")
-        return ReferenceLine.of(plan, self.place.element.find("elevationProfile"))
+        profile = self.place.element.find("elevationProfile")
+        return ReferenceLine.of(plan, profile, self.length_m)
 
     @cached_property
     def sections(self) -> list[_Section]:
@@ -248,8 +245,8 @@ class _Road:
 
     @property
     def is_joint(self) -> bool:
-        """Whether it is too short to be driven on."""
-        return self.length_m < JOINT_M
+        """Whether it is without length, or connecting and too short to be driven on."""
+        return self.length_m < JOINT_M if self.junction else not self.length_m
 
     def driven(self) -> Iterator[tuple[_Section, int, bool]]:
         """Sections, ids and directions of the lanes that are driven on."""
@@ -285,7 +282,8 @@ class _Road:
     def crosswalks(self) -> Iterator[Float[np.ndarray, "_ 2"]]:
         """Corners of the objects that are crosswalks."""
         for one in self.place.element.findall("objects/object"):
-            is_placed = one.get("length") or one.find(".//outline") is not None
+            is_placed = {"length", "width"} <= set(one.keys())
+            is_placed |= one.find(".//outline") is not None
             if (one.get("type") or "").lower() == "crosswalk" and is_placed:
                 yield self._corners(Place(self.place.path, one))
 

@@ -15,13 +15,17 @@ from pd_editor.scene.formats.packed_file import read_unpacked
 _CODE: Final = re.compile(r"[biufSU]\d{1,6}|O8|b1|bool")
 
 
+class _RefusedError(Exception):
+    """A pickle holds what is not read."""
+
+
 class _ElementType:
     """An element type of arrays: a number, a truth value or a text, of some byte order."""
 
     def __init__(self, code: object, *rest: object) -> None:
         del rest
         if not isinstance(code, str) or not _CODE.fullmatch(code):
-            raise pickle.UnpicklingError(f"arrays of {str(code)[:20]!r}")
+            raise _RefusedError(f"arrays of {str(code)[:20]!r}")
         self.code, self.order = code, "="
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -33,7 +37,7 @@ class _ElementType:
         if self.code.startswith("O") and isinstance(raw, list):
             return np.array([None, *raw], object)[1:]
         if not isinstance(raw, bytes) or self.code.startswith("O"):
-            raise pickle.UnpicklingError("an array without its values")
+            raise _RefusedError("an array without its values")
         return np.frombuffer(raw, np.dtype(self.order + self.code))
 
 
@@ -65,7 +69,7 @@ def _default_dict(*factory: object) -> dict[Any, Any]:
 def _bytes(text: str, codec: str) -> bytes:
     """Bytes, which older pickles hold as a text."""
     if codec != "latin1":
-        raise pickle.UnpicklingError(f"a text in {codec[:20]!r}")
+        raise _RefusedError(f"a text in {codec[:20]!r}")
     return text.encode("latin1")
 
 
@@ -108,12 +112,12 @@ class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str, /) -> Any:
         names = _KNOWN.get(module, {})
         if name not in names:
-            raise pickle.UnpicklingError(f"{module}.{name}")
+            raise _RefusedError(f"{module}.{name}")
         return names[name]
 
     def persistent_load(self, pid: object, /) -> Any:
         del pid
-        raise pickle.UnpicklingError("an object that lies elsewhere")
+        raise _RefusedError("an object that lies elsewhere")
 
 
 def _plain(value: Any, known: dict[int, tuple[Any, Any]]) -> Any:
@@ -144,7 +148,7 @@ def read_plain_pickle(path: Path) -> tuple[Any, bytes]:
     content, data = read_unpacked(path)
     try:
         return _plain(_Unpickler(io.BytesIO(content)).load(), {}), data
-    except pickle.UnpicklingError as error:
+    except _RefusedError as error:
         raise FormatError(
             f"{path}: holds {error}; expected arrays, texts, numbers and containers only."
         ) from error

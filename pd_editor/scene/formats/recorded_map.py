@@ -123,7 +123,7 @@ def crosswalk_of(number: int, ring: Float[np.ndarray, "N 2"]) -> Crosswalk | Non
     A triangle has those of its smallest rectangle; a line is none.
     """
     around = shapely.minimum_rotated_rectangle(shapely.MultiPoint(ring))
-    if not isinstance(around, shapely.Polygon):
+    if not isinstance(around, shapely.Polygon) or around.is_empty:
         return None
     ring = without_repeats(ring)
     ring = ring[:-1] if np.allclose(ring[0], ring[-1]) else ring

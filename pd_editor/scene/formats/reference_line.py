@@ -128,10 +128,13 @@ class ReferenceLine:
 
     pieces: Sequence[_Piece]
     height: Cubics
+    starts_m: Float[np.ndarray, "P"]
+    gap_m: float
+    """Length of the longest part of the road that no piece has."""
 
     @classmethod
-    def of(cls, plan: Place, profile: Any) -> "ReferenceLine":
-        """Read a plan view and an elevation profile, if there is one.
+    def of(cls, plan: Place, profile: Any, length_m: float) -> "ReferenceLine":
+        """Read a plan view and an elevation profile, if there is one, of a road.
 
         Raises:
             FormatError: a geometry is missing, or of an unknown shape.
@@ -142,18 +145,21 @@ class ReferenceLine:
         rises = (
             [] if profile is None else Place(plan.path, profile).children("elevation")
         )
-        return cls(sorted(pieces, key=lambda one: one.start), Cubics.of(rises, "s"))
+        pieces.sort(key=lambda one: one.start)
+        starts = np.array([one.start for one in pieces])
+        ends = starts + [one.length for one in pieces]
+        gap_m = float((np.append(starts[1:], length_m) - ends).max())
+        return cls(pieces, Cubics.of(rises, "s"), starts, gap_m)
 
     def at(self, s: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 4"]:
         """x, y, heading and elevation at some places."""
-        starts = np.array([one.start for one in self.pieces])
         row: Int[np.ndarray, "K"] = np.clip(
-            np.searchsorted(starts, s + 1e-9, "right") - 1, 0, None
+            np.searchsorted(self.starts_m, s + 1e-9, "right") - 1, 0, None
         )
         found = np.zeros((len(s), 4))
-        for index in np.unique(row).tolist():
-            mine = row == index
-            piece = self.pieces[index]
+        order = np.argsort(row, kind="stable")
+        for mine in np.split(order, np.flatnonzero(np.diff(row[order])) + 1):
+            piece = self.pieces[int(row[mine[0]])]
             found[mine, :3] = piece.at(s[mine] - piece.start)
         found[:, 3] = self.height.at(s)
         return found

@@ -119,7 +119,7 @@ def read(path: Path) -> Scenario:
         focal_id=str(next(iter(asked), "")),
         city=str(about.get("map") or about.get("dataset") or ""),
         notes=(NO_HEADINGS,)
-        if any("heading" not in one["state"] for one in found["tracks"].values())
+        if any(one["state"].get("heading") is None for one in found["tracks"].values())
         else (),
         attribution=f"Recorded by {source}, under its own licence." if source else "",
     ).scenario(data)
@@ -142,7 +142,7 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
     ]
     told = (
         np.array(state["heading"], float).ravel()[:number][is_valid]
-        if "heading" in state
+        if state.get("heading") is not None
         else np.full(is_valid.sum(), np.nan)
     )
     finer = str((found.get("metadata") or {}).get("type", "")).lower()

@@ -26,43 +26,13 @@ _KIND_OF: Final = {
     "truck": LaneKind.VEHICLE,
 }
 """Kind of a lane by the first of these that may use it."""
-_CLASSES: Final = frozenset(
-    [
-        "private",
-        "emergency",
-        "authority",
-        "army",
-        "vip",
-        "pedestrian",
-        "passenger",
-        "hov",
-        "taxi",
-        "bus",
-        "coach",
-        "delivery",
-        "truck",
-        "trailer",
-        "motorcycle",
-        "moped",
-        "bicycle",
-        "evehicle",
-        "tram",
-        "rail_urban",
-        "rail",
-        "rail_electric",
-        "rail_fast",
-        "ship",
-        "container",
-        "cable_car",
-        "subway",
-        "aircraft",
-        "wheelchair",
-        "scooter",
-        "drone",
-        "custom1",
-        "custom2",
-    ]
-)
+_CLASSES: Final = frozenset([
+    "private", "emergency", "authority", "army", "vip", "pedestrian", "passenger",
+    "hov", "taxi", "bus", "coach", "delivery", "truck", "trailer", "motorcycle",
+    "moped", "bicycle", "evehicle", "tram", "rail_urban", "rail", "rail_electric",
+    "rail_fast", "ship", "container", "cable_car", "subway", "aircraft", "wheelchair",
+    "scooter", "drone", "custom1", "custom2",
+])  # fmt: skip
 """All classes of vehicles."""
 _MOTORISED: Final = "passenger private taxi bus coach delivery truck trailer motorcycle"
 ALLOWED_ON: Final = {

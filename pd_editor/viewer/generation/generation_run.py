@@ -399,7 +399,7 @@ class GenerationRun:
     def _failed(self, error: Exception) -> None:
         self._job = None
         self._set_running(False)
-        self._say("")
+        self._say(str(error))
         self._ui.report(error)
 
     def _say(self, text: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pd_editor.base.errors import FormatError
+from pd_editor.base.errors import FormatError, LargeMapError
 from pd_editor.editor.scenario_store import open_scenario
 from tests.scene.formats.test_commonroad import text as commonroad
 from tests.scene.formats.test_opendrive import LINE, lane, road, section
@@ -159,3 +159,18 @@ def test_degrees_are_not_taken_for_metres(tmp_path: Path):
         FormatError, match=r"sd_one\.pkl: its lanes lie within .* degrees"
     ):
         open_scenario(pickled(tmp_path, found))
+
+
+def test_a_part_of_the_map_is_no_cure_for_an_agent_of_no_size(tmp_path: Path):
+    """The error told to open a part of the map, and the browser asked for one."""
+    path = pickled(tmp_path, changed_track(length=np.full(91, 1e4)))
+    with pytest.raises(FormatError, match="size outside") as caught:
+        open_scenario(path)
+    assert not isinstance(caught.value, LargeMapError)
+
+
+def test_a_truncated_pickle_is_unreadable_and_holds_nothing_forbidden(tmp_path: Path):
+    path = pickled(tmp_path, description())
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(FormatError, match="is no readable pickle"):
+        open_scenario(path)

@@ -113,7 +113,8 @@ def test_traffic_drives_on_the_left_where_the_file_says_so(tmp_path: Path):
 def reference_line(folder: Path, geometry: str, length: float) -> ReferenceLine:
     path = write(folder, road(section(lane(-1)), geometry=geometry, length=length))
     element, _ = parse_xml(path, "OpenDRIVE")
-    return ReferenceLine.of(Place(path, element).child("road").child("planView"), None)
+    plan = Place(path, element).child("road").child("planView")
+    return ReferenceLine.of(plan, None, length)
 
 
 @given(
@@ -447,3 +448,38 @@ def test_lanes_of_both_directions_are_two_lanes(tmp_path: Path, how: str):
         beside = at(scene, lanes[one.right_neighbor or 0].centerline)[0, 1]
         assert beside == pytest.approx(-5.25 if onward[one.lane_id] else 1.75)
     assert sum(len(one.successors) for one in pairs) == 2
+
+
+@pytest.mark.parametrize(
+    ("lengths", "told"), [((20, 30), False), ((20, 25), True), ((15, 30), True)]
+)
+def test_reference_lines_with_gaps_are_told(
+    tmp_path: Path, lengths: tuple[float, float], told: bool
+):
+    """The rest of the road was drawn as a point."""
+    first, second = lengths
+    geometry = LINE.replace("50", str(first))
+    geometry += (
+        f'<geometry s="20" x="20" y="0" hdg="0" length="{second}"><line/></geometry>'
+    )
+    scene = opened(tmp_path, road(section(lane(-1)), geometry=geometry))
+    notes = " ".join(scene.provenance.notes)
+    assert ("Reference lines with gaps: 1." in notes) == told
+
+
+def test_a_line_of_many_pieces_is_the_line(tmp_path: Path):
+    """Its time grew with the square of their number."""
+    pieces = "".join(
+        f'<geometry s="{n / 4}" x="{n / 4}" y="0" hdg="0" length="0.25"><line/></geometry>'
+        for n in range(200)
+    )
+    line = reference_line(tmp_path, pieces, 50)
+    s = np.random.default_rng(1).uniform(0, 50, 400)
+    np.testing.assert_allclose(line.at(s)[:, :2], np.stack([s, 0 * s], -1), atol=1e-9)
+
+
+def test_objects_without_a_size_are_left_out(tmp_path: Path):
+    """A crosswalk without a width refused the whole file."""
+    walk = '<object id="1" type="crosswalk" s="9" t="0" length="3"/>'
+    scene = opened(tmp_path, road(section(lane(-1)), more=f"<objects>{walk}</objects>"))
+    assert scene.road_map.crosswalks == ()

@@ -308,7 +308,7 @@ def test_headings_and_velocities_are_those_of_the_motion_where_none_are_told(
     if name == "one.json":
         other = as_gpudrive()
         for one in other["objects"]:
-            del one["velocity"]
+            del one["velocity"], one["heading"]
         path.write_text(json.dumps(other))
     else:
         for one in found["tracks"].values():
@@ -318,5 +318,12 @@ def test_headings_and_velocities_are_those_of_the_motion_where_none_are_told(
     check(scene)
     agents = scene.agents
     np.testing.assert_allclose(agents.heading_rad[agents.is_valid], 0.0, atol=1e-6)
-    is_told = name == "one.json"
-    assert is_told != any("Headings" in one for one in scene.provenance.notes)
+    assert any("Headings" in one for one in scene.provenance.notes)
+
+
+def test_crosswalks_without_a_place_are_left_out(tmp_path: Path):
+    found = description()
+    found["map_features"]["4"]["polygon"] = np.full((4, 2), np.nan)
+    path = tmp_path / "sd_one.pkl"
+    path.write_bytes(pickle.dumps(found))
+    assert open_scenario(path).road_map.crosswalks == ()

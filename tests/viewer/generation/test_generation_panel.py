@@ -486,3 +486,13 @@ def test_a_comparison_of_samples_closes_the_list_of_problems(tab):
     tab.run(lambda: tab.tab.chip._heard({"kind": "list", "isOpen": True}))
     tab.run(strip.compare)
     assert not tab.run(tab.tab.chip.close_list)
+
+
+def test_a_refusal_stays_to_be_read(tab, placing):
+    """It was a notice of some seconds, and nothing else told that nothing happened."""
+    panel = tab.tab.panels.generation
+    with mock.patch.object(
+        placing, "generate", side_effect=GenerationError("No road.")
+    ):
+        run_to_end(tab, panel.regenerate)
+    assert panel._result._report.text == "No road."
