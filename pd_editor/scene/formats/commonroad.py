@@ -45,6 +45,9 @@ _FINEST: Final = 100
 _OBSTACLES: Final = frozenset({"obstacle", "staticObstacle", "dynamicObstacle"})
 _LANE_KINDS: Final = {"bicycleLane": LaneKind.BIKE, "busLane": LaneKind.BUS}
 _NO_LANES: Final = frozenset({"crosswalk", "sidewalk"})
+_SOURCES: Final = (
+    "author", "affiliation", "source", "license", "licence", "copyright"
+)  # fmt: skip
 _MARKS: Final = {
     "solid": LaneMark.SOLID_WHITE,
     "broad_solid": LaneMark.SOLID_WHITE,
@@ -74,11 +77,7 @@ def read(path: Path) -> Scenario:
         raise root.error(f"has steps of {step_s:g} s; expected more than 0.")
     lanes, crosswalks, mended = _roads(root)
     tracks, notes = _obstacles(root, step_s)
-    if mended:
-        some = ", ".join(map(str, mended[:6]))
-        notes.append(
-            f"Bounds of {len(mended)} lanelets lay the wrong way round: {some}."
-        )
+    notes += mended
     problems = root.children("planningProblem")
     ego_id, now_s = "", 0.0
     if problems:
@@ -109,20 +108,12 @@ def read(path: Path) -> Scenario:
         current_s=now_s,
         ego_id=ego_id,
         notes=tuple(notes),
-        attribution=told_of(
-            element,
-            "author",
-            "affiliation",
-            "source",
-            "license",
-            "licence",
-            "copyright",
-        ),
+        attribution=told_of(element, *_SOURCES),
     ).scenario(data)
 
 
-def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[int]]:
-    """Lanelets for vehicles as lanes, crosswalks apart; ids of those that were mended."""
+def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[str]]:
+    """Lanelets for vehicles as lanes, crosswalks apart; a note on those that were mended."""
     in_junction = _junction_ids(root)
     lanes: list[Lane] = []
     crosswalks: list[Crosswalk] = []
@@ -167,7 +158,9 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[i
                 right_neighbor=beside[1],
             )
         )
-    return tuple(lanes), tuple(crosswalks), mended
+    some = ", ".join(map(str, mended[:6]))
+    told = f"Bounds of {len(mended)} lanelets lay the wrong way round: {some}."
+    return tuple(lanes), tuple(crosswalks), [told] if mended else []
 
 
 def _junction_ids(root: Place) -> set[int]:
@@ -358,9 +351,7 @@ def _shape(
     return _around(np.concatenate(corners))
 
 
-def _box(
-    one: Place,
-) -> tuple[tuple[float, float], float, tuple[float, float]] | None:
+def _box(one: Place) -> tuple[tuple[float, float], float, tuple[float, float]] | None:
     if one.element.tag == "rectangle":
         size = one.child("length").number(), one.child("width").number()
         turn = one.element.find("orientation")

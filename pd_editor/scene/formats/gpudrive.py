@@ -30,10 +30,7 @@ from pd_editor.scene.formats.recorded_map import (
     lanes_of,
     points_of,
 )
-from pd_editor.scene.formats.recording_writers import (
-    WAYMO_CURRENT_STEP,
-    gpudrive_files,
-)
+from pd_editor.scene.formats.recording_writers import WAYMO_CURRENT_STEP, gpudrive_files
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.scenario import Scenario

@@ -146,11 +146,7 @@ class _Section:
         """Points beside the reference line."""
         x, y, heading, height = self.line.T
         return np.stack(
-            [
-                x - lateral_m * np.sin(heading),
-                y + lateral_m * np.cos(heading),
-                height,
-            ],
+            [x - lateral_m * np.sin(heading), y + lateral_m * np.cos(heading), height],
             axis=-1,
         )
 

@@ -38,10 +38,7 @@ _KINDS: Final = {
     "TRAFFIC_CONE": AgentKind.CONSTRUCTION,
     "TRAFFIC_BARRIER": AgentKind.STATIC,
 }
-_FINER_KINDS: Final = {
-    "motorcycle": AgentKind.MOTORCYCLIST,
-    "bus": AgentKind.BUS,
-}
+_FINER_KINDS: Final = {"motorcycle": AgentKind.MOTORCYCLIST, "bus": AgentKind.BUS}
 """Parts of the names that data sets give to kinds."""
 _LANE_KINDS: Final = {"LANE_BIKE_LANE": LaneKind.BIKE, "LANE_BUS_LANE": LaneKind.BUS}
 _SUMMARIES: Final = frozenset({"dataset_summary.pkl", "dataset_mapping.pkl"})
