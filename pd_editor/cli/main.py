@@ -40,6 +40,7 @@ _COMMANDS: Final = (
     "export",
     "convert",
     "replay",
+    "drive",
     "evaluate",
     "study",
     "synth",

@@ -340,6 +340,8 @@ class PathDiffuser:
         kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
         known = lasting(scenario, kept.difference(ids))
         task = self._task(known, rows, model, request.terms)
+        if request.drift is not None:
+            task = task.with_noise_of(request.drift.ids)
         options = trajectory_options(request, stage)
         continuation = None
         if request.before_edit is not None:

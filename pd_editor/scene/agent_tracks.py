@@ -9,6 +9,8 @@ from jaxtyping import Bool, Int
 from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.scene.agent_states import AgentStates
 
+_OVER_TIME = ("position_m", "heading_rad", "velocity_mps", "is_valid", "observed")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgentTracks(AgentStates):
@@ -52,6 +54,32 @@ class AgentTracks(AgentStates):
             changed[name] = array
         return replace(self, **changed)
 
+    def cut_to(self, steps: slice) -> "AgentTracks":
+        """The tracks at some steps."""
+        return replace(
+            self, **{name: getattr(self, name)[:, steps] for name in _OVER_TIME}
+        )
+
+    def without_future(
+        self, step: int, num_steps: int, keeps: Bool[np.ndarray, "A"] | None = None
+    ) -> "AgentTracks":
+        """The tracks over ``num_steps`` steps, without states after ``step``.
+
+        Those of the agents that are to be kept stay as far as they reach.
+        """
+        known = np.broadcast_to(np.arange(self.num_steps) <= step, self.is_valid.shape)
+        if keeps is not None:
+            known = known | keeps[:, None]
+        shared = min(num_steps, self.num_steps)
+        changed: dict[str, Any] = {}
+        for name in _OVER_TIME:
+            values = getattr(self, name)
+            mask = known.reshape(*known.shape, *(1,) * (values.ndim - 2))
+            table = np.zeros((len(self), num_steps, *values.shape[2:]), values.dtype)
+            table[:, :shared] = (values * mask)[:, :shared]
+            changed[name] = table
+        return replace(self, **changed)
+
 
 def same_motion(
     one: AgentTracks, other: AgentTracks, steps: slice = slice(None)
@@ -63,6 +91,10 @@ def same_motion(
     same = np.ones(len(rows), bool)
     for name in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
         mine = getattr(one, name)[rows][:, steps]
-        equal = mine == getattr(other, name)[theirs][:, steps]
+        others = getattr(other, name)[theirs][:, steps]
+        if mine.shape != others.shape:
+            # One of them was rolled out, so nobody moves as before.
+            return rows[:0], theirs[:0]
+        equal = mine == others
         same &= equal.all(axis=tuple(range(1, equal.ndim)))
     return rows[same], theirs[same]

@@ -158,6 +158,20 @@ def scene_seed(seed: int, scenario_id: str) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NoiseDrift:
+    """Noise that changes slowly from request to request, agent by agent.
+
+    In a roll-out, fresh noise would make each agent another driver each time, and equal
+    noise would let one that brakes brake for ever.
+    """
+
+    ids: tuple[str, ...]
+    """All agents that have ever been there, in a lasting order."""
+    place: float
+    """Time in units after which the noise is independent of what it was; at least 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class GenerationRequest:
     """Request for traffic on a scenario."""
 
@@ -193,6 +207,8 @@ class GenerationRequest:
     as long again as the sample itself."""
     seed: int = 0
     """Seed of the user; generators make their random numbers from ``scene_seed``."""
+    drift: NoiseDrift | None = None
+    """Where in a roll-out the request stands; only for the noise of trajectories."""
     before_edit: Scenario | None = None
     """Scenario before an edit that agents react to: their trajectories there are deformed
     where the edit concerns them. None: trajectories are sampled from random noise only."""

@@ -94,8 +94,8 @@ def prediction_request(
     is_present[rows] = False
     return PredictionRequest(
         scenario_id=scenario.scenario_id,
-        agents=_history(agents.taken(rows), now + 1),
-        others=_history(agents.taken(np.flatnonzero(is_present)), now + 1),
+        agents=history(agents.taken(rows), now + 1),
+        others=history(agents.taken(np.flatnonzero(is_present)), now + 1),
         road_map=scenario.road_map,
         origin_city_m=scenario.origin_city_m,
         num_steps=scenario.time_axis.num_future_steps,
@@ -105,7 +105,9 @@ def prediction_request(
     )
 
 
-def _history(agents: AgentTracks, num_steps: int) -> AgentHistory:
+def history(agents: AgentTracks, num_steps: int) -> AgentHistory:
+    """The first steps of some tracks, without what comes later."""
+
     def past(values: np.ndarray) -> np.ndarray:
         # A copy: the base of a view would show the future.
         known = values[:, :num_steps].copy()

@@ -1,6 +1,6 @@
 """The time steps of a scenario."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -45,3 +45,11 @@ class TimeAxis:
     def times_s(self) -> Float[np.ndarray, "T"]:
         """Time of each step, zero at the current one."""
         return (np.arange(self.num_steps) - self.current_step) * self.step_s
+
+    def lasting(self, num_steps: int) -> "TimeAxis":
+        """The same axis with another number of steps."""
+        span = (num_steps - 1) * self.step_s * 1e9
+        start = self.start_timestamp_ns
+        return replace(
+            self, num_steps=num_steps, end_timestamp_ns=start + type(start)(span)
+        )

@@ -62,16 +62,11 @@ def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
     if (now, last) == (axis.current_step, axis.num_steps - 1):
         return scenario
     steps = slice(last + 1)
-    agents = scenario.agents
-    is_valid = agents.is_valid[:, steps]
-    agents = replace(
-        agents,
-        position_m=agents.position_m[:, steps],
-        heading_rad=agents.heading_rad[:, steps],
-        velocity_mps=agents.velocity_mps[:, steps],
-        is_valid=is_valid,
-        observed=is_valid & (np.arange(last + 1) <= now),
-    ).taken(np.flatnonzero(is_valid.any(axis=1)))
+    agents = scenario.agents.cut_to(steps)
+    is_valid = agents.is_valid
+    agents = replace(agents, observed=is_valid & (np.arange(last + 1) <= now)).taken(
+        is_valid.any(axis=1)
+    )
     span = axis.end_timestamp_ns - axis.start_timestamp_ns
     share = last / max(axis.num_steps - 1, 1)
     end = axis.start_timestamp_ns + type(span)(span * share)

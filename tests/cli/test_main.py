@@ -13,6 +13,7 @@ COMMANDS = (
     "generate",
     "export",
     "replay",
+    "drive",
     "evaluate",
     "study",
     "synth",

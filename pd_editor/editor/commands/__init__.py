@@ -38,6 +38,7 @@ from pd_editor.editor.commands.poses import (
 )
 from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
 from pd_editor.editor.commands.road import SetRoadWarp
+from pd_editor.editor.commands.roll_out import ContinueScene
 from pd_editor.editor.commands.traffic import (
     ReplaceTraffic,
     RequestSummary,
@@ -71,6 +72,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         SetLocks,
         ReplaceTraffic,
         RegeneratedEdit,
+        ContinueScene,
     )
 }
 """All commands by their names in recipes."""
@@ -82,6 +84,7 @@ __all__ = [
     "AdoptTrajectory",
     "ChangeGuidance",
     "Command",
+    "ContinueScene",
     "DeleteAgents",
     "DuplicateAgents",
     "PlaceAgent",

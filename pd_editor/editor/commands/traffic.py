@@ -207,7 +207,9 @@ class ReplaceTraffic(Command):
         old = np.array([name in there for name in sample.ids])
         agents = scenario.agents
         if (~old).any():
-            agents = agents.joined(_blank(sample, np.flatnonzero(~old), axis.num_steps))
+            agents = agents.joined(
+                blank_tracks(sample, np.flatnonzero(~old), axis.num_steps)
+            )
         now = axis.current_step
         rows = agents.rows(sample.ids)
         same = agents.is_valid[rows, now] & (
@@ -359,7 +361,9 @@ def _as_float32(sample: TrafficSample) -> TrafficSample:
     )
 
 
-def _blank(sample: TrafficSample, index: np.ndarray, num_steps: int) -> AgentTracks:
+def blank_tracks(
+    sample: TrafficSample, index: np.ndarray, num_steps: int
+) -> AgentTracks:
     """New agents of a sample, without any valid step."""
     count = len(index)
     return AgentTracks(

@@ -1,5 +1,6 @@
 """Random numbers of each sample, independent of the batch that contains it."""
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -22,6 +23,7 @@ class RandomStreams:
     """
 
     def __init__(self, seed: int, stage: str, samples: Sequence[int]) -> None:
+        self._seed, self._stage = seed, stage
         self._key = [seed, int.from_bytes(stage.encode(), "little")]
         self._samples = tuple(samples)
         self._generators = [
@@ -61,6 +63,27 @@ class RandomStreams:
             place = shifts[sample % num_tries] + sample // num_tries * _GOLDEN_RATIO
             row[..., 0] = torch.special.ndtri(place.frac().clamp(1e-12, 1 - 1e-12))
         return normal
+
+    def drifted(
+        self, place: float, *shape: int, num_tries: int = 1
+    ) -> Float[Tensor, "S ..."]:
+        """``spread_normal`` at place 0, and on the way to independent numbers at 1, 2, ...
+
+        The numbers of each place are standard normal: between two whole places they turn
+        from the ones to the others.
+        """
+        whole, share = int(place // 1), place % 1
+        ends = [
+            RandomStreams(self._seed, f"{self._stage}{end}", self._samples)
+            if end
+            else self
+            for end in (whole, whole + 1)[: 1 + (share > 0)]
+        ]
+        numbers = [one.spread_normal(*shape, num_tries=num_tries) for one in ends]
+        turn = share * math.pi / 2
+        if len(numbers) == 1:
+            return numbers[0]
+        return math.cos(turn) * numbers[0] + math.sin(turn) * numbers[1]
 
 
 class SceneStreams(RandomStreams):

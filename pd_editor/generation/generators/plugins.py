@@ -190,13 +190,13 @@ def installed_plugins() -> Mapping[str, EntryPoint]:
     return {one.name: one for one in entry_points(group=ENTRY_POINTS)}
 
 
-def generator_of_reference(reference: str) -> ScenarioGenerator:
-    """The generator that ``package.module:attribute`` names.
+def object_of_reference(reference: str) -> Any:
+    """The object that ``package.module:attribute`` names.
 
     Modules are looked for in the current folder as well.
 
     Raises:
-        GenerationError: it cannot be imported, is not there, or is no generator.
+        GenerationError: it cannot be imported, or is not there.
     """
     module_name, _, attribute = reference.partition(":")
     folder = os.getcwd()
@@ -215,7 +215,16 @@ def generator_of_reference(reference: str) -> ScenarioGenerator:
                 f"{nearest_or_all(part, public)}."
             )
         found = inner
-    return _as_generator(found, reference)
+    return found
+
+
+def generator_of_reference(reference: str) -> ScenarioGenerator:
+    """The generator that ``package.module:attribute`` names.
+
+    Raises:
+        GenerationError: it cannot be imported, is not there, or is no generator.
+    """
+    return _as_generator(object_of_reference(reference), reference)
 
 
 def generator_of_entry_point(name: str) -> ScenarioGenerator:

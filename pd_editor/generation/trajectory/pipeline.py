@@ -68,6 +68,8 @@ class TrajectoryOptions:
     num_tries: int = 1
     """Trajectories sampled per sample, from which the least colliding ones are selected."""
     seed: int = 0
+    drift: float = 0.0
+    """Place of the noise on its way from one seed to the next ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,6 +160,7 @@ class TrajectorySampling:
             self.task.scene,
             samples=numbers,
             seed=self.options.seed,
+            drift=self.options.drift,
             num_tries=num_tries,
             is_given=self.is_given | is_given,
             given=latent,

@@ -57,6 +57,7 @@ def sample_trajectories(
     *,
     samples: Sequence[int],
     seed: int,
+    drift: float = 0.0,
     num_tries: int = 1,
     is_given: Bool[Tensor, "B A"] | None = None,
     given: Float[Tensor, "*#S B A 10"] | None = None,
@@ -79,6 +80,8 @@ def sample_trajectories(
         scene: Scenes; only the trajectories of given agents are used.
         samples: Indices of the S samples.
         seed: Seed of all samples.
+        drift: Place of the initial noise between that of the seed (0) and independent
+            ones (1, 2, ...).
         num_tries: Number of consecutive samples that are tries of one.
         is_given: Given agents, whose latents are fixed; None: no agent.
         given: Latents of given agents, of all samples or of each one; None: those of
@@ -107,7 +110,7 @@ def sample_trajectories(
         encoded = model.encode_level(table)
         num_agents, kept = rows or (scene.has_agent.shape[1], slice(None))
         shape = len(scene.has_agent), num_agents, LATENT_SIZE
-        noise = streams.spread_normal(*shape, num_tries=num_tries)[:, :, kept]
+        noise = streams.drifted(drift, *shape, num_tries=num_tries)[:, :, kept]
         start = starting_latents(scene, noise, config.standing_noise)
         if known_noise is not None:
             noise, exists = known_noise

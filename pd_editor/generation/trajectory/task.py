@@ -50,6 +50,7 @@ _LATE_S: Final = 4.0
 _SAME_STEP_S: Final = 1e-6
 _MET_WITHIN_M: Final = 300.0
 """Agents at 25 m/s each that are further apart do not meet within the horizon."""
+_NOISE_ROWS: Final = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,6 +135,15 @@ class TrajectoryTask:
         if not is_same or not np.array_equal(sampled, np.sort(rows)):
             return None
         return replace(self, scenario=scenario)
+
+    def with_noise_of(self, ids: tuple[str, ...]) -> "TrajectoryTask":
+        """The same task with the noise of agents in a given order, others after them."""
+        names = [self.scenario.agents.ids[row] for row in self.features.agent_row]
+        order = {name: row for row, name in enumerate(dict.fromkeys((*ids, *names)))}
+        kept = np.array([order[name] for name in names], int)
+        # Numbers of the first rows depend on how many there are, but not by blocks.
+        count = -(-len(order) // _NOISE_ROWS) * _NOISE_ROWS
+        return replace(self, kept_rows=(count, kept))
 
     def context(self, model: TrajectoryDenoiser) -> TrajectoryContext:
         """The encoded scene, computed once."""

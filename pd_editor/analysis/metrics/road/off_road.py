@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
@@ -18,6 +19,7 @@ MAX_WAY_TO_ROAD_M: Final = 5.0
 _EXIT_BEHIND_M: Final = 6.0
 _EXIT_AHEAD_M: Final = 60.0
 """Drivable areas often extend past the last lane by up to this length."""
+_PAST_END_M: Final = 2.0
 _EXIT_HALF_WIDTH_M: Final = 4.0
 _EXIT_COSINE: Final = 0.85
 """Least cosine between an agent that leaves the map and the lane that ends there."""
@@ -89,15 +91,40 @@ def departures(scenario: Scenario, agents: AgentStates) -> Departures:
     outside = agents.is_valid & agents.kind_mask(LANE_FOLLOWER_KINDS)[:, None]
     outside[outside] = is_off_road(scenario, agents.position_m[outside])
     path, road_map = agents.position_m, scenario.road_map
-    beyond = _through(outside, agents.is_valid, path, _map_ends(road_map, 1))
+    beyond = _through(outside, agents.is_valid, path, map_ends(road_map, 1))
     back = slice(None, None, -1)
     beyond |= _through(
         outside[:, back],
         agents.is_valid[:, back],
         path[:, back],
-        _map_ends(road_map, -1),
+        map_ends(road_map, -1),
     )[:, back]
     return Departures(is_off_road=outside & ~beyond, is_beyond_map=beyond)
+
+
+def is_past_lanes(
+    road_map: RoadMap,
+    position_m: Float[np.ndarray, "N 2"],
+    way: Float[np.ndarray, "N 2"],
+) -> Bool[np.ndarray, "N"]:
+    """Whether points lie past the end of a lane without a successor, and on no lane.
+
+    ``way`` are the directions of who is there. Drivable areas go on where lanes end.
+    """
+    points, ways = map_ends(road_map, 1)
+    offset = position_m[:, None] - points
+    ahead = (offset * ways).sum(-1)
+    aside = offset[..., 0] * ways[:, 1] - offset[..., 1] * ways[:, 0]
+    is_past = (
+        (ahead > _PAST_END_M)
+        & (ahead < _EXIT_AHEAD_M)
+        & (np.abs(aside) < _EXIT_HALF_WIDTH_M)
+        & (way @ ways.T > _EXIT_COSINE)
+    ).any(axis=1)
+    is_past[is_past] = (
+        nearest_lanes(road_map, position_m[is_past]).distance_m > _PAST_END_M
+    )
+    return is_past
 
 
 def _through(
@@ -132,7 +159,7 @@ def _through(
 
 
 @lru_cache(maxsize=32)
-def _map_ends(
+def map_ends(
     road_map: RoadMap, way: int
 ) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N 2"]]:
     """Ends of lanes without a successor in the map, and the unit vectors out of them.

@@ -1,0 +1,165 @@
+"""Closed loop for 30 s: time, seams, density, speeds, collisions and answers.
+
+Scenes of a split of PD_EDITOR_AV2. Rates are per minute of a vehicle's presence, by thirds
+of the roll-out; the recorded future beside them is 6 s long. Traffic alone, then the
+fastest vehicle brakes at 4 m/s2: how many of its followers hit it, and how many do when
+all others drive as recorded.
+"""
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
+from pd_editor.analysis.metrics.road.off_road import departures
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.experiments.closed_loop.roll_out import RollOutRequest, roll_out
+from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.policy import Controls
+from pd_editor.scene.scenario import Scenario
+
+THIRDS = 3
+
+
+class Brakes:
+    name = "brakes"
+
+    def reset(self, scene, ego_id, route_m, seed):
+        pass
+
+    def plan(self, observation):
+        return Controls(acceleration_mps2=np.full(30, -4.0), curvature_1pm=np.zeros(30))
+
+
+def run(request: RollOutRequest, generator) -> tuple[object, float, list[float]]:
+    """The roll-out, its processor time, and that of each window."""
+    steps, began, marks = roll_out(request, generator), time.process_time(), []
+    last, message = began, ""
+    while True:
+        try:
+            shown = next(steps)
+        except StopIteration as stop:
+            return stop.value, time.process_time() - began, marks
+        if shown.message != message:
+            now, message = time.process_time(), shown.message
+            marks.append(now - last)
+            last = now
+
+
+def rates(scenario: Scenario, first: int, last: int) -> dict[str, float]:
+    """Of vehicles between two steps."""
+    rows = np.flatnonzero(scenario.agents.kind_mask(LANE_FOLLOWER_KINDS))
+    agents = scenario.agents.taken(rows)
+    steps = np.arange(first, last)
+    there = agents.is_valid[:, steps]
+    minutes = there.sum() * scenario.time_axis.step_s / 60
+    _, at = first_overlap(agents, steps)
+    speed = agents.speed_mps()[:, steps][there]
+    off = departures(scenario, agents).is_off_road[:, steps]
+    return {
+        "vehicles": there.sum() / len(steps),
+        "collisions": (at > first).sum() / max(minutes, 1e-9),
+        "off_road": off.sum() / max(there.sum(), 1),
+        "speed": speed.mean() if len(speed) else np.nan,
+        "standing": (speed < 0.3).mean() if len(speed) else np.nan,
+    }
+
+
+def seams(scenario: Scenario, replan: int) -> np.ndarray:
+    """Change of velocity (m/s) and heading (degrees) over the step of each replan."""
+    agents, now = scenario.agents, scenario.current_step
+    at = np.arange(now + replan, agents.num_steps - 1, replan)
+    lasts = agents.is_valid[:, at] & agents.is_valid[:, at + 1]
+    speed = np.diff(agents.speed_mps(), axis=1)[:, at]
+    turn = np.angle(np.exp(1j * np.diff(agents.heading_rad, axis=1)))[:, at]
+    return np.stack([np.abs(speed)[lasts], np.degrees(np.abs(turn))[lasts]])
+
+
+def hits(scenario: Scenario, name: str) -> int:
+    """Vehicles that hit an agent from behind."""
+    agents, now = scenario.agents, scenario.current_step
+    row = agents.row_of[name]
+    pairs, at = first_overlap(agents, np.arange(now, agents.num_steps))
+    count = 0
+    for (one, other), step in zip(pairs.tolist(), at.tolist(), strict=True):
+        if row in (one, other) and step > now:
+            gap = (
+                agents.position_m[one + other - row, step]
+                - agents.position_m[row, step]
+            )
+            heading = agents.heading_rad[row, step]
+            count += gap @ (np.cos(heading), np.sin(heading)) < 0
+    return count
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--split", default="val")
+    parser.add_argument("--scenes", type=int, default=12)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--model", default=SHIPPED_MODEL)
+    options = parser.parse_args()
+    root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
+    generator = make_generator(options.model)
+    parts: list[list[dict[str, float]]] = [[] for _ in range(THIRDS + 1)]
+    joints, times, windows, answered, logged = [], [], [], 0, 0
+    for folder in sorted(root.iterdir())[: options.scenes]:
+        scenario = open_scenario(folder)
+        now = scenario.current_step
+        request = RollOutRequest(scenario=scenario, duration_s=options.seconds)
+        found, took, marks = run(request, generator)
+        times.append(took)
+        windows += marks[1:]
+        one = found.scenario
+        joints.append(seams(one, 10))
+        bounds = np.linspace(now, one.time_axis.num_steps, THIRDS + 1).astype(int)
+        parts[0].append(rates(scenario, now, scenario.time_axis.num_steps))
+        for third, part in enumerate(parts[1:]):
+            part.append(rates(one, bounds[third], bounds[third + 1]))
+        agents = scenario.agents
+        goes = agents.is_valid[:, now:].all(axis=1)
+        speed = np.where(goes, agents.speed_mps()[:, now], 0.0)
+        speed *= agents.kind_mask(LANE_FOLLOWER_KINDS)
+        name = agents.ids[int(speed.argmax())]
+        braking = {"duration_s": 6.0, "policies": {name: Brakes()}}
+        driven, *_ = run(RollOutRequest(scenario=scenario, **braking), generator)
+        answered += hits(driven.scenario, name)
+        row, there = agents.row_of[name], driven.scenario.agents
+        own = there.taken([there.row_of[name]])
+        steps = slice(now, min(agents.num_steps, own.num_steps))
+        position = agents.position_m.copy()
+        position[row, steps] = own.position_m[0, steps]
+        heading = agents.heading_rad.copy()
+        heading[row, steps] = own.heading_rad[0, steps]
+        moved = agents.with_rows(
+            np.array([row]), position_m=position[[row]], heading_rad=heading[[row]]
+        )
+        logged += hits(scenario.with_agents(moved), name)
+        print(
+            f"{folder.name[:8]}: {took:.1f} s, {found.num_entered} entered", flush=True
+        )
+    for name, part in zip(("recorded 6 s", "1st", "2nd", "3rd"), parts, strict=True):
+        means = {key: np.nanmean([one[key] for one in part]) for key in part[0]}
+        print(
+            f"{name:13} vehicles {means['vehicles']:.1f}, collisions "
+            f"{means['collisions']:.2f} /min, off the road {100 * means['off_road']:.1f} %, "
+            f"speed {means['speed']:.2f} m/s, standing {100 * means['standing']:.0f} %"
+        )
+    (speed, turn) = np.concatenate(joints, axis=1)
+    print(
+        f"Seams, p99: {np.quantile(speed, 0.99):.2f} m/s, {np.quantile(turn, 0.99):.2f} "
+        f"degrees. Processor time of {options.seconds:g} s: {np.median(times):.1f} s "
+        f"(quartiles {np.quantile(times, 0.25):.1f}, {np.quantile(times, 0.75):.1f}); "
+        f"a window, p95 {1e3 * np.quantile(windows, 0.95):.0f} ms."
+    )
+    print(
+        f"Hit from behind while braking: {answered}; all others as recorded: {logged}."
+    )
+
+
+if __name__ == "__main__":
+    main()

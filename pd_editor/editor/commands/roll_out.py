@@ -1,0 +1,168 @@
+"""Command that continues a scene by a roll-out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from pd_editor.base.errors import EditError
+from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
+from pd_editor.editor.commands.command import Command, agents_in_words
+from pd_editor.editor.commands.edit_limits import (
+    check_new_id,
+    check_positions,
+    check_velocities,
+)
+from pd_editor.editor.commands.motion import agents_with_trajectory
+from pd_editor.editor.commands.traffic import blank_tracks
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.finite_numbers import check_finite
+from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_limits import MAX_STEPS
+from pd_editor.scene.traffic_sample import TrafficSample
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RolledMotion:
+    """Motion of G agents at S steps: the current one, and all later ones.
+
+    Each agent is there from a first to a last step, which are counted from the current one.
+    """
+
+    ids: tuple[str, ...]
+    kinds: tuple[AgentKind, ...]
+    first_step: tuple[int, ...]
+    last_step: tuple[int, ...]
+    size_m: Float32[np.ndarray, "G 2"]
+    position_m: Float32[np.ndarray, "G S 2"]
+    heading_rad: Float32[np.ndarray, "G S"]
+    velocity_mps: Float32[np.ndarray, "G S 2"]
+
+    def __post_init__(self) -> None:
+        for name in ("size_m", "position_m", "heading_rad", "velocity_mps"):
+            check_finite(name, getattr(self, name), self.ids, ("step",))
+        count, last = self.heading_rad.shape
+        lists = (self.kinds, self.first_step, self.last_step, set(self.ids))
+        if any(len(one) != count for one in (self.ids, *lists)) or not all(
+            0 <= one <= end < last
+            for one, end in zip(self.first_step, self.last_step, strict=True)
+        ):
+            raise EditError(
+                "The roll-out needs one id, one kind, a first step and a last one of each "
+                f"of its agents, from 0 to {last - 1}."
+            )
+
+    @classmethod
+    def of(cls, agents: AgentTracks) -> "RolledMotion":
+        """Motion of tracks whose first step is the current one."""
+        there = agents.is_valid
+        last = there.shape[1] - 1 - there[:, ::-1].argmax(axis=1)
+        gone = ~there
+        return cls(
+            ids=agents.ids,
+            kinds=agents.kinds,
+            first_step=tuple(there.argmax(axis=1).tolist()),
+            last_step=tuple(last.tolist()),
+            size_m=agents.size_m.astype(np.float32),
+            position_m=np.where(gone[..., None], 0, agents.position_m).astype("f4"),
+            heading_rad=np.where(gone, 0, agents.heading_rad).astype("f4"),
+            velocity_mps=np.where(gone[..., None], 0, agents.velocity_mps).astype("f4"),
+        )
+
+    @property
+    def exists(self) -> Bool[np.ndarray, "G S"]:
+        """Whether each agent is there at each step."""
+        steps = np.arange(self.heading_rad.shape[1])
+        first = np.array(self.first_step, int)[:, None]
+        return (steps >= first) & (steps <= np.array(self.last_step, int)[:, None])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContinueScene(Command):
+    """Replace all that comes after the current step by a roll-out.
+
+    Current states stay; the motion is stored, so that a replay needs neither the generator
+    nor the policies. The scene ends with the roll-out.
+    """
+
+    motion: RolledMotion
+    generator: str
+    model_sha256: str = ""
+    seed: int = 0
+    replan_s: float = 1.0
+    policies: Mapping[str, str] = field(default_factory=dict)
+    """Names of the policies, by the agent that each drove."""
+
+    def __post_init__(self) -> None:
+        check_positions(self.motion.position_m)
+        check_velocities(self.motion.velocity_mps)
+        names = (self.generator, self.model_sha256, *self.policies.values())
+        for text in names:
+            if not is_plain(text):
+                raise EditError(
+                    f"{text!r} cannot be the name of a generator or policy; expected a "
+                    f"text of one line, at most {MAX_ID_CHARACTERS} characters."
+                )
+
+    @property
+    def label(self) -> str:
+        """Label with the number of agents, and who drove."""
+        driven = "".join(
+            f", {name} driven by {policy}" for name, policy in self.policies.items()
+        )
+        agents = agents_in_words(self.motion.ids)
+        return f"Roll out {agents} ({self.generator}, seed {self.seed}{driven})"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """Scenario that goes on with the roll-out."""
+        motion, now = self.motion, scenario.current_step
+        count = now + motion.heading_rad.shape[1]
+        if count > MAX_STEPS:
+            raise EditError(
+                f"The scene would have {count} steps; at most {MAX_STEPS} are possible."
+            )
+        place, there = focal_place_m(scenario), scenario.agents.row_of
+        agents = scenario.agents.without_future(now, count)
+        new = [row for row, name in enumerate(motion.ids) if name not in there]
+        for row in new:
+            check_new_id(scenario, motion.ids[row])
+        if new:
+            sample = TrafficSample(
+                ids=motion.ids,
+                kinds=motion.kinds,
+                size_m=motion.size_m,
+                position_m=motion.position_m,
+                heading_rad=motion.heading_rad,
+                velocity_mps=motion.velocity_mps,
+            )
+            agents = agents.joined(blank_tracks(sample, np.array(new), count))
+        rows = agents.rows(motion.ids)
+        goes_on = agents.is_valid[rows, now]
+        for some, first in ((goes_on, 1), (~goes_on, 0)):
+            agents = agents_with_trajectory(
+                agents,
+                rows[some],
+                slice(now + first, count),
+                position_m=motion.position_m[some, first:],
+                heading_rad=motion.heading_rad[some, first:],
+                velocity_mps=motion.velocity_mps[some, first:],
+            )
+        is_valid = agents.is_valid.copy()
+        is_valid[rows, now:] &= (
+            motion.exists | (np.arange(count - now) == 0) & (goes_on[:, None])
+        )
+        agents = replace(agents, is_valid=is_valid)
+        note = (
+            f"{agents_in_words(motion.ids)} were rolled out by {self.generator}, seed "
+            f"{self.seed}."
+        )
+        signals = tuple(
+            replace(one, states=np.pad(one.states, (0, count), "edge")[:count])
+            for one in scenario.signals
+        )
+        axis = scenario.time_axis.lasting(count)
+        longer = replace(scenario, time_axis=axis, agents=agents, signals=signals)
+        return with_focal_agent(longer.with_agents(agents, note), place)

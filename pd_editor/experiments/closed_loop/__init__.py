@@ -1,0 +1,1 @@
+"""Roll-outs: traffic that answers, generated again and again around driven agents."""

@@ -1,0 +1,284 @@
+"""Roll-outs: from a scene and its present, the world steps on in windows.
+
+In each window the traffic is generated from where it is, given the plans of driven
+agents; its first second or so becomes what has happened.
+"""
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.base.errors import GenerationError
+from pd_editor.editor.commands import ContinueScene
+from pd_editor.experiments.closed_loop.entrances import Entrances
+from pd_editor.experiments.closed_loop.world import HORIZON, World
+from pd_editor.base.foreign_code import asked
+from pd_editor.scene.generation import (
+    GenerationProgress,
+    GenerationRequest,
+    NoiseDrift,
+    ScenarioGenerator,
+    guidance_settings,
+    supported_by,
+)
+from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.paths.candidate_grid import Role, Start, plan_paths
+from pd_editor.scene.paths.driving_paths import velocity_of
+from pd_editor.scene.paths.lasting_tracks import lasting
+from pd_editor.scene.policy import LEAST_PLAN_S, Observation, Policy, checked_plan
+from pd_editor.scene.prediction import history
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_limits import MAX_STATES, MAX_STEPS
+from pd_editor.scene.traffic_sample import TrafficSample
+
+MAX_DURATION_S: Final = 90.0
+_NEW_NOISE_S: Final = 4.0
+"""Time after which the noise of an agent is independent of what it was."""
+_ROUTE_S: Final = 12.0
+"""Time for which a route goes on beyond what is recorded."""
+_ROUTE_SPACING_M: Final = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollOutRequest:
+    """What to roll out."""
+
+    scenario: Scenario
+    duration_s: float = 30.0
+    replan_s: float = 1.0
+    """Time between two generations of the traffic."""
+    policies: Mapping[str, Policy] = field(default_factory=dict)
+    """Who drives which agent."""
+    keeps_density: bool = True
+    """Whether vehicles enter for those that leave the map."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        step_s = self.scenario.time_axis.step_s
+        for what, value, least, most in (
+            ("duration", self.duration_s, LEAST_PLAN_S, MAX_DURATION_S),
+            ("time between two generations", self.replan_s, LEAST_PLAN_S, 3.0),
+        ):
+            if not least <= value <= most:
+                raise GenerationError(
+                    f"The {what} is {value:g} s; expected {least:g} to {most:g} s."
+                )
+        steps = self.scenario.current_step + 1 + round(self.duration_s / step_s)
+        count = len(self.scenario.agents)
+        if steps > MAX_STEPS or steps * count > MAX_STATES:
+            raise GenerationError(
+                f"There would be {count} agents over {steps} steps; at most {MAX_STEPS}"
+                f" steps and {MAX_STATES} states are possible."
+            )
+        agents, now = self.scenario.agents, self.scenario.current_step
+        for name in self.policies:
+            if not agents.is_valid[agents.rows([name])[0], now]:
+                raise GenerationError(
+                    f"Agent {name} is not there at the current step, so no policy can "
+                    "drive it."
+                )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RollOut:
+    """What has happened, and which policies ended before."""
+
+    command: ContinueScene
+    """The edit that makes the scene go on so."""
+    scenario: Scenario
+    ended: Mapping[str, str]
+    """Why a driven agent is not driven to the end."""
+    num_entered: int
+
+
+def roll_out(
+    request: RollOutRequest, generator: ScenarioGenerator
+) -> Generator[GenerationProgress, None, RollOut]:
+    """Yield progress after each window, and return what has happened.
+
+    A policy that fails ends its own drive alone: its agent leaves the scene.
+
+    Raises:
+        GenerationError: a window cannot be generated.
+        ModelError: the weights cannot be used.
+    """
+    step_s = request.scenario.time_axis.step_s
+    num_steps = round(request.duration_s / step_s)
+    replan, replans = (round(s / step_s) for s in (LEAST_PLAN_S, request.replan_s))
+    world = World.beginning(request.scenario, num_steps)
+    drivers = _Drivers.started(request, world)
+    enters = request.keeps_density and "new-agents" in supported_by(generator)
+    entrances = Entrances.of(world)
+    random = np.random.default_rng([request.seed, request.scenario.current_step])
+    first, last = world.step, world.step + num_steps
+    num_entered = 0
+    while world.step < last:
+        world = drivers.planned(world)
+        if (world.step - first) % replans == 0:
+            wanted = entrances.wanted(world, random) if enters else None
+            sample = yield from _generated(request, generator, world, drivers, wanted)
+            if sample is not None:
+                sample = entrances.entering(sample, world)
+                known = world.scenario.agents.row_of
+                num_entered += sum(name not in known for name in sample.ids)
+                world = world.planned(sample)
+        to_replan = replans - (world.step - first) % replans
+        steps = min(replan if drivers.policies else replans, to_replan)
+        world = world.after(min(steps, last - world.step))
+        drivers.leave(world)
+    command = ContinueScene(
+        motion=world.motion_from(first),
+        generator=generator.name,
+        seed=request.seed,
+        replan_s=request.replan_s,
+        policies={name: one.name for name, one in request.policies.items()},
+    )
+    return RollOut(
+        command=command,
+        scenario=command.apply(request.scenario),
+        ended=drivers.ended,
+        num_entered=num_entered,
+    )
+
+
+def _generated(
+    request: RollOutRequest,
+    generator: ScenarioGenerator,
+    world: World,
+    drivers: "_Drivers",
+    wanted: tuple | None,
+) -> Generator[GenerationProgress, None, TrafficSample | None]:
+    """The traffic of a window; None if nobody is there."""
+    ids = world.generated_ids(tuple(drivers.policies))
+    if not ids and wanted is None:
+        return None
+    scenario = lasting(world.window(), (*drivers.policies, *world.replayed))
+    region, numbers = wanted or (None, {})
+    begun, total = world.step - request.scenario.current_step, request.duration_s
+    seconds = begun * scenario.time_axis.step_s
+    asked_for = GenerationRequest(
+        scenario=scenario,
+        agent_ids=ids,
+        num_new_agents=numbers,
+        region=region,
+        moving_share=1.0 if numbers else None,
+        only_on_road=bool(numbers),
+        back_casts=False,
+        guidance=guidance_settings(None, 1),
+        reports_cost=False,
+        seed=request.seed,
+        drift=NoiseDrift(ids=world.scenario.agents.ids, place=seconds / _NEW_NOISE_S),
+    )
+    steps = generator.generate(asked_for)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            return stop.value.samples[0]
+        yield GenerationProgress(
+            fraction=seconds / total, message=f"{seconds:.0f} of {total:g} s"
+        )
+
+
+@dataclass(kw_only=True, eq=False)
+class _Drivers:
+    """Policies that still drive, with their routes."""
+
+    policies: dict[str, Policy]
+    routes_m: dict[str, Float[np.ndarray, "N 2"]]
+    first_step: int
+    ended: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def started(cls, request: RollOutRequest, world: World) -> "_Drivers":
+        """Policies that have been reset."""
+        scenario = request.scenario
+        drivers = cls(policies={}, routes_m={}, first_step=world.step)
+        for name, policy in request.policies.items():
+            route = route_of(scenario, name)
+            drivers.routes_m[name] = route
+            reset = partial(policy.reset, scenario, name, route, request.seed)
+            try:
+                asked(reset, f"The policy {policy.name}", " could not be reset")
+            except GenerationError as error:
+                drivers.ended[name] = str(error)
+            else:
+                drivers.policies[name] = policy
+        return drivers
+
+    def planned(self, world: World) -> World:
+        """With new plans of all of them; those that fail leave the scene."""
+        samples: list[TrafficSample] = []
+        for name, policy in list(self.policies.items()):
+            seen = self._observation(world, name)
+            place = f"The policy {policy.name}"
+            try:
+                answer = asked(partial(policy.plan, seen), place, " failed")
+                plan = checked_plan(answer, seen, policy.name)
+            except GenerationError as error:
+                self.ended[name] = str(error)
+                del self.policies[name]
+                world = world.without([name])
+                continue
+            position = np.concatenate([seen.ego.position_m[:, -1], plan.position_m])
+            heading = np.append(seen.ego.heading_rad[0, -1], plan.heading_rad)
+            samples.append(
+                TrafficSample(
+                    ids=(name,),
+                    kinds=seen.ego.kinds,
+                    size_m=seen.ego.size_m,
+                    position_m=position[None, : HORIZON + 1],
+                    heading_rad=heading[None, : HORIZON + 1],
+                    velocity_mps=velocity_of(
+                        position[None], seen.ego.velocity_mps[:, -1], seen.step_s
+                    )[:, : HORIZON + 1],
+                )
+            )
+        for one in samples:
+            world = world.planned(one)
+        return world
+
+    def leave(self, world: World) -> None:
+        """End the drives of agents that have left the map."""
+        agents = world.scenario.agents
+        for name in list(self.policies):
+            if not agents.is_valid[agents.row_of[name], world.step]:
+                del self.policies[name]
+                self.ended[name] = "It left the mapped road."
+
+    def _observation(self, world: World, name: str) -> Observation:
+        scenario = world.scenario
+        agents, count = scenario.agents, world.step + 1
+        row = agents.row_of[name]
+        others = world.is_present()
+        others[row] = False
+        step_s = scenario.time_axis.step_s
+        return Observation(
+            ego=history(agents.taken([row]), count),
+            others=history(agents.taken(others), count),
+            road_map=scenario.road_map,
+            route_m=self.routes_m[name],
+            step_s=step_s,
+            time_s=(world.step - self.first_step) * step_s,
+        )
+
+
+def route_of(scenario: Scenario, agent_id: str) -> Float[np.ndarray, "N 2"]:
+    """The agent's recorded way from now on, then the natural path along lanes."""
+    agents, now = scenario.agents, scenario.current_step
+    row = agents.row_of[agent_id]
+    known = now + np.flatnonzero(agents.is_valid[row, now:])
+    way = agents.position_m[row, known]
+    # A track that stands would turn about itself.
+    along = arc_length(way)
+    moves = np.diff(np.floor(along / _ROUTE_SPACING_M), prepend=-1) > 0
+    start = Start.at(agents, int(known[-1]), np.array([row]))
+    plans = plan_paths(scenario.road_map, start, _ROUTE_S)
+    path = np.flatnonzero(plans.role == Role.MAIN)
+    path = int(path[0]) if len(path) else int(np.argmin(plans.role))
+    points = np.stack([plans.paths.x_m[path], plans.paths.y_m[path]], axis=-1)
+    return np.concatenate([way[moves], points[1:]])

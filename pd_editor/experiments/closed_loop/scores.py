@@ -1,0 +1,124 @@
+"""Scores of a drive, by the names and bounds of nuPlan's closed-loop metrics.
+
+Source: nuplan-devkit, ``docs/metrics_description.md``. Maps without speed limits have no
+score of them, and progress is told in metres, since no expert drives for so long.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
+from pd_editor.analysis.metrics.collisions.safety import least_times_s
+from pd_editor.analysis.metrics.motion.kinematics import kinematics
+from pd_editor.analysis.metrics.road.off_road import outside_m
+from pd_editor.analysis.metrics.traffic_view import recorded_traffic
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
+
+LEAST_TTC_S: Final = 0.95
+MOST_OUTSIDE_M: Final = 0.3
+_WRONG_WAY_M: Final = 2.0
+_FRONT_COSINE: Final = 0.7
+"""Least cosine between the heading and the way to a box that the front hits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveScores:
+    """How one agent drove in a roll-out; each bound is kept or not."""
+
+    driven_s: float
+    """Time until it left the map, or the roll-out ended."""
+    ego_progress_along_route_m: float
+    no_ego_at_fault_collisions: bool
+    num_collisions: int
+    """Agents that it collided with, whoever is at fault."""
+    time_to_collision_within_bound: bool
+    drivable_area_compliance: bool
+    driving_direction_compliance: bool
+    ego_is_comfortable: bool
+
+    @property
+    def in_words(self) -> str:
+        """One line."""
+        kept = {
+            "no collision at fault": self.no_ego_at_fault_collisions,
+            "time to collision": self.time_to_collision_within_bound,
+            "drivable area": self.drivable_area_compliance,
+            "direction": self.driving_direction_compliance,
+            "comfort": self.ego_is_comfortable,
+        }
+        missed = [name for name, is_kept in kept.items() if not is_kept]
+        how = f"missed: {', '.join(missed)}" if missed else "all bounds kept"
+        return (
+            f"{self.ego_progress_along_route_m:.0f} m in {self.driven_s:.1f} s, "
+            f"{self.num_collisions} collisions; {how}"
+        )
+
+
+def drive_scores(
+    rolled: Scenario, ego_id: str, route_m: Float[np.ndarray, "N 2"]
+) -> DriveScores:
+    """Scores of an agent from the current step on.
+
+    Raises:
+        EditError: the agent is not in the scenario.
+    """
+    agents, now = rolled.agents, rolled.current_step
+    row = int(agents.rows([ego_id])[0])
+    steps = now + np.flatnonzero(agents.is_valid[row, now:])
+    hit, fault = _collisions(rolled, row, steps)
+    place = [
+        float(arc_length(route_m)[np.linalg.norm(route_m - one, axis=-1).argmin()])
+        for one in agents.position_m[row, steps[[0, -1]]]
+    ]
+    view = recorded_traffic(rolled, [ego_id])
+    count = len(view.everyone)
+    (least,), _ = least_times_s(view, np.zeros((count, count), bool))
+    moves = kinematics(view)
+    corners = agents.boxes[row, steps].corners_m()
+    return DriveScores(
+        driven_s=float((steps[-1] - now) * rolled.time_axis.step_s),
+        ego_progress_along_route_m=place[1] - place[0],
+        no_ego_at_fault_collisions=not fault,
+        num_collisions=hit,
+        time_to_collision_within_bound=bool(least >= LEAST_TTC_S),
+        drivable_area_compliance=bool(
+            (outside_m(rolled, corners) <= MOST_OUTSIDE_M).all()
+        ),
+        driving_direction_compliance=_wrong_way_m(rolled, row, steps) < _WRONG_WAY_M,
+        ego_is_comfortable=not (moves.is_uncomfortable() & moves.is_valid).any(),
+    )
+
+
+def _collisions(rolled: Scenario, row: int, steps: np.ndarray) -> tuple[int, int]:
+    """Number of agents that are hit, and of those that the agent's front hits."""
+    agents = rolled.agents
+    users = np.flatnonzero(agents.kind_mask(ROAD_USER_KINDS))
+    own = int(np.flatnonzero(users == row)[0])
+    pairs, first = first_overlap(agents.taken(users), steps)
+    of_ego = (pairs == own).any(axis=1)
+    begun = first[of_ego] > steps[0]
+    others = users[pairs[of_ego][begun].sum(axis=1) - own]
+    at = first[of_ego][begun]
+    moves = agents.speed_mps()[row, at] > STANDING_MPS
+    gap = agents.position_m[others, at] - agents.position_m[row, at]
+    gap /= np.maximum(np.linalg.norm(gap, axis=-1, keepdims=True), 1e-6)
+    ahead = (gap * unit_vector(agents.heading_rad[row, at])).sum(-1)
+    stands = agents.speed_mps()[others, at] <= STANDING_MPS
+    return len(others), int((moves & (stands | (ahead > _FRONT_COSINE))).sum())
+
+
+def _wrong_way_m(rolled: Scenario, row: int, steps: np.ndarray) -> float:
+    """Way that is driven against the nearest lane."""
+    position = rolled.agents.position_m[row, steps]
+    lanes = nearest_lanes(rolled.road_map, position)
+    moved = np.diff(position, axis=0)
+    along = (moved * unit_vector(lanes.heading_rad[:-1])).sum(-1)
+    return float(-np.minimum(along, 0.0)[lanes.is_valid[:-1]].sum())

@@ -1,0 +1,152 @@
+"""The scene of a roll-out: states up to the present, and what is planned after it."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool
+
+from pd_editor.analysis.metrics.road.off_road import is_past_lanes
+from pd_editor.editor.commands.motion import agents_with_trajectory
+from pd_editor.editor.commands.roll_out import RolledMotion
+from pd_editor.editor.commands.traffic import blank_tracks
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_axis import TimeAxis
+from pd_editor.scene.traffic_sample import TrafficSample
+
+HORIZON: Final = TimeAxis().num_future_steps
+"""Steps that are planned."""
+_PAST: Final = 10
+"""Steps before the present that a window shows."""
+_BEYOND_M: Final = 15.0
+"""An agent leaves this far outside of the mapped road's bounding box."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class World:
+    """A scene whose time axis reaches ``HORIZON`` beyond the end of the roll-out."""
+
+    scenario: Scenario
+    step: int
+    """The present."""
+    replayed: frozenset[str] = frozenset()
+    """Agents that keep the tracks that they had."""
+
+    @classmethod
+    def beginning(cls, scenario: Scenario, num_steps: int) -> "World":
+        """The present of a scenario, whose agents have no future but locked ones.
+
+        Static objects stay where they are.
+        """
+        now = scenario.current_step
+        agents = scenario.agents
+        count = now + 1 + num_steps + HORIZON
+        replayed = frozenset(
+            name for name, lock in scenario.locks.items() if lock.keeps_trajectory
+        )
+        keeps = np.array([name in replayed for name in agents.ids], bool)
+        agents = agents.without_future(now, count, keeps)
+        static = ~agents.kind_mask(ROAD_USER_KINDS) & agents.is_valid[:, now] & ~keeps
+        agents = agents_with_trajectory(
+            agents,
+            np.flatnonzero(static),
+            slice(now, count),
+            position_m=agents.position_m[static, now, None],
+            heading_rad=agents.heading_rad[static, now, None],
+            velocity_mps=np.zeros((int(static.sum()), 1, 2)),
+        )
+        axis = scenario.time_axis.lasting(count)
+        scenario = replace(scenario, agents=agents, time_axis=axis, signals=())
+        return cls(scenario=scenario, step=now, replayed=replayed)
+
+    def is_present(self) -> Bool[np.ndarray, "A"]:
+        """Whether each agent is there now."""
+        return np.array(self.scenario.agents.is_valid[:, self.step])
+
+    def generated_ids(self, driven: Collection[str]) -> tuple[str, ...]:
+        """Road users that are there now, but for those that are driven or replayed."""
+        agents = self.scenario.agents
+        asked = self.is_present() & agents.kind_mask(ROAD_USER_KINDS)
+        kept = self.replayed.union(driven)
+        return tuple(
+            agents.ids[row]
+            for row in np.flatnonzero(asked)
+            if agents.ids[row] not in kept
+        )
+
+    def window(self) -> Scenario:
+        """The scene from shortly before the present to the horizon; agents there now."""
+        first, last = max(self.step - _PAST, 0), self.step + HORIZON
+        steps = slice(first, last + 1)
+        rows = np.flatnonzero(self.is_present())
+        agents, axis = self.scenario.agents, self.scenario.time_axis
+        cut = agents.cut_to(steps).taken(rows)
+        there = set(cut.ids)
+        return replace(
+            self.scenario,
+            agents=cut,
+            time_axis=replace(
+                axis, num_steps=last + 1 - first, current_step=self.step - first
+            ),
+            retired_ids=self.scenario.retired_ids.union(agents.ids).difference(there),
+            locks={},
+            guidance=(),
+            signals=(),
+        )
+
+    def planned(self, sample: TrafficSample) -> "World":
+        """With a sample as the plan of its agents, of which some may be new."""
+        agents = self.scenario.agents
+        new = [row for row, name in enumerate(sample.ids) if name not in agents.row_of]
+        if new:
+            blank = blank_tracks(sample, np.array(new), agents.num_steps)
+            agents = agents.joined(blank)
+        rows = agents.rows(sample.ids)
+        is_new = np.isin(np.arange(len(rows)), new)
+        for some, first in ((~is_new, 1), (is_new, 0)):
+            agents = agents_with_trajectory(
+                agents,
+                rows[some],
+                slice(self.step + first, self.step + sample.heading_rad.shape[1]),
+                position_m=sample.position_m[some, first:],
+                heading_rad=sample.heading_rad[some, first:],
+                velocity_mps=sample.velocity_mps[some, first:],
+            )
+        return replace(self, scenario=replace(self.scenario, agents=agents))
+
+    def after(self, num_steps: int) -> "World":
+        """Some steps later, without the agents that left the mapped road."""
+        step = self.step + num_steps
+        world = replace(self, step=step)
+        agents, road_map = self.scenario.agents, self.scenario.road_map
+        steps = slice(self.step + 1, step + 1)
+        position, is_valid = agents.position_m[:, steps], agents.is_valid[:, steps]
+        least, most = road_map.bounds_m
+        far = (position < least - _BEYOND_M) | (position > most + _BEYOND_M)
+        gone = np.array((is_valid & far.any(-1)).any(axis=1))
+        rows = np.flatnonzero(agents.kind_mask(LANE_FOLLOWER_KINDS) & is_valid[:, -1])
+        way = unit_vector(agents.heading_rad[rows, step])
+        gone[rows] |= is_past_lanes(road_map, agents.position_m[rows, step], way)
+        return world.without([agents.ids[row] for row in np.flatnonzero(gone)])
+
+    def without(self, names: Iterable[str]) -> "World":
+        """Without some agents from the present on."""
+        agents = self.scenario.agents
+        rows = agents.rows(names)
+        if not len(rows):
+            return self
+        later = np.arange(agents.num_steps) >= self.step
+        agents = agents.with_rows(
+            rows,
+            is_valid=agents.is_valid[rows] & ~later,
+        )
+        return replace(self, scenario=replace(self.scenario, agents=agents))
+
+    def motion_from(self, first: int) -> RolledMotion:
+        """What has happened from a step on, up to the present."""
+        agents = self.scenario.agents.cut_to(slice(first, self.step + 1))
+        agents = agents.taken(agents.is_valid.any(axis=1))
+        return RolledMotion.of(agents)

@@ -1,0 +1,141 @@
+"""The port for policies, which drive one agent in a roll-out; NumPy only.
+
+A planner needs no base class of this project: an object with ``name``, ``reset`` and
+``plan`` is a policy.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.base.errors import GenerationError
+from pd_editor.scene.finite_numbers import check_finite
+from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.prediction import AgentHistory
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.scenario import Scenario
+
+LEAST_PLAN_S: Final = 0.5
+"""Shortest plan: the time between two questions to a policy."""
+_MOST_JUMP_MPS: Final = 4.0
+"""Largest change of velocity in a step; recorded tracks are noisy, and none has more."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observation:
+    """What a policy knows at the current step; in the scene frame, nothing later."""
+
+    ego: AgentHistory
+    """The agent that it drives."""
+    others: AgentHistory
+    """The other agents that are present now."""
+    road_map: RoadMap
+    route_m: Float[np.ndarray, "N 2"]
+    """Line that the agent is to follow; it begins where the roll-out did."""
+    step_s: float
+    """Time between two steps, in the history and in a plan."""
+    time_s: float
+    """Time since the beginning of the roll-out."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """States of the driven agent at F steps, the first of which follows the current one."""
+
+    position_m: Float[np.ndarray, "F 2"]
+    heading_rad: Float[np.ndarray, "F"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Controls:
+    """Inputs of a kinematic bicycle over F steps."""
+
+    acceleration_mps2: Float[np.ndarray, "F"]
+    curvature_1pm: Float[np.ndarray, "F"]
+    """Positive to the left."""
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """Anything that plans the motion of one agent again and again."""
+
+    @property
+    def name(self) -> str:
+        """Name shown to users and written into provenance."""
+        ...
+
+    def reset(
+        self,
+        scene: Scenario,
+        ego_id: str,
+        route_m: Float[np.ndarray, "N 2"],
+        seed: int,
+    ) -> None:
+        """Begin a roll-out; ``scene`` is its first moment, with the recorded future."""
+        ...
+
+    def plan(self, observation: Observation) -> Plan | Controls:
+        """States or inputs of the next ``LEAST_PLAN_S`` or more."""
+        ...
+
+
+def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
+    """The answer of a policy as states, those of controls by a kinematic bicycle.
+
+    Raises:
+        GenerationError: it is no plan, too short, holds NaN, or cannot be driven.
+    """
+    fields = ("position_m", "heading_rad")
+    if hasattr(answer, "acceleration_mps2"):
+        fields = ("acceleration_mps2", "curvature_1pm")
+    arrays = [np.asarray(getattr(answer, one, None)) for one in fields]
+    step_s = observation.step_s
+    least = round(LEAST_PLAN_S / step_s)
+    if arrays[0].ndim and not len(arrays[0]):
+        raise GenerationError(f"The policy {name} has no further plan.")
+    for field, values in zip(fields, arrays, strict=True):
+        shape = (len(arrays[0]) if arrays[0].ndim else 0,)
+        shape += (2,) if field == "position_m" else ()
+        if values.dtype.kind not in "fiu" or values.shape != shape or shape[0] < least:
+            raise GenerationError(
+                f"The policy {name} returned {field} of type {values.dtype} with the "
+                f"shape {values.shape}; expected numbers for F = {least} or more steps."
+            )
+        check_finite(field, values[None], observation.ego.ids, ("step",))
+    if fields[0] == "position_m":
+        plan = Plan(position_m=arrays[0].astype(float), heading_rad=arrays[1] * 1.0)
+    else:
+        plan = _driven(arrays[0] * 1.0, arrays[1] * 1.0, observation)
+    ego = observation.ego
+    path = np.concatenate([ego.position_m[:1, -1], plan.position_m])
+    velocity = np.diff(path, axis=0) / step_s
+    change = np.diff(np.concatenate([ego.velocity_mps[:1, -1], velocity]), axis=0)
+    jump = float(np.linalg.norm(change, axis=-1).max())
+    if jump > _MOST_JUMP_MPS:
+        raise GenerationError(
+            f"The policy {name} planned a motion whose velocity changes by {jump:.1f} m/s "
+            f"in a step of {step_s:g} s; expected at most {_MOST_JUMP_MPS:g} m/s."
+        )
+    return plan
+
+
+def _driven(
+    acceleration_mps2: Float[np.ndarray, "F"],
+    curvature_1pm: Float[np.ndarray, "F"],
+    observation: Observation,
+) -> Plan:
+    """States of a kinematic bicycle, which does not drive backwards."""
+    ego, step_s = observation.ego, observation.step_s
+    first = float(np.hypot(*ego.velocity_mps[0, -1]))
+    speed = np.empty(len(acceleration_mps2) + 1)
+    speed[0] = first
+    for step, change in enumerate(acceleration_mps2.tolist()):
+        speed[step + 1] = max(speed[step] + change * step_s, 0.0)
+    way = (speed[1:] + speed[:-1]) / 2 * step_s
+    heading = ego.heading_rad[0, -1] + np.cumsum(curvature_1pm * way)
+    middle = heading - curvature_1pm * way / 2
+    steps = way[:, None] * unit_vector(middle)
+    position = ego.position_m[0, -1] + np.cumsum(steps, axis=0)
+    return Plan(position_m=position, heading_rad=wrap_angle(heading))

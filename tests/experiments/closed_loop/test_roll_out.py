@@ -1,0 +1,220 @@
+"""Roll-outs: the world steps on, traffic answers, policies drive, faults end one drive."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pd_editor.base.errors import GenerationError
+from pd_editor.editor.commands import SetLocks
+from pd_editor.editor.recipe import Recipe, replay
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.editor.session import EditorSession
+from pd_editor.experiments.closed_loop.policies import policy_of
+from pd_editor.experiments.closed_loop.roll_out import (
+    RollOut,
+    RollOutRequest,
+    roll_out,
+    route_of,
+)
+from pd_editor.experiments.closed_loop.scores import drive_scores
+from pd_editor.generation.generators import make_generator
+from pd_editor.scene.locks import TRAJECTORY_LOCK
+from pd_editor.scene.policy import Controls, Plan
+
+JUNCTION = "signalised-junction"
+
+
+def rolled(scenario, *, model: str = "lane-follower", **options) -> RollOut:
+    steps = roll_out(
+        RollOutRequest(scenario=scenario, **options), make_generator(model)
+    )
+    while True:
+        try:
+            shown = next(steps)
+            assert 0 <= shown.fraction <= 1
+        except StopIteration as stop:
+            return stop.value
+
+
+@pytest.fixture(scope="module")
+def junction():
+    return open_scenario(JUNCTION)
+
+
+def test_the_scene_goes_on_without_seams(junction):
+    found = rolled(junction, duration_s=4.0, replan_s=1.0)
+    one, now = found.scenario, junction.current_step
+    assert one.time_axis.num_steps == now + 41
+    agents, before = one.agents, junction.agents
+    for name in before.ids:
+        row, was = agents.row_of[name], before.row_of[name]
+        for field in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
+            same = getattr(agents, field)[row, : now + 1]
+            np.testing.assert_array_equal(same, getattr(before, field)[was, : now + 1])
+    lasts = agents.is_valid[:, now:-1] & agents.is_valid[:, now + 1 :]
+    moved = np.linalg.norm(np.diff(agents.position_m[:, now:], axis=1), axis=-1)
+    mean = (agents.speed_mps()[:, now:-1] + agents.speed_mps()[:, now + 1 :]) / 2
+    assert (np.abs(moved / 0.1 - mean)[lasts] < 1.5).all()
+
+
+def test_equal_seeds_give_equal_bytes_and_the_recipe_needs_no_generator(junction):
+    options = {"duration_s": 2.0, "policies": {"AV": policy_of("idm")}, "seed": 3}
+    one, other = (rolled(junction, **options) for _ in range(2))
+    assert one.command == other.command
+    session = EditorSession(junction)
+    session.apply(one.command)
+    text = session.recipe().to_text()
+    again = replay(Recipe.from_text(text), junction)
+    for field in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
+        np.testing.assert_array_equal(
+            getattr(again.agents, field), getattr(one.scenario.agents, field)
+        )
+    session.undo()
+    assert session.scenario is junction
+
+
+class Brakes:
+    """Stops as hard as is common in an emergency."""
+
+    name = "brakes"
+
+    def reset(self, scene, ego_id, route_m, seed):
+        pass
+
+    def plan(self, observation):
+        return Controls(acceleration_mps2=np.full(30, -4.0), curvature_1pm=np.zeros(30))
+
+
+def test_traffic_answers_an_agent_that_brakes(junction):
+    """A follower of the log would drive into it."""
+    agents, now = junction.agents, junction.current_step
+    speed = agents.speed_mps()[:, now]
+    row = int(np.where(agents.is_valid[:, now], speed, 0).argmax())
+    name = agents.ids[row]
+    found = rolled(junction, duration_s=6.0, policies={name: Brakes()})
+    there = found.scenario.agents
+    assert there.speed_mps()[there.row_of[name], -1] < 0.01
+    assert not found.ended
+    scores = drive_scores(found.scenario, name, route_of(junction, name))
+    assert scores.num_collisions == 0
+    assert scores.ego_progress_along_route_m == pytest.approx(
+        float(speed[row] ** 2 / 8), abs=2.5
+    )
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "position_m of type object"),
+        (Controls(acceleration_mps2=np.zeros(2), curvature_1pm=np.zeros(2)), "F = 5"),
+        (
+            Controls(acceleration_mps2=np.full(9, np.nan), curvature_1pm=np.zeros(9)),
+            "acceleration_mps2",
+        ),
+        (
+            Plan(position_m=np.full((9, 2), 300.0), heading_rad=np.zeros(9)),
+            "changes by",
+        ),
+        (Plan(position_m=np.zeros((0, 2)), heading_rad=np.zeros(0)), "no further plan"),
+        (ZeroDivisionError("oh"), "failed (ZeroDivisionError: oh"),
+    ],
+)
+def test_a_policy_that_fails_ends_its_own_drive_alone(junction, answer, message):
+    class Odd(Brakes):
+        name = "odd"
+
+        def plan(self, observation):
+            if observation.time_s < 1.0:
+                return super().plan(observation)
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
+
+    found = rolled(junction, duration_s=1.5, policies={"AV": Odd()})
+    assert message in found.ended["AV"]
+    agents, now = found.scenario.agents, junction.current_step
+    there = agents.is_valid[agents.row_of["AV"], now:]
+    assert there[:10].all()
+    assert not there[10:].any()
+    assert agents.is_valid[:, -1].sum() >= agents.is_valid[:, now].sum() - 4
+
+
+def test_a_policy_sees_nothing_of_the_future(junction):
+    class Looks(Brakes):
+        def plan(self, observation):
+            now = junction.current_step + round(observation.time_s / 0.1)
+            for one in (observation.ego, observation.others):
+                assert one.position_m.shape[1] == now + 1
+                assert not one.position_m.flags.writeable
+                assert one.is_valid[:, -1].all()
+            assert observation.ego.ids == ("AV",)
+            assert "AV" not in observation.others.ids
+            return super().plan(observation)
+
+    assert not rolled(junction, duration_s=2.0, policies={"AV": Looks()}).ended
+
+
+def test_locked_tracks_are_replayed(junction):
+    agents, now = junction.agents, junction.current_step
+    whole = agents.is_valid[:, now:].all(axis=1)
+    name = agents.ids[int(np.flatnonzero(whole)[0])]
+    scenario = SetLocks(agent_ids=(name,), lock=TRAJECTORY_LOCK).apply(junction)
+    found = rolled(scenario, duration_s=5.0).scenario
+    row, was = found.agents.row_of[name], agents.row_of[name]
+    np.testing.assert_allclose(
+        found.agents.position_m[row, now : now + 50],
+        agents.position_m[was, now : now + 50],
+        atol=1e-3,
+    )
+
+
+def test_log_replay_drives_as_recorded_until_the_log_ends(junction):
+    found = rolled(junction, duration_s=6.5, policies={"AV": policy_of("log-replay")})
+    now = junction.current_step
+    row, was = found.scenario.agents.row_of["AV"], junction.agents.row_of["AV"]
+    there = found.scenario.agents.is_valid[row, now:]
+    count = int(there.sum())
+    assert 50 <= count <= 61
+    np.testing.assert_allclose(
+        found.scenario.agents.position_m[row, now : now + count],
+        junction.agents.position_m[was, now : now + count],
+        atol=1e-3,
+    )
+    assert "no further plan" in found.ended["AV"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"duration_s": 0.0}, "The duration is 0 s; expected 0.5 to 90 s."),
+        ({"replan_s": 9.0}, "generations is 9 s; expected 0.5 to 3 s."),
+        ({"duration_s": float("nan")}, "The duration is nan s"),
+    ],
+)
+def test_what_cannot_be_rolled_out_is_refused(junction, options, message):
+    with pytest.raises(GenerationError, match=message):
+        RollOutRequest(scenario=junction, **options)
+
+
+def test_an_agent_that_is_not_there_cannot_be_driven(junction):
+    agents, now = junction.agents, junction.current_step
+    is_valid = agents.is_valid.copy()
+    is_valid[agents.row_of["AV"], now] = False
+    scenario = replace(junction, agents=replace(agents, is_valid=is_valid))
+    with pytest.raises(GenerationError, match="AV is not there"):
+        RollOutRequest(scenario=scenario, policies={"AV": Brakes()})
+
+
+@pytest.mark.slow
+def test_the_model_keeps_the_road_as_full_as_it_was(av2_root):
+    folder = sorted((av2_root / "val").iterdir())[3]
+    scenario = open_scenario(folder)
+    found = rolled(scenario, model="path-diffuser", duration_s=20.0)
+    agents, now = found.scenario.agents, scenario.current_step
+    assert found.num_entered >= 5
+    count = agents.is_valid[:, now::10].sum(axis=0)
+    assert (count > 0.5 * count[0]).all()
+    new = [row for row, name in enumerate(agents.ids) if name.startswith("new-")]
+    assert (agents.is_valid[new, now:].sum(axis=1) > 0).all()
+    assert not agents.is_valid[new, : now + 1].any()
