@@ -70,13 +70,18 @@ def rates(scenario: Scenario, first: int, last: int) -> dict[str, float]:
 
 
 def seams(scenario: Scenario, replan: int) -> np.ndarray:
-    """Change of velocity (m/s) and heading (degrees) over the step of each replan."""
+    """Changes of velocity (m/s) and heading (degrees) at each replan.
+
+    How much more they change in its step than in the one before.
+    """
     agents, now = scenario.agents, scenario.current_step
     at = np.arange(now + replan, agents.num_steps - 1, replan)
-    lasts = agents.is_valid[:, at] & agents.is_valid[:, at + 1]
-    speed = np.diff(agents.speed_mps(), axis=1)[:, at]
-    turn = np.angle(np.exp(1j * np.diff(agents.heading_rad, axis=1)))[:, at]
-    return np.stack([np.abs(speed)[lasts], np.degrees(np.abs(turn))[lasts]])
+    lasts = np.all([agents.is_valid[:, at + step] for step in (-1, 0, 1)], axis=0)
+    velocity = np.diff(agents.velocity_mps, axis=1)
+    jump = np.linalg.norm(velocity[:, at] - velocity[:, at - 1], axis=-1)
+    turn = np.angle(np.exp(1j * np.diff(agents.heading_rad, axis=1)))
+    bend = np.degrees(np.abs(turn[:, at] - turn[:, at - 1]))
+    return np.stack([jump[lasts], bend[lasts]])
 
 
 def hits(scenario: Scenario, name: str) -> int:

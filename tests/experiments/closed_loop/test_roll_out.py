@@ -140,6 +140,16 @@ def test_a_policy_that_fails_ends_its_own_drive_alone(junction, answer, message)
     assert agents.is_valid[:, -1].sum() >= agents.is_valid[:, now].sum() - 4
 
 
+@pytest.mark.parametrize(
+    "name", ["examples.policies.torch_policy:TorchPolicy", "constant-velocity"]
+)
+def test_policies_by_name_drive(junction, name):
+    found = rolled(junction, duration_s=1.0, policies={"AV": policy_of(name)})
+    agents, now = found.scenario.agents, junction.current_step
+    assert not found.ended
+    assert agents.is_valid[agents.row_of["AV"], now:].all()
+
+
 def test_a_policy_sees_nothing_of_the_future(junction):
     class Looks(Brakes):
         def plan(self, observation):
