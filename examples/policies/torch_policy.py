@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from pd_editor.scene.policy import Controls, Observation
+from pd_editor.scene.scenario import Scenario
 
 
 class TorchPolicy:
@@ -17,7 +18,9 @@ class TorchPolicy:
             torch.nn.Linear(5, 16), torch.nn.Tanh(), torch.nn.Linear(16, 1)
         )
 
-    def reset(self, scene, ego_id: str, route_m: np.ndarray, seed: int) -> None:
+    def reset(
+        self, scene: Scenario, ego_id: str, route_m: np.ndarray, seed: int
+    ) -> None:
         """Forget the former drive."""
 
     def plan(self, observation: Observation) -> Controls:

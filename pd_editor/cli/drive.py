@@ -29,9 +29,8 @@ from pd_editor.experiments.closed_loop.roll_out import (
 from pd_editor.experiments.closed_loop.scores import drive_scores
 from pd_editor.experiments.work_engine import EngineName
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
-from pd_editor.scene.scenario import EGO_ID
-
-_NO_POLICY = ""
+from pd_editor.scene.generation import ScenarioGenerator
+from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
 @over_scenes(SCENE_FILES)
@@ -77,49 +76,46 @@ def drive(
         address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
         workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
-    chosen = {one: policy_of(one) for one in several(policies)} or {_NO_POLICY: None}
+    chosen = [policy_of(one) for one in several(policies)] or [None]
     opened = open_scenario(scenario)
     generator = make_generator(model)
-    done: list[tuple[Path, EditorSession]] = []
+    folders: list[Path] = []
+    scenarios: list[Scenario] = []
     remarks: list[str] = []
-    for policy in chosen.values():
-        label = "roll out" if policy is None else policy.name
+    for policy in chosen:
+        request = RollOutRequest(
+            scenario=opened,
+            duration_s=float(seconds),
+            replan_s=float(replan),
+            policies={} if policy is None else {ego: policy},
+            keeps_density=enter,
+            seed=seed,
+        )
+        label = "roll-out" if policy is None else policy.name
+        rolled = _rolled_out(request, generator, label)
         session = EditorSession(opened)
-        session.describe(
-            described(
-                name_from_text(
-                    f"{name or short_id(opened.scenario_id)} {label} s{seed}"
-                )
-            )
-        )
-        steps = roll_out(
-            RollOutRequest(
-                scenario=opened,
-                duration_s=float(seconds),
-                replan_s=float(replan),
-                policies={} if policy is None else {ego: policy},
-                keeps_density=enter,
-                seed=seed,
-            ),
-            generator,
-        )
-        line = ProgressLine()
-        while True:
-            try:
-                line.show(f"{label}: {next(steps).message}")
-            except StopIteration as stop:
-                rolled: RollOut = stop.value
-                break
-        line.clear()
+        given = f"{name or short_id(opened.scenario_id)} {label} s{seed}"
+        session.describe(described(name_from_text(given)))
         session.apply(rolled.command)
-        folder = write_session(out, session, overwrite=overwrite)
-        done.append((folder, session))
+        folders.append(write_session(out, session, overwrite=overwrite))
+        scenarios.append(session.scenario)
         if policy is not None:
             scores = drive_scores(rolled.scenario, ego, route_of(opened, ego))
             ended = "".join(f" {one}" for one in rolled.ended.values())
             remarks.append(f"{policy.name}: {scores.in_words}.{ended}")
     return Outcome(
-        folders=tuple(folder for folder, _ in done),
-        scenarios=tuple(session.scenario for _, session in done),
-        remarks=tuple(remarks),
+        folders=tuple(folders), scenarios=tuple(scenarios), remarks=tuple(remarks)
     )
+
+
+def _rolled_out(
+    request: RollOutRequest, generator: ScenarioGenerator, label: str
+) -> RollOut:
+    """Roll out with progress on stderr."""
+    steps, line = roll_out(request, generator), ProgressLine()
+    while True:
+        try:
+            line.show(f"{label}: {next(steps).message}")
+        except StopIteration as stop:
+            line.clear()
+            return stop.value
