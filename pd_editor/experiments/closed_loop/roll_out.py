@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import GenerationError
+from pd_editor.base.foreign_code import asked
 from pd_editor.editor.commands import ContinueScene
 from pd_editor.experiments.closed_loop.entrances import Entrances
 from pd_editor.experiments.closed_loop.world import HORIZON, World
-from pd_editor.base.foreign_code import asked
 from pd_editor.scene.generation import (
     GenerationProgress,
     GenerationRequest,
