@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from pd_editor.base.errors import PdEditorError
     from pd_editor.base.installed_files import demo_names
     from pd_editor.cli.convert import convert
+    from pd_editor.cli.drive import drive
     from pd_editor.cli.edit import edit
     from pd_editor.cli.evaluate import evaluate
     from pd_editor.cli.export import export
