@@ -82,8 +82,7 @@ class FileScene:
     tracks: tuple[FileTrack, ...] = ()
     signals: tuple[FileSignal, ...] = ()
     current_s: float | None = None
-    """Time of the current step; None: as far after the first state as in Argoverse 2, 4.9 s,
-    in short recordings the middle."""
+    """Time of the current step; None: ``usual_now_s`` of the tracks."""
     ego_id: str = ""
     """Track of the recording vehicle, which becomes ``AV``; empty: there is none."""
     focal_id: str = ""
@@ -235,8 +234,7 @@ class FileScene:
             return self.current_s or 0.0
         first = min(one.time_s[0] for one in self.tracks)
         last = max(one.time_s[-1] for one in self.tracks)
-        half = int((last - first) / 2 / _STEP_S + ON_GRID_S)
-        return float(first) + _STEP_S * min(TimeAxis().current_step, half)
+        return usual_now_s(float(first), float(last))
 
     def _time_axis(self) -> TimeAxis:
         """Steps of 0.1 s that cover all tracks, and the usual past and future."""
@@ -343,6 +341,12 @@ class FileScene:
             crosswalks=self.crosswalks,
             drivable_areas=areas_of(rings, first),
         )
+
+
+def usual_now_s(first_s: float, last_s: float) -> float:
+    """As far after the beginning as in Argoverse 2, in short recordings the middle."""
+    half = int((last_s - first_s) / 2 / _STEP_S + ON_GRID_S)
+    return first_s + _STEP_S * min(TimeAxis().current_step, half)
 
 
 def _as_id(name: str) -> str:

@@ -95,6 +95,8 @@ def read(path: Path) -> Scenario:
         notes = (*notes, f"{bare} roads without length only join others.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
+    if (motion := path.with_name(f"{stem_of(path)}.xosc")).exists():
+        notes = (*notes, f"Agents in {motion.name} (OpenSCENARIO) are not read.")
     scene = FileScene(
         path=path,
         name=stem_of(path),

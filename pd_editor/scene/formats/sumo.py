@@ -16,6 +16,7 @@ from pd_editor.scene.formats.file_scene import (
     FileScene,
     FileTrack,
     headings_on_the_way,
+    usual_now_s,
 )
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.packed_file import head_of, stem_of, unpacked_name
@@ -39,7 +40,6 @@ from pd_editor.scene.geometry.polyline import at_height_zero, without_repeats
 from pd_editor.scene.geometry.wide_line import wide_line, with_end_normals
 from pd_editor.scene.road_map import Lane, LaneMark
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_axis import TimeAxis
 
 ENDING: Final = ".net.xml"
 _CLASSES: Final = {
@@ -122,7 +122,7 @@ def read(path: Path) -> Scenario:
         more_paved=[*net.paved_beside_lanes(), *map(valid_area, polygons[PAVED])],
         tracks=tracks,
         signals=tuple(_signals(root, net, number)),
-        current_s=_current_s(times),
+        current_s=usual_now_s(times[0], times[-1]) if times else None,
         notes=tuple(notes),
     ).scenario(data)
 
@@ -138,15 +138,6 @@ def _polygons(
             if kind in found and len(ring := points_of(place)) > 2:
                 found[kind].append(ring)
     return found
-
-
-def _current_s(times: list[float]) -> float:
-    """As far after the beginning as in Argoverse 2, in short recordings the middle."""
-    if not times:
-        return 0.0
-    axis = TimeAxis()
-    half = int((times[-1] - times[0]) / 2 / axis.step_s + 1e-6)
-    return times[0] + axis.step_s * min(axis.current_step, half)
 
 
 def _lanes(net: SumoNet) -> tuple[tuple[Lane, ...], dict[str, int]]:
