@@ -54,7 +54,6 @@ from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.experiments.work_engine import EngineName
 from pd_editor.generation.defaults import (
     DEFAULT_WEIGHT,
-    NUM_STEPS,
     NUM_TRIES,
     DeviceName,
 )
@@ -111,7 +110,7 @@ LocksOption = Annotated[
 ]
 StepsOption = Annotated[
     int | None,
-    tyro.conf.arg(metavar="N", help_behavior_hint=f"(default: {NUM_STEPS})"),
+    tyro.conf.arg(metavar="N", help_behavior_hint="(default: the model's own)"),
 ]
 TriesOption = Annotated[
     int | None,
@@ -195,10 +194,10 @@ def generate(
         samples: Number of samples; several are listed in a table with their numbers, which DIR/<name>-samples.csv keeps.
         rank: Order of the table: realism (fewest problems), collisions (fewest), off-road (least), interaction (closest) or movement (most).
         pick: Write only so many samples, the most diverse ones.
-        steps: Denoising steps of trajectories; for states the model has its own number.
+        steps: Denoising steps of trajectories; the shipped model has 5. For states the model has its own number.
         guide: What agents should do, as KIND:FIELD=VALUE,... such as goal-point:agent=12,point=3.5/10 (metres of the scene), target-speed:agents=12+13,speed=8, stop-at-line:agent=12,line=3/1+3/5, or a JSON file with a list of terms. DIR/<name>-guidance.csv tells what was achieved.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
-        tries: Trajectories sampled per agent, of which the least colliding combination is used; agents that would still collide yield. 0: raw model.
+        tries: Trajectories sampled per agent, of which the least colliding combination is used; agents that would still collide yield. 0: no collision is avoided; with --keep-to-lanes 0 as well: the raw model.
         no_yielding: Do not slow agents that would collide.
         seed: Random seed; the same seed gives the same files.
         model: path-diffuser, lane-follower (trajectories only), the folder of a trained model, or a generator or predictor of your own as package.module:attribute.

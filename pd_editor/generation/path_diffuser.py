@@ -3,13 +3,14 @@
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 from jaxtyping import Int
+from torch import nn
 
 from pd_editor.analysis.guidance.report import guidance_reports
 from pd_editor.base.errors import GenerationError
@@ -24,10 +25,9 @@ from pd_editor.generation.core.devices import (
     sampling_device,
     threads_for,
 )
+from pd_editor.generation.core.sampler import Sampler, sample_steps
 from pd_editor.generation.defaults import DeviceName
-from pd_editor.generation.initial_state.attributes import (
-    attribute_notes,
-)
+from pd_editor.generation.initial_state.attributes import attribute_notes
 from pd_editor.generation.initial_state.fitting import (
     colliding_with_kept,
     num_overlapping,
@@ -62,13 +62,10 @@ from pd_editor.generation.samples import (
     samples_of,
 )
 from pd_editor.generation.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
-from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
-from pd_editor.generation.trajectory.pipeline import (
-    TrajectorySampling,
-    sample_task,
-)
+from pd_editor.generation.trajectory.pipeline import TrajectorySampling, sample_task
 from pd_editor.generation.trajectory.present_trajectories import PresentTrajectories
 from pd_editor.generation.trajectory.sample_yielding import with_yielding
+from pd_editor.generation.trajectory.sampler import TrajectoryModel
 from pd_editor.generation.trajectory.task import TrajectoryTask, guidance_looks_at
 from pd_editor.scene.generation import (
     CAPABILITIES,
@@ -112,15 +109,26 @@ class PathDiffuser:
         name: str = "path-diffuser",
         device: DeviceName = "auto",
         placement_rules: Sequence[PlacementRule] = PLACEMENT_RULES,
+        sampler: Sampler = sample_steps,
+        initial_state_model: InitialStateDenoiser | None = None,
+        trajectory_model: TrajectoryModel | None = None,
     ) -> None:
         """Make a generator; weights are read on first use.
 
-        Placed agents that break one of ``placement_rules`` are sampled again.
+        Placed agents that break one of ``placement_rules`` are sampled again. Both stages
+        use the ``sampler``. A model, which is an ``nn.Module``, takes the place of the
+        folder's, whose settings apply. What is not the folder's is named in provenance.
 
         Raises:
             GenerationError: a GPU is requested, and there is none.
         """
-        self._folder, self._name = Path(folder), name
+        self._folder, self._sampler = Path(folder), sampler
+        models = (initial_state_model, cast("nn.Module | None", trajectory_model))
+        names = (INITIAL_STATES.name, TRAJECTORIES.name)
+        self._networks = {n: one for n, one in zip(names, models, strict=True) if one}
+        own = [sampler] * (sampler is not sample_steps)
+        own += map(type, self._networks.values())
+        self._name = "+".join([name, *(getattr(one, "__name__", "own") for one in own)])
         self._rules = tuple(placement_rules)
         self._device = sampling_device(device)
         self._model: TrainedModel | None = None
@@ -142,7 +150,8 @@ class PathDiffuser:
         with self._lock:
             if self._model is None:
                 with threads_for(0):
-                    self._model = load_model(self._folder, STAGE_KINDS)
+                    loaded = load_model(self._folder, STAGE_KINDS)
+                    self._model = loaded.with_networks(self._networks)
                     for stage in self._model.stages.values():
                         lay_out_weights(stage.model.to(self._device))
                 keep_freed_memory()
@@ -210,6 +219,7 @@ class PathDiffuser:
         assert isinstance(model, InitialStateDenoiser)
         request, far_notes = near_lanes(request)
         options = initial_state_options(request, stage, self._rules)
+        options = replace(options, steps=self._sampler)
         count = request.num_samples
         asked = [requested_placings(stage, request, one) for one in range(count)]
         placings = {index: squares for index, (squares, _) in enumerate(asked)}
@@ -334,15 +344,14 @@ class PathDiffuser:
         progress: Callable[[float, Preview], DenoisingProgress],
     ) -> Generator[DenoisingProgress, None, Sampled]:
         stage = self._trajectories()
-        model = stage.model
-        assert isinstance(model, TrajectoryDenoiser)
+        model = cast("TrajectoryModel", stage.model)
         rows = scenario.agents.rows(ids)
         kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
         known = lasting(scenario, kept.difference(ids))
         task = self._task(known, rows, model, request.terms)
         if request.drift is not None:
             task = task.with_noise_of(request.drift.ids)
-        options = trajectory_options(request, stage)
+        options = replace(trajectory_options(request, stage), steps=self._sampler)
         continuation = None
         if request.before_edit is not None:
             present = self._present_trajectories(request.before_edit, ids, model)
@@ -379,7 +388,7 @@ class PathDiffuser:
         return Sampled(
             samples=tuple(sample for sample, _ in samples),
             slowed_ids=tuple(slowed for _, slowed in samples),
-            notes=lane_notes(sampled.lane_cost_m),
+            notes=lane_notes(sampled.lane_distance_m),
             reports=reports,
         )
 
@@ -387,7 +396,7 @@ class PathDiffuser:
         self,
         scenario: Scenario,
         rows: Int[np.ndarray, "G"],
-        model: TrajectoryDenoiser,
+        model: TrajectoryModel,
         terms: tuple[GuidanceTerm, ...],
     ) -> TrajectoryTask:
         """The network's input, which edits of the guidance alone do not change."""
@@ -405,7 +414,7 @@ class PathDiffuser:
         return task
 
     def _present_trajectories(
-        self, scenario: Scenario, ids: tuple[str, ...], model: TrajectoryDenoiser
+        self, scenario: Scenario, ids: tuple[str, ...], model: TrajectoryModel
     ) -> PresentTrajectories:
         """Trajectories before an edit; those of the last request are kept."""
         present = self._present

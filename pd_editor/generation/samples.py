@@ -134,12 +134,11 @@ def request_notes(request: GenerationRequest) -> list[str]:
     return notes
 
 
-def lane_notes(cost_m: tuple[float, float]) -> tuple[str, ...]:
-    """Note on the mean distance to lanes before and after guidance."""
-    before, after = cost_m
-    if before <= 0:
+def lane_notes(distance_m: float | None) -> tuple[str, ...]:
+    """Note on the mean distance of guided agents to their nearest candidates."""
+    if distance_m is None:
         return ()
-    return (f"Distance to lanes: {before:.1f} -> {after:.1f} m by guidance.",)
+    return (f"Mean distance to the nearest path along lanes: {distance_m:.1f} m.",)
 
 
 def placement_notes(

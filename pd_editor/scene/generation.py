@@ -390,7 +390,7 @@ LANE_GUIDANCE: Final = "nearest-candidate"
 AVOIDANCE: Final = "avoidance"
 """Name of the setting that avoids collisions: of ``tries`` sampled trajectories per agent,
 the least colliding joint combination is selected, and agents that would still collide
-yield, unless its parameter ``yields`` is 0. Without tries: raw model output."""
+yield, unless its parameter ``yields`` is 0. Without tries no collision is avoided."""
 
 
 def supported_by(generator: ScenarioGenerator) -> frozenset[Capability]:

@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.thresholds import STANDING_MPS
 from tests.cli.shell import JUNCTION, ROOT, Shell
 from tests.experiments.evaluation.small_dataset import write_dataset
 
@@ -17,6 +20,7 @@ GENERATING = (
     "constant_velocity:Predictor",
     "torch_predictor:Predictor",
     "drift_generator:DriftGenerator",
+    "own_sampler:generator",
 )
 
 
@@ -39,6 +43,31 @@ def test_the_shell_generates_with_an_example(shell: Shell, tmp_path: Path, name:
     first, second = (one.agents.position_m for one in made)
     np.testing.assert_allclose(first[:, now], second[:, now], atol=1e-6)
     assert np.abs(first[:, -1] - second[:, -1]).max() > 0.01
+
+
+def test_an_own_denoiser_drives_and_is_named(shell: Shell, tmp_path: Path):
+    raw = ("--keep-to-lanes", 0, "--tries", 0)
+    for name, model in (("own", "examples.own_denoiser:generator"), ("usual", None)):
+        given = ("--model", model) if model else ()
+        out = ("--out", tmp_path / name)
+        assert shell.run("generate", JUNCTION, *given, *raw, *out).code == 0
+    own, usual = (
+        next(iter((tmp_path / name).glob("*/recipe.json"))) for name in ("own", "usual")
+    )
+    made = open_scenario(own.parent)
+    agents, now = made.agents, made.current_step
+    place, velocity = agents.position_m[:, now], agents.velocity_mps[:, now]
+    driven = agents.is_valid[:, now:].all(axis=1) & agents.kind_mask(ROAD_USER_KINDS)
+    driven &= np.hypot(*velocity.T) > STANDING_MPS
+    assert driven.sum() > 10
+    steps = range(agents.position_m.shape[1] - now)
+    wanted = place[:, None] + velocity[:, None] * 0.1 * np.array(steps)[:, None]
+    gap = np.linalg.norm(agents.position_m[:, now:] - wanted, axis=-1)[driven]
+    assert gap.max() < 0.5
+    assert "path-diffuser+ConstantVelocity" in own.read_text()
+    hashes = [re.findall('"model_sha256": "([0-9a-f]{64})"', one.read_text())[0]
+              for one in (own, usual)]  # fmt: skip
+    assert hashes[0] != hashes[1]
 
 
 def test_predictions_are_read_from_parquet(

@@ -10,8 +10,12 @@ import torch
 from pd_editor.base.errors import EditError, GenerationError, ModelError
 from pd_editor.editor.commands import traffic_command
 from pd_editor.generation import path_diffuser
+from pd_editor.generation.checkpoints.model_folder import made_model
 from pd_editor.generation.core.devices import sampling_device
+from pd_editor.generation.core.sampler import SamplerStep, sample_steps
 from pd_editor.generation.defaults import DeviceName
+from pd_editor.generation.features.encoded_scene import LATENT_SIZE
+from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.path_diffuser import DenoisingProgress, PathDiffuser
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.task import TrajectoryTask
@@ -31,6 +35,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import scenario_with, straight_drivers
 from tests.generation.generated_traffic import SINGLE, generated, same
+from tests.generation.trajectory.scenes import small_model
 
 
 def test_it_is_a_generator_and_begins_at_the_exact_state(
@@ -60,6 +65,57 @@ def test_the_same_request_gives_the_same_traffic(
     other = generated(diffuser, scenario, ids, seed=5)
     assert same(first.samples[0], again.samples[0])
     assert not same(first.samples[0], other.samples[0])
+
+
+def test_what_is_not_of_the_folder_stands_in_provenance(
+    model_folder: Path, diffuser: PathDiffuser, scenario: Scenario
+) -> None:
+    """The hash was that of the folder, whichever network sampled."""
+    ids, calls = scenario.agents.ids, []
+
+    def counted(*args: Any) -> Iterator[SamplerStep]:
+        calls.append(args[1].shape[-1])
+        return sample_steps(*args)
+
+    networks = {
+        name: made_model(stage.kind, stage.config, seed=5)
+        for name, stage in diffuser.model().stages.items()
+    }
+    placer, driver = networks["init"], networks["traj"]
+    assert isinstance(placer, InitialStateDenoiser)
+    assert isinstance(driver, TrajectoryDenoiser)
+    driver.load_state_dict(
+        driver.state_dict()
+        | {
+            f"decoder.{name}": values
+            for name, values in small_model().decoder.state_dict().items()
+        }
+    )
+    usual = generated(diffuser, scenario, ids, resampled_state_ids=ids)
+    found = {
+        given: generated(
+            PathDiffuser(model_folder, **{given: part}),  # type: ignore[arg-type]
+            scenario,
+            ids,
+            resampled_state_ids=ids,
+        )
+        for given, part in (
+            ("sampler", counted),
+            ("initial_state_model", placer),
+            ("trajectory_model", driver),
+        )
+    }
+    assert same(found["sampler"].samples[0], usual.samples[0])
+    assert {LATENT_SIZE} < set(calls), "both stages"
+    assert not same(found["initial_state_model"].samples[0], usual.samples[0])
+    assert not same(found["trajectory_model"].samples[0], usual.samples[0])
+    assert [one.generator for one in found.values()] == [
+        "path-diffuser+counted",
+        "path-diffuser+InitialStateDenoiser",
+        "path-diffuser+TrajectoryDenoiser",
+    ]
+    assert found["sampler"].model_sha256 == usual.model_sha256
+    assert len({one.model_sha256 for one in found.values()}) == 3
 
 
 def test_scenarios_of_one_seed_get_different_random_numbers(
@@ -218,8 +274,8 @@ def test_guidance_is_taken_by_name(diffuser: PathDiffuser, scenario: Scenario) -
         for weight in (0.0, 1.0)
     )
     assert not same(free.samples[0], firm.samples[0])
-    assert not any("Guidance" in note for note in free.notes)
-    assert any("-> 0.0 m" in note for note in firm.notes)
+    assert not any("path along lanes" in note for note in free.notes)
+    assert any("path along lanes" in note for note in firm.notes)
     odd = generated(diffuser, scenario, ids, guidance=(GuidanceSetting(name="magic"),))
     assert any("magic" in note for note in odd.notes)
 

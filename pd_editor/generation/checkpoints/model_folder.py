@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -70,8 +70,12 @@ class TrainedModel:
 
     name: str
     stages: Mapping[str, TrainedStage]
-    sha256: str
-    """Hash of all weights."""
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all weights."""
+        digests = "".join(self.stages[name].sha256 for name in sorted(self.stages))
+        return hashlib.sha256(digests.encode()).hexdigest()
 
     def stage(self, name: str) -> TrainedStage:
         """A required stage.
@@ -85,6 +89,24 @@ class TrainedModel:
                 f"of {', '.join(sorted(self.stages)) or 'none'}."
             )
         return self.stages[name]
+
+    def with_networks(self, networks: Mapping[str, nn.Module]) -> "TrainedModel":
+        """The model with other networks in stages that it has, which the hash tells."""
+        stages = dict(self.stages)
+        for name, other in networks.items():
+            sha256 = _sha256(other)
+            stages[name] = replace(self.stage(name), model=other.eval(), sha256=sha256)
+        return replace(self, stages=stages)
+
+
+def _sha256(network: nn.Module) -> str:
+    """Hash of the class and weights of a network."""
+    kind = type(network)
+    digest = hashlib.sha256(f"{kind.__module__}.{kind.__qualname__}".encode())
+    for name, values in network.state_dict().items():
+        plain = values.detach().cpu().contiguous().flatten().view(torch.uint8)
+        digest.update(name.encode() + plain.numpy().tobytes())
+    return digest.hexdigest()
 
 
 def save_model(
@@ -150,12 +172,8 @@ def load_model(folder: Path, kinds: Mapping[str, StageKind]) -> TrainedModel:
         name: _loaded_stage(folder, name, entry, kinds)
         for name, entry in listed.items()
     }
-    digests = "".join(stages[name].sha256 for name in sorted(stages))
-    return TrainedModel(
-        name=os.path.basename(os.path.realpath(folder)),
-        stages=stages,
-        sha256=hashlib.sha256(digests.encode()).hexdigest(),
-    )
+    name = os.path.basename(os.path.realpath(folder))
+    return TrainedModel(name=name, stages=stages)
 
 
 def _loaded_stage(

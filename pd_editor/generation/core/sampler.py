@@ -28,6 +28,8 @@ class SamplerConfig:
     clean_variance: Float[Tensor, "T #P"] | None = None
     """Variance of the clean sample about its prediction at each step, for each part; None
     stands for 0."""
+    num_gradient_steps: int = 0
+    """Number of last steps that are differentiable."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,6 +43,20 @@ class SamplerStep:
     """Predicted clean samples; after the last step they are the result."""
 
 
+Sampler = Callable[
+    [
+        Denoise,
+        Tensor,
+        NoiseSchedule,
+        Sequence[float],
+        SamplerConfig,
+        Callable[[], Tensor],
+    ],
+    Iterator[SamplerStep],
+]
+"""A function such as ``sample_steps``."""
+
+
 def sample_steps(
     denoise: Denoise,
     start: Float[Tensor, "S ..."],
@@ -48,12 +64,11 @@ def sample_steps(
     levels: Sequence[float],
     config: SamplerConfig,
     fresh_noise: Callable[[], Tensor],
-    num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Denoise ``start``, which is at ``levels[0]``, once at each level.
 
-    A caller stops by not requesting the next step. Between steps torch has the caller's
-    settings. The last ``num_gradient_steps`` steps are differentiable.
+    ``fresh_noise`` draws standard normal numbers of its shape. A caller stops by not
+    requesting the next step. Between steps torch has the caller's settings.
 
     Source: Song et al., Denoising diffusion implicit models, 2021, equation 12, for
     any amplitudes of signal and noise; second order as in Lu et al., DPM-Solver++, 2022
@@ -71,9 +86,9 @@ def sample_steps(
         variance = share.square() * config.clean_variance[:-1].to(start)
         fresh = (fresh.square() + variance).sqrt()
     has_fresh = config.eta > 0 or config.clean_variance is not None
-    first_gradient = len(levels) - num_gradient_steps
+    first_gradient = len(levels) - config.num_gradient_steps
     for index in range(len(levels)):
-        has_gradient = index >= first_gradient if num_gradient_steps else None
+        has_gradient = index >= first_gradient if config.num_gradient_steps else None
         with sampling_mode(start[..., 0].numel(), has_gradient=has_gradient):
             clean = denoise(noisy, index)
             if index + 1 < len(levels):

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.base.errors import GenerationError
-from pd_editor.generation.core.sampler import sampling_mode
+from pd_editor.generation.core.sampler import Sampler, sample_steps, sampling_mode
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE, PackedScene, packed
 from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND, lane_pieces
 from pd_editor.generation.features.scene_features import (
@@ -104,6 +104,8 @@ class InitialStateOptions:
     sampler: InitialStateSamplerConfig = field(
         default_factory=InitialStateSamplerConfig
     )
+    steps: Sampler = sample_steps
+    """The sampler itself."""
     guidance: InitialStateGuidance = field(default_factory=InitialStateGuidance)
     conflicts: ConflictSearch | None = None
     """Which placed agents are sampled again; None leaves all as they are."""
@@ -306,12 +308,12 @@ def place_in_squares(
     # The number of rounds is not known ahead, so each counts half of what remains.
     ends = 1 - 0.5 ** np.arange(1, num_rounds + 2)
     ends[-1] = 1.0
-    place = partial(_place_once, model, maps={}, guidance=options.guidance)
+    place = partial(_place_once, model, maps={})
     found = yield from place(
         dict.fromkeys(placings, scenario),
         placings,
         seed=seed,
-        sampler=sampler,
+        options=options,
         progress=lambda part: progress(ends[0] * part),
     )
     own = {name for squares in placings.values() for one in squares for name in one.ids}
@@ -333,7 +335,7 @@ def place_in_squares(
             partial(
                 place,
                 seed=(seed + (index + 1) * _ROUND_SEED_STEP) % MAX_SEED,
-                sampler=replace(sampler, num_steps=num_steps),
+                options=replace(options, sampler=replace(sampler, num_steps=num_steps)),
                 progress=lambda part, low=begin, high=end: progress(
                     low + (high - low) * part
                 ),
@@ -370,8 +372,7 @@ def _place_once(
     *,
     seed: int,
     maps: dict[int, EncodedMap],
-    sampler: InitialStateSamplerConfig,
-    guidance: InitialStateGuidance,
+    options: InitialStateOptions,
     progress: Callable[[float], _Progress],
 ) -> Generator[_Progress, None, dict[int, Scenario]]:
     """Scenes of some samples with their agents placed, square by square or in turns."""
@@ -407,8 +408,7 @@ def _place_once(
                 [replace(one, kept=found[one.sample]) for one in batch],
                 seed=seed,
                 maps=maps,
-                sampler=sampler,
-                guidance=guidance,
+                options=options,
                 progress=lambda part, share=share: progress(share(part)),
             )
             own = dict.fromkeys(one.sample for one in batch)
@@ -472,8 +472,7 @@ def place_agents(
     *,
     seed: int,
     maps: dict[int, EncodedMap],
-    sampler: InitialStateSamplerConfig,
-    guidance: InitialStateGuidance,
+    options: InitialStateOptions,
     progress: Callable[[float], _Progress],
 ) -> Generator[_Progress, None, list[Scenario]]:
     """Sample the initial states of one square of several samples, in one batch.
@@ -504,6 +503,7 @@ def place_agents(
     if square not in maps:
         with sampling_mode(scene.has_agent.numel()):
             maps[square] = model.encode_map(scene)
+    guidance = options.guidance
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
     may_stop = np.zeros(scene.has_agent.shape, bool)
@@ -516,7 +516,8 @@ def place_agents(
         samples=streams,
         seed=seed,
         task=task,
-        config=sampler,
+        config=options.sampler,
+        sampler=options.steps,
         guide=guidance.of(
             scene, model.schedule, task, torch.from_numpy(may_stop).to(device)
         ),

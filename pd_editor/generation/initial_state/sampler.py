@@ -14,6 +14,7 @@ from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import centered_levels
 from pd_editor.generation.core.random_streams import RandomStreams, SceneStreams
 from pd_editor.generation.core.sampler import (
+    Sampler,
     SamplerConfig,
     SamplerStep,
     sample_steps,
@@ -82,6 +83,7 @@ def sample_initial_states(
     seed: int,
     task: Conditioning | None = None,
     config: InitialStateSamplerConfig | None = None,
+    sampler: Sampler = sample_steps,
     guide: InitialStateGuide | None = None,
     square: int = 0,
     rows: Sequence[tuple[int, Int[np.ndarray, "_"]]] | None = None,
@@ -102,6 +104,7 @@ def sample_initial_states(
         seed: seed of all samples.
         task: conditioning; None samples all agents in the whole square.
         config: settings of the sampler.
+        sampler: takes the steps.
         guide: changes the predicted clean states of each step.
         square: index of the square; each has separate random numbers.
         rows: number of agents of each whole scene, and which of them ``scene`` keeps.
@@ -142,7 +145,7 @@ def sample_initial_states(
         clean = _inside(model.denoise(noisy, encoded.at(step), context), side)
         return clean if guide is None else _inside(guide(clean, levels[step]), side)
 
-    return sample_steps(
+    return sampler(
         denoise,
         start,
         model.schedule,
@@ -157,9 +160,9 @@ def sample_initial_states(
                 for part in range(num_parts)
             ),
             clean_variance=missing,
+            num_gradient_steps=num_gradient_steps,
         ),
         partial(streams.normal, *start.shape[1:]),
-        num_gradient_steps,
     )
 
 

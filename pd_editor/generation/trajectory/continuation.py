@@ -10,7 +10,7 @@ agent does not change its trajectory.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import torch
 from jaxtyping import Bool, Float
@@ -19,10 +19,8 @@ from torch import Tensor
 from pd_editor.generation.core.noise_schedule import even_levels
 from pd_editor.generation.core.sampler import sampling_mode
 from pd_editor.generation.inputs.scene_batch import SceneTensors
-from pd_editor.generation.trajectory.network.context import TrajectoryContext
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
-from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
-from pd_editor.generation.trajectory.sampler import KnownNoise
+from pd_editor.generation.trajectory.sampler import KnownNoise, TrajectoryModel
 
 _NUM_STEPS: Final = 4
 _NUM_ITERATIONS: Final = 2
@@ -54,9 +52,9 @@ class Continuation:
 
 
 def inverted_noise(
-    model: TrajectoryDenoiser,
+    model: TrajectoryModel,
     scene: SceneTensors,
-    context: TrajectoryContext,
+    context: Any,
     is_given: Bool[Tensor, "B A"],
 ) -> Float[Tensor, "B A 10"]:
     """Noise from which deterministic sampling leads to the trajectories of ``scene``."""
@@ -64,7 +62,7 @@ def inverted_noise(
     schedule, levels = model.schedule, even_levels(_NUM_STEPS)
     with sampling_mode(scene.has_agent.numel()):
         table = clean.new_tensor(levels)[:, None, None, None]
-        encoded = model.encode_level(torch.where(is_given, 0.0, table))
+        denoise = model.at_levels(torch.where(is_given, 0.0, table), context)
         edges = clean.new_tensor([*levels, 0.0])[:, None]
         alphas, sigmas = schedule.alpha(edges), schedule.sigma(edges)
         noisy = clean[None]
@@ -73,7 +71,7 @@ def inverted_noise(
             target, next_alpha, next_sigma = noisy, alphas[index + 1], sigmas[index + 1]
             noisy = torch.where(is_given[..., None], clean, alpha * target)
             for _ in range(_NUM_ITERATIONS):
-                predicted = model.denoise(noisy, encoded.at(index), context)
+                predicted = denoise(noisy, index)
                 noise = (noisy - alpha * predicted) / sigma
                 signal = (target - next_sigma * noise) / next_alpha
                 found = alpha * signal + sigma * noise

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.generation.core.noise_schedule import even_levels
+from pd_editor.generation.core.sampler import Sampler, sample_steps
 from pd_editor.generation.trajectory.continuation import Continuation
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     NearestCandidateGuide,
@@ -29,14 +30,12 @@ from pd_editor.generation.trajectory.joint_selection import (
     TrajectoryChoices,
     select_jointly,
 )
-from pd_editor.generation.trajectory.network.decoding import (
-    Motion,
-)
-from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.trajectory.network.decoding import Motion
 from pd_editor.generation.trajectory.sampler import (
     KnownNoise,
     SamplerStep,
     TrajectoryGuide,
+    TrajectoryModel,
     TrajectorySamplerConfig,
     sample_trajectories,
 )
@@ -55,6 +54,8 @@ class TrajectoryOptions:
     """Options of the sampling of trajectories."""
 
     sampler: TrajectorySamplerConfig = field(default_factory=TrajectorySamplerConfig)
+    steps: Sampler = sample_steps
+    """The sampler itself."""
     guidance: TrajectoryGuidance = field(default_factory=TrajectoryGuidance)
     lane_agent_ids: tuple[str, ...] = ()
     """Agents that are guided to their candidates; empty means all."""
@@ -77,17 +78,17 @@ class SampledTrajectories:
     """Motion of all A agents of the task; only that of sampled agents is meaningful."""
 
     motion: Motion
-    lane_cost_m: tuple[float, float]
-    """Mean distance to the nearest candidate before and after the last guided step."""
+    lane_distance_m: float | None = None
+    """Mean distance of guided agents to their nearest candidates; None without any."""
     unguided: Motion | None = None
     """The same samples without terms, if they were asked for."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectorySampling:
-    """A network, the task that it samples, and options."""
+    """A denoiser, the task that it samples, and options."""
 
-    model: TrajectoryDenoiser
+    model: TrajectoryModel
     task: TrajectoryTask
     options: TrajectoryOptions
 
@@ -125,7 +126,7 @@ class TrajectorySampling:
         strength = guidance.warped_weight if is_warped else guidance.weight
         weight = torch.from_numpy(wanted * strength)[None].to(task.scene.agent_speed)
         return NearestCandidateGuide.of(
-            self.model, task.scene, weight, guidance, options.sampler.num_steps
+            self.model.decoder, task.scene, weight, guidance, options.sampler.num_steps
         )
 
     def term_guide(self, planned: tuple[ThreatTerm, ...] = ()) -> TermGuide | None:
@@ -165,6 +166,7 @@ class TrajectorySampling:
             is_given=self.is_given | is_given,
             given=latent,
             config=self.options.sampler,
+            sampler=self.options.steps,
             guide=guide,
             known_noise=known_noise,
             context=self.task.context(self.model),
@@ -242,13 +244,13 @@ def sample_task(
     """
     options, tries = run.options, run.num_tries
     if not run.task.is_sampled.any():
-        none = run.task.no_motion(len(samples))
-        return SampledTrajectories(motion=none, lane_cost_m=(0.0, 0.0))
+        return SampledTrajectories(motion=run.task.no_motion(len(samples)))
     lanes, terms = run.lane_guide(), run.term_guide()
     asks_unguided = options.samples_unguided
     compares = asks_unguided and terms is not None and continuation is None
     motions: list[Motion] = []
     unguided: list[Motion] = []
+    distances: list[torch.Tensor] = []
     at_once = max(1, _MOST_AT_ONCE // (tries * (1 + compares)))
     for first in range(0, len(samples), at_once):
         chunk = samples[first : first + at_once]
@@ -284,12 +286,14 @@ def sample_task(
                     lambda again=again: run.motion(again),
                 )
                 latent = torch.cat([again, latent[count:]])
+        distances.append(lanes.distances_m(latent[:count]))
         found = run.selected(latent)
         motions += found[: len(chunk)]
         unguided += found[len(chunk) :]
+    distance = torch.cat(distances)
     return SampledTrajectories(
         motion=_stacked(motions),
-        lane_cost_m=lanes.cost_m(),
+        lane_distance_m=float(distance.mean()) if len(distance) else None,
         unguided=_stacked(unguided) if unguided else None,
     )
 

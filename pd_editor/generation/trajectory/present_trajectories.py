@@ -7,13 +7,12 @@ import numpy as np
 import torch
 
 from pd_editor.generation.trajectory.continuation import Continuation, inverted_noise
-from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.pipeline import (
     TrajectoryOptions,
     TrajectorySampling,
     sampled_from,
 )
-from pd_editor.generation.trajectory.sampler import KnownNoise
+from pd_editor.generation.trajectory.sampler import KnownNoise, TrajectoryModel
 from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.scenario import Scenario
 
@@ -28,7 +27,7 @@ class PresentTrajectories:
     """
 
     def __init__(
-        self, model: TrajectoryDenoiser, scenario: Scenario, agent_ids: tuple[str, ...]
+        self, model: TrajectoryModel, scenario: Scenario, agent_ids: tuple[str, ...]
     ) -> None:
         """Compute the noise of the agents' trajectories that are complete."""
         self.scenario, self.agent_ids = scenario, agent_ids
@@ -40,7 +39,7 @@ class PresentTrajectories:
             np.array(rows, int),
             model.decoder.basis,
             config=model.config,
-        ).to(next(model.parameters()).device)
+        ).to(model.decoder.get_buffer("mean_m").device)
         self._task = task
         scene = task.scene
         is_given = torch.from_numpy(task.is_given)[None].to(scene.has_future.device)

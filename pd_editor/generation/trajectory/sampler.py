@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -10,9 +10,11 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.generation.core.config_limits import check_settings
-from pd_editor.generation.core.noise_schedule import even_levels
+from pd_editor.generation.core.noise_schedule import NoiseSchedule, even_levels
 from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.core.sampler import (
+    Denoise,
+    Sampler,
     SamplerConfig,
     SamplerStep,
     sample_steps,
@@ -21,12 +23,35 @@ from pd_editor.generation.core.sampler import (
 from pd_editor.generation.defaults import NUM_STEPS
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE
 from pd_editor.generation.inputs.scene_batch import SceneTensors
-from pd_editor.generation.trajectory.network.context import TrajectoryContext
-from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig
 from pd_editor.scene.thresholds import STANDING_MPS
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
 """Changes predicted clean latents [S B A 10] at a noise level."""
+
+
+@runtime_checkable
+class TrajectoryModel(Protocol):
+    """Denoiser of the latents of trajectories, of which ``TrajectoryDenoiser`` is one."""
+
+    config: TrajectoryConfig
+    """Agents that it sees (``num_near_agents``, ``num_blocks``), and candidates."""
+    decoder: TrajectoryDecoder
+    """Basis of the latents."""
+
+    @property
+    def schedule(self) -> NoiseSchedule:
+        """Amplitudes of signal and noise."""
+        ...
+
+    def encode_context(self, scene: SceneTensors) -> Any:
+        """What ``at_levels`` needs of B scenes; computed once for all samples."""
+        ...
+
+    def at_levels(self, levels: Float[Tensor, "T 1 #B #A"], context: Any) -> Denoise:
+        """Function that predicts clean latents [S B A 10]; those at level 0 are given."""
+        ...
 
 
 class KnownNoise(NamedTuple):
@@ -52,7 +77,7 @@ class TrajectorySamplerConfig:
 
 
 def sample_trajectories(
-    model: TrajectoryDenoiser,
+    model: TrajectoryModel,
     scene: SceneTensors,
     *,
     samples: Sequence[int],
@@ -62,9 +87,10 @@ def sample_trajectories(
     is_given: Bool[Tensor, "B A"] | None = None,
     given: Float[Tensor, "*#S B A 10"] | None = None,
     config: TrajectorySamplerConfig | None = None,
+    sampler: Sampler = sample_steps,
     guide: TrajectoryGuide | None = None,
     known_noise: KnownNoise | None = None,
-    context: TrajectoryContext | None = None,
+    context: Any = None,
     keep: Callable[[Tensor], Tensor] | None = None,
     rows: tuple[int, Int[np.ndarray, "A"]] | None = None,
     num_gradient_steps: int = 0,
@@ -76,7 +102,7 @@ def sample_trajectories(
     of a seed does not depend on the other samples, apart from rounding.
 
     Args:
-        model: Network in evaluation mode.
+        model: Denoiser in evaluation mode.
         scene: Scenes; only the trajectories of given agents are used.
         samples: Indices of the S samples.
         seed: Seed of all samples.
@@ -87,6 +113,7 @@ def sample_trajectories(
         given: Latents of given agents, of all samples or of each one; None: those of
             the scene.
         config: Settings of the sampler.
+        sampler: Takes the steps.
         guide: Changes the predicted clean latents of each step.
         known_noise: Initial noise of some agents in the first of the samples.
         context: The encoded scenes, if known already.
@@ -107,7 +134,7 @@ def sample_trajectories(
         table = scene.future.new_tensor(levels)[:, None, None, None]
         if is_given is not None:
             table = torch.where(is_given, 0.0, table)
-        encoded = model.encode_level(table)
+        denoised = model.at_levels(table, context)
         num_agents, kept = rows or (scene.has_agent.shape[1], slice(None))
         shape = len(scene.has_agent), num_agents, LATENT_SIZE
         noise = streams.drifted(drift, *shape, num_tries=num_tries)[:, :, kept]
@@ -124,18 +151,17 @@ def sample_trajectories(
         return torch.where(is_given[..., None], known, latent)
 
     def denoise(noisy: Tensor, step: int) -> Tensor:
-        clean = model.denoise(held(noisy), encoded.at(step), context)
+        clean = denoised(held(noisy), step)
         clean = clean if guide is None else guide(clean, levels[step])
         return held(clean if keep is None else keep(clean))
 
-    return sample_steps(
+    return sampler(
         denoise,
         start,
         model.schedule,
         levels,
-        SamplerConfig(eta=config.eta),
+        SamplerConfig(eta=config.eta, num_gradient_steps=num_gradient_steps),
         lambda: streams.normal(*shape)[:, :, kept],
-        num_gradient_steps,
     )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -26,17 +26,14 @@ from pd_editor.generation.trajectory.guidance.latent_motion import (
 from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.generation.trajectory.guidance.trajectory_term import TermContext
 from pd_editor.generation.trajectory.kept_beginning import KeptBeginning, projected
-from pd_editor.generation.trajectory.network.context import TrajectoryContext
 from pd_editor.generation.trajectory.network.decoding import (
     Motion,
     TrajectoryDecoder,
     motion_of,
     turned_as_vehicles,
 )
-from pd_editor.generation.trajectory.network.denoiser import (
-    TrajectoryConfig,
-    TrajectoryDenoiser,
-)
+from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig
+from pd_editor.generation.trajectory.sampler import TrajectoryModel
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.late_agents import LateAgents
@@ -69,9 +66,7 @@ class TrajectoryTask:
     """Number of road users, and which of them are the agents of the features."""
     also: Int[np.ndarray, "N"]
     """Rows of the scenario that were to be prepared besides the sampled ones."""
-    _contexts: dict[TrajectoryDenoiser, TrajectoryContext] = field(
-        default_factory=dict, repr=False
-    )
+    _contexts: dict[TrajectoryModel, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -145,7 +140,7 @@ class TrajectoryTask:
         count = -(-len(order) // _NOISE_ROWS) * _NOISE_ROWS
         return replace(self, kept_rows=(count, kept))
 
-    def context(self, model: TrajectoryDenoiser) -> TrajectoryContext:
+    def context(self, model: TrajectoryModel) -> Any:
         """The encoded scene, computed once."""
         context = self._contexts.get(model)
         if context is None:

@@ -144,7 +144,7 @@ class GenerationPanel:
                 MAX_TRIES,
                 1,
                 4,
-                hint="The best of so many is taken. 0: raw model",
+                hint="The best of so many is taken. 0: none is avoided",
             )
             self._yields = gui.add_checkbox(
                 "Slow down to avoid collisions",

@@ -5,6 +5,7 @@ import pytest
 import torch
 from scipy import stats
 
+from examples.own_sampler import ancestral
 from pd_editor.generation.core import devices, sampler
 from pd_editor.generation.core.noise_schedule import (
     NoiseSchedule,
@@ -15,6 +16,7 @@ from pd_editor.generation.core.noise_schedule import (
 )
 from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.core.sampler import (
+    Sampler,
     SamplerConfig,
     SamplerStep,
     sample_steps,
@@ -48,6 +50,28 @@ def drawn(
     assert last is not None
     assert last.index == num_steps - 1
     return last.clean[..., 0]
+
+
+@pytest.mark.parametrize(
+    "schedule", [VariancePreserving(), VarianceExploding((0.05, 0.1), (4.0, 3.0))]
+)
+def test_the_example_of_an_own_sampler_is_ancestral(schedule: NoiseSchedule) -> None:
+    levels, start = even_levels(6), RandomStreams(1, "start", range(3)).normal(4, 2)
+
+    def last(sampler: Sampler) -> torch.Tensor:
+        noise = partial(RandomStreams(2, "fresh", range(3)).normal, 4, 2)
+        config = SamplerConfig(eta=1.0)
+        *_, step = sampler(
+            lambda noisy, index: (noisy + index).tanh(),
+            start,
+            schedule,
+            levels,
+            config,
+            noise,
+        )
+        return step.clean
+
+    torch.testing.assert_close(last(ancestral), last(sample_steps))
 
 
 @pytest.mark.parametrize("eta", [0.3, 1.0])

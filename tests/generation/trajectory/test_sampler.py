@@ -103,26 +103,24 @@ def guide_of(
 ) -> NearestCandidateGuide:
     """A guide of all steps, the last one as well."""
     return NearestCandidateGuide.of(
-        model,
+        model.decoder,
         scene,
         torch.full(scene.has_agent.shape, weight),
         TrajectoryGuidance(is_last_step_guided=True),
     )
 
 
-def test_guidance_lowers_its_own_cost() -> None:
+def test_guidance_brings_the_result_nearer_to_candidates() -> None:
     scene, model = scene_batch(6, 9), small_model()
     # Those who stand are pulled only a little once they start.
     scene = replace(scene, agent_speed=scene.agent_speed.clamp_min(1.0))
     free, pulled, firm = (guide_of(model, scene, weight) for weight in (1e-9, 0.3, 1.0))
-    costs = []
-    for guide in (free, pulled, firm):
-        drawn(model, scene, guide=guide)
-        before, after = guide.cost_m()
-        assert after <= before
-        costs.append(after)
+    costs = [
+        float(guide.distances_m(drawn(model, scene, guide=guide)).mean())
+        for guide in (free, pulled, firm)
+    ]
     assert costs[0] > costs[1] > costs[2]
-    assert costs[2] == 0.0
+    assert costs[2] < 1e-4
 
 
 def test_full_guidance_ends_on_a_candidate_of_the_agent() -> None:

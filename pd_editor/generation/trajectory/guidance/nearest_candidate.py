@@ -20,7 +20,7 @@ from pd_editor.generation.defaults import (
     NUM_STEPS,
 )
 from pd_editor.generation.inputs.scene_batch import SceneTensors
-from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.scene.thresholds import STANDING_MPS
 
 
@@ -51,7 +51,7 @@ class TrajectoryGuidance:
         check_settings(self)
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class NearestCandidateGuide:
     """Guides the agents of B scenes to their nearest candidates.
 
@@ -76,15 +76,11 @@ class NearestCandidateGuide:
     """Metres of root mean square distance per unit of each latent."""
     last_level: float = 0.0
     """Noise level of the last step."""
-    _last: tuple[Float[Tensor, "S B A 10"], Float[Tensor, "S B A"]] | None = field(
-        default=None, init=False
-    )
-    """Vectors to the candidates in metres, and the share that the last step moved."""
 
     @classmethod
     def of(
         cls,
-        model: TrajectoryDenoiser,
+        decoder: TrajectoryDecoder,
         scene: SceneTensors,
         weight: Float[Tensor, "B A"],
         config: TrajectoryGuidance | None = None,
@@ -92,7 +88,6 @@ class NearestCandidateGuide:
     ) -> "NearestCandidateGuide":
         """Make a guide for the agents of a scene; weight 0 means no guidance."""
         config = TrajectoryGuidance() if config is None else config
-        decoder = model.decoder
         scale = decoder.get_buffer("scale_m") / decoder.num_steps**0.5
         candidates = scene.candidates * scale
         still = decoder.still(scene.agent_speed) * scale
@@ -118,40 +113,29 @@ class NearestCandidateGuide:
         is_last = level <= self.last_level
         if is_last and not self.config.is_last_step_guided:
             return clean
-        predicted = clean * self.scale
-        stays = self.is_standing
-        if self._is_any_agent_stationary:
-            stays = stays & (
-                (predicted - self.still).norm(dim=-1) < self.config.stays_m
-            )
-        nearest, exists = self._nearest(predicted, stays)
+        way, exists, stays = self._nearest(clean)
         strength = self.config.last_step_share if is_last else 1.0
         pull = torch.where(exists, strength * self.weight, 0.0)
         if self._is_any_agent_stationary:
             late = level <= self.config.standing_first_level
             share = torch.where(stays, 1.0, self.config.starting_share) * late
             pull = torch.where(self.is_standing, share * pull, pull)
-        way = nearest - predicted
-        self._last = way, pull
         return torch.addcmul(clean, way, pull[..., None] / self.scale)
 
-    def cost_m(self) -> tuple[float, float]:
-        """Mean distance of guided agents to candidates before and after the last step."""
-        if self._last is None:
-            return 0.0, 0.0
-        way, pull = self._last
-        guided = pull > 0
-        before = way.norm(dim=-1)[guided]
-        after = before * (1 - pull[guided])
-        count = max(len(before), 1)
-        return float(before.sum()) / count, float(after.sum()) / count
+    def distances_m(self, clean: Float[Tensor, "S B A 10"]) -> Float[Tensor, "N"]:
+        """Distances of guided agents to their nearest candidates."""
+        way, exists, _ = self._nearest(clean)
+        return way.norm(dim=-1)[exists & (self.weight > 0)]
 
     def _nearest(
-        self, predicted: Float[Tensor, "S B A 10"], stays: Bool[Tensor, "*S B A"]
-    ) -> tuple[Float[Tensor, "S B A 10"], Bool[Tensor, "S B A"]]:
-        """Nearest allowed candidates, and whether there is one."""
+        self, clean: Float[Tensor, "S B A 10"]
+    ) -> tuple[Float[Tensor, "S B A 10"], Bool[Tensor, "S B A"], Tensor]:
+        """Vectors to the nearest allowed candidates, who has one, and who stays."""
+        predicted, stays = clean * self.scale, self.is_standing
         cost, exists = self._of_going
         if self._is_any_agent_stationary:
+            distance = (predicted - self.still).norm(dim=-1)
+            stays = stays & (distance < self.config.stays_m)
             cost = torch.where(stays[..., None], self._of_staying[0], cost)
             exists = torch.where(stays, self._of_staying[1], exists)
         # Squared distance without the term that is equal for all candidates.
@@ -159,7 +143,8 @@ class NearestCandidateGuide:
         best = torch.sub(cost, product, alpha=2).argmin(dim=-1)
         index = best[..., None, None].expand(*best.shape, 1, predicted.shape[-1])
         table = self.candidates.expand(len(predicted), *self.candidates.shape)
-        return table.gather(-2, index)[..., 0, :], exists.expand(best.shape)
+        way = table.gather(-2, index)[..., 0, :] - predicted
+        return way, exists.expand(best.shape), stays
 
     @cached_property
     def _is_any_agent_stationary(self) -> bool:

@@ -21,6 +21,7 @@ from pd_editor.generation.core.noise_schedule import (
     ScheduleKind,
     VariancePreserving,
 )
+from pd_editor.generation.core.sampler import Denoise
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE
 from pd_editor.generation.features.scene_features import (
     NUM_FUTURE_STEPS,
@@ -207,6 +208,13 @@ class TrajectoryDenoiser(nn.Module):
             noisy_share=torch.where(is_noisy, noisy_share, 1.0),
             output_share=torch.where(is_noisy, output_share, 0.0),
         )
+
+    def at_levels(
+        self, levels: Float[Tensor, "T *b"], context: TrajectoryContext
+    ) -> Denoise:
+        """Function that predicts clean latents at one of T noise levels."""
+        encoded = self.encode_level(levels)
+        return lambda noisy, step: self.denoise(noisy, encoded.at(step), context)
 
     def denoise(
         self,

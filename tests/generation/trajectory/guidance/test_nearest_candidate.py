@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import torch
 
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
@@ -31,13 +33,13 @@ def guided(predicted: float, level: float, *, is_standing: bool) -> float:
 
 def test_the_last_step_is_guided_by_its_share_only() -> None:
     """By default what is returned is the network's own prediction."""
-    guide = guide_of_one(is_standing=False)
+    guide = replace(guide_of_one(is_standing=False), last_level=0.2)
     clean = torch.full((1, 1, 1, 10), 5.0)
-    guide.last_level = 0.2
     assert torch.equal(guide(clean, 0.2), clean)
     assert not torch.equal(guide(clean, 0.4), clean)
     moved = guide(clean, 0.4) - clean
-    guide.config = TrajectoryGuidance(is_last_step_guided=True, last_step_share=0.25)
+    guidance = TrajectoryGuidance(is_last_step_guided=True, last_step_share=0.25)
+    guide = replace(guide, config=guidance)
     torch.testing.assert_close(guide(clean, 0.2) - clean, 0.25 * moved)
 
 
