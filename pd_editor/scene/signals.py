@@ -39,6 +39,13 @@ class Signal:
         self.stop_share.flags.writeable = False
         self.states.flags.writeable = False
 
+    def phases(self, step_s: float) -> list[tuple[SignalState, float]]:
+        """States and the seconds for which they hold, one after the other."""
+        begins = np.flatnonzero(np.diff(self.states, prepend=-1))
+        seconds = np.diff(begins, append=len(self.states)) * step_s
+        states = map(SignalState, self.states[begins].tolist())
+        return list(zip(states, seconds.tolist(), strict=True))
+
 
 def signals_of_lanes(
     signals: Iterable[Signal], lane_ids: Collection[int]

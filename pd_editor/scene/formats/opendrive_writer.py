@@ -20,8 +20,12 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.formats.commonroad_writer import IDS_NAME
-from pd_editor.scene.formats.openscenario_writer import entity_names, openscenario_file
-from pd_editor.scene.formats.scene_format import WrittenScene, losses_of
+from pd_editor.scene.formats.openscenario_writer import (
+    entity_names,
+    light_ids,
+    openscenario_file,
+)
+from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.geometry.angles import (
     heading_of,
@@ -151,14 +155,15 @@ def write(scenario: Scenario) -> WrittenScene:
         ("lane", str(one), "{} {}".format(*places[one]))
         for one in scenario.road_map.lane_of
     ]
+    rows += [("signal", key[0], str(one)) for key, one in light_ids(scenario).items()]
     csv.writer(table, lineterminator="\n").writerows(rows)
     files[IDS_NAME] = table.getvalue().encode()
     neighbors = (
         f"{len(untold)} of {count} neighbours, which end askew or go the other way, and "
         "which lanes are in an intersection: only this editor reads both, as user data."
     )
-    losses = losses_of(scenario, neighbors, *_LOSSES)
-    return WrittenScene(files=files, losses=losses)
+    unsaid = ("States of signals.",) if scenario.signals and not names else ()
+    return WrittenScene(files=files, losses=(neighbors, *_LOSSES, *unsaid))
 
 
 def _untold(
@@ -195,7 +200,8 @@ def _file(
     bounds = {"north": north, "south": south, "east": east, "west": west}
     header = added(root, "header", revMajor=1, revMinor=7, **about, **bounds)
     added(header, "offset", x=origin[0], y=origin[1], z=0, hdg=0)
-    ids = count(1 + max(road_map.lane_of))
+    lights = light_ids(scenario)
+    ids = count(1 + max(road_map.lane_of) + len(lights))
     road_of = {lane: road for lane, (road, _) in places.items()}
     beyond: dict[End, Place] = {}
     junctions: dict[int, Links] = {}
@@ -228,8 +234,32 @@ def _file(
                     added(place, "userData", code=code, value=told)
         if number in objects:
             found.append(objects[number])
-    _connect(root, road_map, roads, places, bridges, junctions, ids)
+        _lights(found, scenario, road)
+    found = _connect(root, road_map, roads, places, bridges, junctions, ids)
+    for number, one in enumerate(scenario.signals):
+        controller = added(root, "controller", id=number, name=one.signal_id)
+        for lane in one.lane_ids:
+            added(controller, "control", signalId=lights[one.signal_id, lane], type="")
+    root.extend(found)
     return as_file(root)
+
+
+def _lights(place: etree._Element, scenario: Scenario, road: _Road) -> None:
+    """Add the lights of a road's lanes, at their stop lines on the right."""
+    lights = light_ids(scenario)
+    signals = etree.Element("signals")
+    for one in scenario.signals:
+        for number, share in zip(one.lane_ids, one.stop_share.tolist(), strict=True):
+            if number in road.lane_ids:
+                lane, s = -road.lane_ids.index(number) - 1, share * road.s_m[-1]
+                beside = np.interp(s, road.s_m, road.border_m[:, -lane])
+                about = {"id": lights[one.signal_id, number], "dynamic": "yes"}
+                about |= {"orientation": "+", "zOffset": 5, "country": "OpenDRIVE"}
+                about |= {"type": 1000001, "subtype": -1, "s": s, "t": beside}
+                light = added(signals, "signal", **about)
+                added(light, "validity", fromLane=lane, toLane=lane)
+    if len(signals):
+        place.append(signals)
 
 
 def _fit(roads: Mapping[int, _Road], links: Sequence[tuple[Place, Place]]) -> bool:
@@ -372,13 +402,17 @@ def _fitted(
         width = _widths(lanes, found)
         border = _borders(lateral, width)
         goes_on = (np.diff(found, axis=0) * ahead[:-1, None]).sum(axis=-1) > 0
-        is_right = [
-            np.isfinite(beside).all(),
-            goes_on.all(),
-            (np.abs(np.diff(border) + width) < _MOST_WIDER_M).all(),
-            max(map(_gap_m, found.swapaxes(0, 1), centers)) < _MOST_GAP_M,
+        pairs = zip(found.swapaxes(0, 1), centers, strict=True)
+        gaps = [
+            shapely.hausdorff_distance(*map(shapely.LineString, pair)) for pair in pairs
         ]
-        if all(is_right) or (is_single and away_m == _SAME_LINE_M):
+        is_right = (
+            np.isfinite(beside).all()
+            and goes_on.all()
+            and (np.abs(np.diff(border) + width) < _MOST_WIDER_M).all()
+            and max(gaps) < _MOST_GAP_M
+        )
+        if is_right or (is_single and away_m == _SAME_LINE_M):
             way = arc_length(middle[:, :2])
             height = np.interp(s * way[-1] / s[-1], way, middle[:, 2])
             return _Road(lane_ids, pieces, s, border, height)
@@ -420,15 +454,6 @@ def _borders(
     sign = (-1.0) ** np.arange(border.shape[1])
     share = sign[:-1] * (width_m + np.diff(border)) / 2
     return border + sign * share.mean(axis=1, keepdims=True)
-
-
-def _gap_m(one: Float[np.ndarray, "N 2"], other: Float[np.ndarray, "M 2"]) -> float:
-    """Distance between two lines, at most."""
-    fine = np.vstack([one[:1], (one[1:] + one[:-1]) / 2, one[-1:]])
-    return max(
-        float(shapely.distance(shapely.points(points), shapely.LineString(line)).max())
-        for points, line in ((fine, other), (other, one))
-    )
 
 
 def _center(lane: Lane) -> Float[np.ndarray, "N 3"]:
@@ -603,8 +628,8 @@ def _connect(
     bridges: Mapping[int, _Road],
     junctions: Mapping[int, Links],
     ids: Iterator[int],
-) -> None:
-    """Add the connecting roads, and after them the junctions."""
+) -> list[etree._Element]:
+    """Add the connecting roads; their junctions, which come after them."""
     found = []
     for number, links in junctions.items():
         junction = etree.Element("junction", id=str(number), name="")
@@ -627,7 +652,7 @@ def _connect(
             way = added(junction, "connection", id=index, contactPoint="start", **way)
             added(way, "laneLink", **{"from": before[1], "to": -1})
         found.append(junction)
-    root.extend(found)
+    return found
 
 
 def _objects(

@@ -6,6 +6,7 @@ at their first step, and all are deleted after their last one.
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import count
 from typing import Final
 
 import numpy as np
@@ -45,6 +46,12 @@ def entity_names(agent_ids: Sequence[str]) -> dict[str, str]:
     return names
 
 
+def light_ids(scenario: Scenario) -> dict[tuple[str, int], int]:
+    """Ids in a road network of a signal's lights, one for each of its lanes."""
+    keys = [(one.signal_id, lane) for one in scenario.signals for lane in one.lane_ids]
+    return dict(zip(keys, count(1 + max(scenario.road_map.lane_of)), strict=False))
+
+
 def openscenario_file(
     scenario: Scenario, road_file: str, names: Mapping[str, str]
 ) -> bytes:
@@ -55,7 +62,9 @@ def openscenario_file(
     about = {"author": "Path Diffuser Editor", "date": _DATE, "description": told}
     added(root, "FileHeader", revMajor=1, revMinor=2, **about)
     added(root, "CatalogLocations")
-    added(added(root, "RoadNetwork"), "LogicFile", filepath=road_file)
+    network = added(root, "RoadNetwork")
+    added(network, "LogicFile", filepath=road_file)
+    _signals(network, scenario)
     entities = added(root, "Entities")
     story_board = added(root, "Storyboard")
     init = added(added(story_board, "Init"), "Actions")
@@ -85,6 +94,21 @@ def openscenario_file(
     _at(added(act, "StartTrigger"), 0.0)
     _at(added(story_board, "StopTrigger"), scenario.time_axis.duration_s, "greaterThan")
     return as_file(root)
+
+
+def _signals(network: etree._Element, scenario: Scenario) -> None:
+    """Add the states of signals over time."""
+    lights = light_ids(scenario)
+    controllers = added(network, "TrafficSignals") if lights else network
+    for one in scenario.signals:
+        controller = added(controllers, "TrafficSignalController", name=one.signal_id)
+        for n, (state, seconds) in enumerate(one.phases(scenario.time_axis.step_s)):
+            # Red, yellow and green.
+            lamps = ";".join("on" if state == lamp else "off" for lamp in (1, 2, 3))
+            phase = added(controller, "Phase", name=n, duration=seconds)
+            for lane in one.lane_ids:
+                light = {"trafficSignalId": lights[one.signal_id, lane]}
+                added(phase, "TrafficSignalState", **light, state=lamps)
 
 
 def _entity(

@@ -23,7 +23,6 @@ from pd_editor.scene.paths.lanes.route_choice import (
 )
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.signals import SignalState
 
 _CLASSES: Final = {
     AgentKind.VEHICLE: "passenger",
@@ -151,12 +150,9 @@ class _Network:
         """Programmes of the signals that have links: their states, again and again."""
         count = Counter(number for number, _ in self.light_of.values())
         for number, links in count.items():
-            states = self._signals[number].states
-            begins = np.flatnonzero(np.diff(states, prepend=-1))
-            seconds = np.diff(begins, append=len(states)) * self._step_s
             yield f'<tlLogic id="tl{number}" type="static" programID="0" offset="0">'
-            for row, duration in zip(begins.tolist(), seconds.tolist(), strict=True):
-                letters = WORDS[SignalState(int(states[row]))][2] * links
+            for state, duration in self._signals[number].phases(self._step_s):
+                letters = WORDS[state][2] * links
                 yield f'<phase duration="{duration:.2f}" state="{letters}"/>'
             yield "</tlLogic>"
 

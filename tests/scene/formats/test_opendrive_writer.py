@@ -31,6 +31,7 @@ from pd_editor.scene.road_warp import (
     WarpTerm,
 )
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.signals import Signal
 from tests.builders import straight_lane, two_agents_that_pass
 from tests.oracles.environment import Oracle
 
@@ -353,6 +354,54 @@ def test_kinds_have_categories_and_odd_ids_other_names(tmp_path: Path):
     assert found == {"agent_0": "Vehicle", "agent_1": "Pedestrian", "Ego": "MiscObject"}
 
 
+def with_signals(scenario: Scenario) -> Scenario:
+    """Two signals, one of two lanes; one stops in the middle of its lane."""
+    known, steps = scenario.road_map.lane_of, scenario.agents.num_steps
+    inside = [n for n, one in known.items() if one.is_intersection][:2]
+    outside = next(n for n, one in known.items() if not one.is_intersection)
+    states = np.repeat(np.array([0, 1, 3, 2], np.int8), [10, 40, 40, steps - 90])
+    signals = (
+        Signal(
+            signal_id='"a" <b>',
+            lane_ids=tuple(inside),
+            stop_share=np.zeros(2),
+            states=states,
+        ),
+        Signal(
+            signal_id="c",
+            lane_ids=(outside,),
+            stop_share=np.full(1, 0.5),
+            states=np.ones(steps, np.int8),
+        ),
+    )
+    return replace(scenario, signals=signals)
+
+
+def test_signals_have_lights_and_phases(tmp_path: Path):
+    scene = with_signals(open_scenario("crosswalk"))
+    path = written(scene, tmp_path)
+    check_roads(scene, path)
+    names, root = lane_names(path), etree.parse(path).getroot()
+    states = etree.parse(path.with_suffix(".xosc")).getroot()
+    lamps = {"off;off;off": 0, "on;off;off": 1, "off;on;off": 2, "off;off;on": 3}
+    for own in scene.signals:
+        (control,) = root.xpath("controller[@name=$name]", name=own.signal_id)
+        lights = [one.get("signalId", "") for one in control]
+        for light, lane in zip(lights, own.lane_ids, strict=True):
+            road, number = names[lane]
+            (found,) = root.xpath(f"road[@id={road}]/signals/signal[@id={light}]")
+            assert found[0].get("fromLane") == found[0].get("toLane") == number
+        (control,) = states.xpath(
+            "//TrafficSignalController[@name=$name]", name=own.signal_id
+        )
+        phases = [
+            (lamps[phase[0].get("state")], round(float(phase.get("duration")) * 10))
+            for phase in control
+        ]
+        assert np.repeat(*zip(*phases, strict=True)).tolist() == own.states.tolist()
+        assert [one.get("trafficSignalId") for one in control[0]] == lights
+
+
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.real_data
@@ -363,7 +412,8 @@ def test_checkers_of_asam_find_nothing(
 ):
     """XSDs of OpenDRIVE 1.7 and OpenSCENARIO 1.2, and all rules that have a checker."""
     paths = []
-    for number, scenario in enumerate(real_scenes(av2_scenario_folders, 26)):
+    scenes = map(with_signals, real_scenes(av2_scenario_folders, 26))
+    for number, scenario in enumerate(scenes):
         folder = tmp_path / str(number)
         folder.mkdir()
         road = written(scenario, folder)
