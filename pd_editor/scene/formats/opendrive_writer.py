@@ -402,9 +402,9 @@ def _fitted(
         width = _widths(lanes, found)
         border = _borders(lateral, width)
         goes_on = (np.diff(found, axis=0) * ahead[:-1, None]).sum(axis=-1) > 0
-        pairs = zip(found.swapaxes(0, 1), centers, strict=True)
         gaps = [
-            shapely.hausdorff_distance(*map(shapely.LineString, pair)) for pair in pairs
+            shapely.hausdorff_distance(shapely.LineString(one), shapely.LineString(its))
+            for one, its in zip(found.swapaxes(0, 1), centers, strict=True)
         ]
         is_right = (
             np.isfinite(beside).all()

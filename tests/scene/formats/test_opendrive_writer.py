@@ -381,6 +381,10 @@ def test_signals_have_lights_and_phases(tmp_path: Path):
     scene = with_signals(open_scenario("crosswalk"))
     path = written(scene, tmp_path)
     check_roads(scene, path)
+    places = [
+        one.stop_lines_m()[:, 1] + one.origin_city_m for one in (scene, read(path))
+    ]
+    np.testing.assert_allclose(*places, atol=0.05)
     names, root = lane_names(path), etree.parse(path).getroot()
     states = etree.parse(path.with_suffix(".xosc")).getroot()
     lamps = {"off;off;off": 0, "on;off;off": 1, "off;on;off": 2, "off;off;on": 3}
