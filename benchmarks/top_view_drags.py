@@ -50,7 +50,7 @@ class Outcome:
 
 def seen_from_above(editor: EditorPage) -> None:
     """Go to the top view at t = 0, paused."""
-    editor.until(lambda: editor._tab()._is_built, "the page")
+    editor.until(lambda: editor.tab()._is_built, "the page")
     workspace = editor.workspace
     workspace.playback.pause()
     workspace.playback.seek(float(workspace.playback.axis.current_step))

@@ -44,9 +44,9 @@ class EditorPage:
         client_id = max(set(clients()) - self._known)
         self._known.add(client_id)
         self.client = clients()[client_id]
-        self.until(lambda: self._tab() is not None, "a session")
-        self.until(lambda: self._tab()._is_built, "the panels")
-        self.until(lambda: self._tab().overlay.is_ready, "the overlay")
+        self.until(lambda: self.tab() is not None, "a session")
+        self.until(lambda: self.tab().is_built, "the panels")
+        self.until(lambda: self.tab().ui.overlay.is_ready, "the overlay")
         self.until(
             lambda: self.page.get_by_role("tab", name="Agents").count() > 0, "the page"
         )
@@ -56,17 +56,17 @@ class EditorPage:
             ".innerText.includes('WebGL') && b.click())"
         )
 
-    def _tab(self) -> Any:
+    def tab(self) -> Any:
         entry = self.app._tabs.get(self.client.client_id)
         return None if entry is None else entry[1]
 
     @property
     def session(self) -> EditorSession:
-        return self._tab()._workspace.session
+        return self.tab().workspace.session
 
     @property
     def workspace(self):
-        return self._tab()._workspace
+        return self.tab().workspace
 
     def until(
         self, condition: Callable[[], object], what: str, seconds: float = PATIENCE_S

@@ -177,7 +177,7 @@ def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
 @pytest.mark.slow
 def test_what_a_drag_does_to_the_future_is_told(editor):
     """The chip tells later problems after the mouse is let go, in either view."""
-    session, watch = editor.session, editor._tab().problems
+    session, watch = editor.session, editor.tab().ui.model.findings
     look_from_above(editor)
     (agent_id,) = vehicles_near_focal(editor, 1)
     before = session.scenario

@@ -33,8 +33,8 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_edit
     (agent_id, *_) = (
         one for one in editor.session.scenario.agents.ids if one.startswith("car")
     )
-    editor._tab()._ui.post(
-        lambda: editor._tab()._ui.apply(DeleteAgents(agent_ids=(agent_id,)))
+    editor.tab().ui.post(
+        lambda: editor.tab().ui.apply(DeleteAgents(agent_ids=(agent_id,)))
     )
     editor.until(lambda: editor.session.entries, "an edit")
     page.evaluate(FLASHES)

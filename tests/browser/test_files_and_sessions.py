@@ -90,7 +90,7 @@ def test_a_missing_folder_says_so_and_names_are_shown_as_text(open_editor):
 def test_a_reload_waits_for_the_end_of_what_the_former_page_does(open_editor):
     editor = open_editor()
     session, goes_on = editor.session, threading.Event()
-    editor._tab()._ui.post(lambda: goes_on.wait(20))
+    editor.tab().ui.post(lambda: goes_on.wait(20))
     threading.Timer(3.0, goes_on.set).start()
     editor.reload()
     assert goes_on.is_set()
@@ -103,7 +103,7 @@ def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
     focal = editor.session.scenario.focal_id
     session = editor.session
     editor.workspace.playback.pause()
-    editor._tab()._ui.post(
+    editor.tab().ui.post(
         lambda: session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=3.0))
     )
     editor.until(lambda: len(session.entries) == 1, "an edit")
@@ -122,7 +122,7 @@ def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
 
 def test_a_raising_callback_is_shown_and_the_editor_lives(open_editor, caplog):
     editor = open_editor()
-    editor._tab()._ui.post(lambda: 1 / 0)
+    editor.tab().ui.post(lambda: 1 / 0)
     notice(editor, "A bug in the editor")
     assert "ZeroDivisionError" in caplog.text
     editor.pause()
@@ -179,7 +179,7 @@ def test_another_scenario_keeps_the_edits_and_coming_back_resumes_them(open_edit
     editor = open_editor()
     session = editor.session
     focal, other = session.scenario.agents.ids[:2]
-    editor._tab()._ui.post(
+    editor.tab().ui.post(
         lambda: (
             [
                 session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=speed))
@@ -214,7 +214,7 @@ def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
     editor = open_editor()
     session = editor.session
     focal = session.scenario.focal_id
-    editor._tab()._ui.post(
+    editor.tab().ui.post(
         lambda: session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=3.0))
     )
     editor.until(lambda: session.entries, "an edit")
@@ -242,7 +242,7 @@ def test_a_basket_is_opened_again_as_a_list(open_editor, tmp_path):
             session.apply(SetAgentSpeed(agent_ids=ids, speed_mps=speed))
             workspace.star()
 
-    editor._tab()._ui.post(star_two)
+    editor.tab().ui.post(star_two)
     editor.until(lambda: len(workspace.basket.entries()) == 2, "two stars")
     first, second = (entry.name for entry in workspace.basket.entries())
     upload = tmp_path / "basket.zip"

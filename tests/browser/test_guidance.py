@@ -71,7 +71,9 @@ def steered(open_editor):
     editor = open_editor()
     editor.go_to_now()
     editor.key("v")
-    editor.until(lambda: editor._tab().pointer._seen_camera.pose.fov < 0.2, "above")
+    editor.until(
+        lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
+    )
     editor.close_notifications()
     return Steered(editor)
 
@@ -206,7 +208,7 @@ def test_path_stop_line_and_agents_are_drawn_and_picked(steered):
         steered.banner(tool)
         steered.click(steered.ahead(-25.0, 25.0))
         page.get_by_text("No other agent is there").first.wait_for()
-        assert editor._tab().modes.steering.mode.is_active
+        assert editor.tab().elements.steering.mode.is_active
         editor.close_notifications()
         steered.click(steered.place[steered.other])
         editor.until(lambda kind=kind: isinstance(steered.guidance[-1], kind), tool)

@@ -85,7 +85,9 @@ def test_from_demo_to_export(editor):
 
     editor.open_tab("Drive")
     editor.press("Show possible trajectories")
-    editor.until(lambda: editor._tab().picture.candidates.shown is not None, "the fan")
+    editor.until(
+        lambda: editor.tab().elements.candidates.view.shown is not None, "the fan"
+    )
     editor.screenshot("03_candidates")
     editor.press("Hide possible trajectories")
     editor.choose("Agents", "All agents")
@@ -113,7 +115,7 @@ def test_a_candidate_clicked_on_the_road_is_adopted(editor):
     editor.click_at(roof(editor, focal))
     editor.open_tab("Drive")
     editor.press("Show possible trajectories")
-    fan = editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
+    fan = editor.until(lambda: editor.tab().elements.candidates.view.shown, "the fan")
     agents = session.scenario.agents
     others = agents.position_m[agents.is_valid[:, 49], 49]
     moving = np.flatnonzero(fan.is_valid[0] & ~fan.is_standstill[0])
@@ -125,7 +127,7 @@ def test_a_candidate_clicked_on_the_road_is_adopted(editor):
     end = session.scenario.agents.position_m[row, -1]
     ends = fan.position_m[0, moving, -1]
     assert np.linalg.norm(ends - end, axis=-1).min() < 1e-3
-    assert editor._tab().picture.candidates.shown is None
+    assert editor.tab().elements.candidates.view.shown is None
 
 
 def test_a_candidate_chosen_in_the_list_is_adopted(editor):
@@ -134,9 +136,9 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     editor.click_at(roof(editor, focal))
     editor.open_tab("Drive")
     editor.press("Show possible trajectories")
-    view = editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
+    view = editor.until(lambda: editor.tab().elements.candidates.view.shown, "the fan")
     # The panel lists the candidates just after the picture shows them.
-    choice = editor._tab().panels.candidates._choice
+    choice = editor.tab().elements.candidates._choice
     editor.until(
         lambda: any("slowing to stop" in label for label in choice.options), "the list"
     )
@@ -280,7 +282,7 @@ def test_playback_theme_layers_and_history(editor):
 def roof_now(editor) -> tuple[float, float, float]:
     """Where the focal agent is drawn at the playhead."""
     row = editor.session.scenario.agents.row_of[editor.session.scenario.focal_id]
-    x, y = editor._tab().picture.agents.poses.position_m[row]
+    x, y = editor.tab().ui.model.poses.position_m[row]
     return float(x), float(y), 1.0
 
 

@@ -43,7 +43,7 @@ def collide(editor) -> None:
     command = DuplicateAgents(
         agent_ids=(copied,), new_ids=(f"copy-{copied}",), dx_m=0.4
     )
-    editor._tab()._ui.post(lambda: session.apply(command))
+    editor.tab().ui.post(lambda: session.apply(command))
 
 
 def strip_beside_a_problem(editor, count: int):
@@ -129,7 +129,7 @@ def test_the_status_chip_shows_all_of_its_words(editor):
         session.scenario.current_step,
     ].tolist()
     term = GoalPoint(agent_id=session.scenario.focal_id, point_m=(x, y))
-    editor._tab()._ui.post(lambda: session.apply(AddGuidance(term=term)))
+    editor.tab().ui.post(lambda: session.apply(AddGuidance(term=term)))
     chip = page.locator(".pd-chip")
     expect(chip).to_contain_text("problem")
     expect(chip.get_by_role("button", name="Regenerate")).to_be_visible()

@@ -17,7 +17,9 @@ def editor(open_editor):
     page = open_editor()
     page.go_to_now()
     page.key("v")
-    page.until(lambda: page._tab().pointer._seen_camera.pose.fov < 0.2, "from above")
+    page.until(
+        lambda: page.tab().elements.pointer._seen_camera.pose.fov < 0.2, "from above"
+    )
     page.settle()
     return page
 
@@ -141,7 +143,7 @@ def test_only_agents_in_a_drawn_region_are_regenerated(editor):
     editor.page.get_by_text("Drawing a region").first.wait_for()
     corner = place_of(editor, opened.focal_id)
     editor.drag(corner + HALF_M, corner - HALF_M)
-    region = editor.until(lambda: editor._tab().modes.region.region, "a region")
+    region = editor.until(lambda: editor.tab().elements.region.region, "a region")
     inside = region.held(opened, drivable_agent_ids(opened))
     assert 0 < len(inside) < len(drivable_agent_ids(opened))
     editor.press("Regenerate")

@@ -105,7 +105,7 @@ def test_playback_goes_on_while_the_model_draws(editor):
     playback = editor.workspace.playback
     playback.play()
     editor.press("Regenerate")
-    panel = editor._tab().panels.generation
+    panel = editor.tab().elements.generation
     seen = set()
     while panel._result.is_running:
         seen.add(int(playback.step))

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.browser
 
 def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_editor):
     editor = open_editor()
-    editor.until(lambda: editor._tab().overlay.is_ready, "the overlay's first word")
+    editor.until(lambda: editor.tab().ui.overlay.is_ready, "the overlay's first word")
     editor.until(lambda: "signalised-junction" in editor.page.title(), "the title")
     editor.go_to_now()
     editor.settle()
@@ -32,7 +32,7 @@ def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_edit
 def test_a_reload_leaves_one_overlay(open_editor):
     editor = open_editor()
     editor.reload()
-    editor.until(lambda: editor._tab().overlay.is_ready, "the overlay again")
+    editor.until(lambda: editor.tab().ui.overlay.is_ready, "the overlay again")
     expect(editor.page.locator("#pd-overlay")).to_have_count(1)
 
 

@@ -10,7 +10,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 @pytest.fixture
 def editor(open_editor):
     page = open_editor()
-    page.until(lambda: page._tab().overlay.is_ready, "the overlay")
+    page.until(lambda: page.tab().ui.overlay.is_ready, "the overlay")
     page.workspace.playback.pause()
     return page
 
@@ -28,7 +28,7 @@ def row_of(editor, agent_id: str):
 
 
 def select(editor, *agent_ids: str) -> None:
-    editor._tab()._ui.post(lambda: editor.session.select(agent_ids))
+    editor.tab().ui.post(lambda: editor.session.select(agent_ids))
     editor.until(lambda: editor.session.selection == agent_ids, "a selection")
 
 
@@ -54,8 +54,8 @@ def test_the_list_searches_selects_and_lights_up_agents(editor):
     rows(editor).nth(3).click(modifiers=["Control"])
     editor.until(lambda: set(session.selection) == {ids[2], *ids[4:6]}, "one less")
     rows(editor).nth(6).hover()
-    editor.until(lambda: editor._tab().picture._pointed_id == ids[6], "an agent lit up")
-    lit = editor._tab().picture._marks._pointed.batched_scales
+    editor.until(lambda: editor.tab().ui.model.pointed_id == ids[6], "an agent lit up")
+    lit = editor.tab().elements.picture._marks._pointed.batched_scales
     assert lit.max() > 0.5
 
     page.get_by_label("Search agents").fill("pedestrian")
@@ -106,7 +106,9 @@ def test_the_list_searches_selects_and_lights_up_agents(editor):
         "the same kind",
     )
     editor.key("Control+f")
-    editor.until(lambda: not editor._tab().agent_list.is_open, "the list closed")
+    editor.until(
+        lambda: not editor.tab().elements.agent_list.is_open, "the list closed"
+    )
 
 
 def test_the_list_sorts_by_distance_to_the_focal_agent(editor):
@@ -350,8 +352,8 @@ def test_possible_trajectories_are_told_apart(editor):
     editor.press("Show possible trajectories")
     expect(use).to_be_disabled()
     before = top_of(use)
-    editor.until(lambda: editor._tab().picture.candidates.shown, "the fan")
-    panel = editor._tab().panels.candidates
+    editor.until(lambda: editor.tab().elements.candidates.view.shown, "the fan")
+    panel = editor.tab().elements.candidates
     labels = editor.until(
         lambda: len(panel._choice.options) > 1 and panel._choice.options, "the words"
     )

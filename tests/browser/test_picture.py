@@ -21,7 +21,7 @@ def editor(open_editor):
     page.go_to_now()
     page.close_notifications()
     page.key("v")
-    page.until(lambda: page._tab().picture._view.is_from_above, "the top view")
+    page.until(lambda: page.tab().elements.picture._view.is_from_above, "the top view")
     page.settle()
     return page
 
@@ -110,7 +110,7 @@ def test_pedestrians_can_be_hit_from_far_above(editor):
         camera.position = (x, y, 1.6 * height)
         camera.look_at = (x, y, 0.0)
     editor.until(
-        lambda: editor._tab().picture._view.distance_m > 1.5 * height,
+        lambda: editor.tab().elements.picture._view.distance_m > 1.5 * height,
         "the camera's report",
     )
     editor.settle()
@@ -131,13 +131,13 @@ def test_holding_o_shows_the_original(editor):
     session, focal = editor.session, editor.session.scenario.focal_id
     x, y = centre(editor, focal)
     session.select((focal,))
-    editor._tab()._ui.post(
+    editor.tab().ui.post(
         lambda: session.apply(
             TransformAgents(agent_ids=(focal,), dx_m=6.0, dy_m=0.0, rotation_rad=0.0)
         )
     )
     editor.until(lambda: session.entries, "the move")
-    comparison = editor._tab().picture.comparison
+    comparison = editor.tab().elements.picture.comparison
     editor.page.evaluate("document.activeElement?.blur()")
     editor.page.keyboard.down("o")
     editor.until(lambda: comparison.is_on, "the original")
@@ -165,7 +165,7 @@ def test_the_sheet_lists_every_registered_key_and_escape_only_closes_it(editor):
     session.select((session.scenario.focal_id,))
     sheet = editor.page.get_by_role("dialog", name="Keys and mouse")
     editor.page.set_viewport_size({"width": 1280, "height": 720})
-    editor._tab()._ui.notify("A notice", "It stays.", stays=True)
+    editor.tab().ui.notify("A notice", "It stays.", stays=True)
     notice = editor.page.get_by_text("It stays.")
     notice.wait_for()
     editor.key("?")
@@ -176,7 +176,7 @@ def test_the_sheet_lists_every_registered_key_and_escape_only_closes_it(editor):
     text = sheet.inner_text()
     missing = [
         hotkey.label
-        for hotkey in editor._tab()._ui.hotkeys
+        for hotkey in editor.tab().ui.hotkeys
         if hotkey.key and hotkey.label.split(" (")[0] not in text
     ]
     assert not missing
@@ -218,7 +218,7 @@ def test_the_legend_has_the_colours_of_the_theme_and_stays_folded(editor):
 def test_the_legend_tells_of_padlocks_and_of_the_original_road_while_it_is_drawn(
     editor,
 ):
-    session, page, ui = editor.session, editor.page, editor._tab()._ui
+    session, page, ui = editor.session, editor.page, editor.tab().ui
     legend = page.locator("#pd-legend-list")
     expect(legend).not_to_contain_text("Original")
     term = WarpTerm(kind="smooth-turn", power=5.0, length_m=30.0)

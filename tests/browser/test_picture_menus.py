@@ -135,7 +135,7 @@ def test_possible_trajectories_say_what_a_click_does(editor):
         f"Possible trajectories of vehicle {session.scenario.focal_id}"
     ).wait_for()
     editor.press("Done (Esc)")
-    editor.until(lambda: editor._tab().picture.candidates.shown is None, "the end")
+    editor.until(lambda: editor.tab().elements.candidates.view.shown is None, "the end")
     bar.wait_for(state="hidden")
 
 
@@ -145,7 +145,9 @@ def test_bending_from_here_takes_the_clicked_place(editor):
     right_click(editor, point)
     item(editor, "Bend the road from here").click()
     editor.open_tab("Road")
-    editor.until(lambda: editor._tab().panels.road._gizmo.pose is not None, "an anchor")
-    pose = editor._tab().panels.road._gizmo.pose
+    editor.until(
+        lambda: editor.tab().elements.road._gizmo.pose is not None, "an anchor"
+    )
+    pose = editor.tab().elements.road._gizmo.pose
     assert np.hypot(pose.x_m - point[0], pose.y_m - point[1]) < 0.3
     assert not session.entries

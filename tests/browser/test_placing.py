@@ -44,7 +44,7 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
     before = len(session.scenario.agents)
     editor.open_tab("Road")
     editor.key("p")
-    editor.until(lambda: editor._tab().modes.placing.is_active, "the mode")
+    editor.until(lambda: editor.tab().elements.placing.is_active, "the mode")
     banner(editor).get_by_text("Placing a vehicle").wait_for()
     point, heading = focal_ahead(editor, 12.0)
     page.mouse.move(*editor.pixel(point))
@@ -52,7 +52,7 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
     ghost = page.locator(".pd-placing-base")
     editor.until(lambda: "M" in (ghost.get_attribute("d") or ""), "a ghost")
     editor.until(
-        lambda: abs(editor._tab().modes.placing._heading_rad - heading) < 0.3,
+        lambda: abs(editor.tab().elements.placing._heading_rad - heading) < 0.3,
         "the heading of the lane",
     )
     editor.screenshot("09_placing")
@@ -77,7 +77,7 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
     agents, row = placed(editor, before + 2)
     assert agents.kinds[row] is AgentKind.PEDESTRIAN
     editor.key("Escape")
-    editor.until(lambda: not editor._tab().modes.placing.is_active, "the end")
+    editor.until(lambda: not editor.tab().elements.placing.is_active, "the end")
     banner(editor).wait_for(state="hidden")
     editor.until(lambda: cursor(editor) != "crosshair", "the usual cursor")
     assert ghost.is_hidden()
@@ -87,7 +87,9 @@ def test_placing_in_the_top_view_draws_no_box(editor):
     """(D8)"""
     session, before = editor.session, len(editor.session.scenario.agents)
     editor.key("v")
-    editor.until(lambda: editor._tab().pointer._seen_camera.pose.fov < 0.2, "above")
+    editor.until(
+        lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
+    )
     editor.key("p")
     banner(editor).get_by_text("Placing a vehicle").wait_for()
     point, _ = focal_ahead(editor, 14.0)
@@ -120,9 +122,7 @@ def test_edits_away_from_t_0_bring_the_playhead_there(editor):
     assert np.linalg.norm(agents.position_m[row, 49] - point) < 0.3
     assert playback.step == playback.axis.current_step
     poses = editor.until(
-        lambda: (
-            (p := editor._tab().picture.agents.poses) and len(p.position_m) > row and p
-        ),
+        lambda: (p := editor.tab().ui.model.poses) and len(p.position_m) > row and p,
         "the new agent in the picture",
     )
     assert np.linalg.norm(poses.position_m[row] - point) < 0.3
@@ -141,7 +141,7 @@ def test_a_drag_away_from_t_0_moves_nothing(editor):
     opened = session.scenario
     editor.seek(1.0)
     row = opened.agents.row_of[opened.focal_id]
-    x, y = editor._tab().picture.agents.poses.position_m[row]
+    x, y = editor.tab().ui.model.poses.position_m[row]
     editor.drag((x, y, 1.2), (x + 4.0, y + 3.0, 1.2))
     editor.until(lambda: playback.step == playback.axis.current_step, "t = 0")
     assert session.scenario is opened

@@ -30,7 +30,7 @@ class Hasty:
         )
 
     def keep_busy(self) -> None:
-        self.editor._tab()._inbox.post(lambda: time.sleep(BUSY_S))
+        self.editor.tab()._inbox.post(lambda: time.sleep(BUSY_S))
 
     def tool(self, toolbar: str, name: str) -> None:
         bar = self.page.get_by_role("toolbar", name=toolbar, exact=True)
@@ -48,7 +48,9 @@ def hasty(open_editor):
     editor = open_editor()
     editor.go_to_now()
     editor.key("v")
-    editor.until(lambda: editor._tab().pointer._seen_camera.pose.fov < 0.2, "above")
+    editor.until(
+        lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
+    )
     editor.close_notifications()
     editor.session.select((AGENT,))
     editor.settle()
@@ -110,7 +112,7 @@ def test_a_drag_at_once_after_its_button_draws_the_region(hasty):
     hasty.keep_busy()
     button.click()
     hasty.drag()
-    editor.until(lambda: editor._tab().modes.region.region, "a region")
+    editor.until(lambda: editor.tab().elements.region.region, "a region")
 
 
 def test_clicks_at_once_after_the_measuring_tool_set_points(hasty):

@@ -29,9 +29,9 @@ def bend(editor, power: float = 10.0) -> None:
     scenario = editor.session.scenario
     term = WarpTerm(kind="double-turn", power=power, length_m=10.0)
     warp = RoadWarp(anchor=pose_of_anchor(scenario, "focal"), terms=(term,))
-    editor._tab()._ui.post(lambda: editor.session.apply(SetRoadWarp(warp=warp)))
+    editor.tab().ui.post(lambda: editor.session.apply(SetRoadWarp(warp=warp)))
     editor.until(
-        lambda: any(p.kind == "friction" for p in editor._tab().problems.new),
+        lambda: any(p.kind == "friction" for p in editor.tab().ui.model.findings.new),
         "agents over the friction limit",
     )
 
@@ -92,7 +92,7 @@ def same(old: tuple, new: tuple) -> bool:
 def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     """(D10, D13, D24) Chip, list, ticks, rings and a cure that is one undo step."""
     page, session = editor.page, editor.session
-    playback, watch = editor.workspace.playback, editor._tab().problems
+    playback, watch = editor.workspace.playback, editor.tab().ui.model.findings
     editor.until(lambda: chip(editor) == "No new problems", "a green chip")
     before = page.locator(".pd-chip").bounding_box()
     bend(editor)
@@ -158,7 +158,7 @@ def test_a_click_beside_a_tick_seeks_and_one_on_it_chooses(editor):
     """A tick took presses within 30 px, so that scrubbing chose problems and flew there."""
     page, session, playback = editor.page, editor.session, editor.workspace.playback
     bend(editor)
-    last = editor._tab().problems.new[-1]
+    last = editor.tab().ui.model.findings.new[-1]
     wanted = last.first_step
     name = f"Problem at {(wanted - session.scenario.current_step) / 10:.1f} s"
     tick = page.get_by_role("button", name=name).bounding_box()
@@ -177,7 +177,7 @@ def test_a_click_beside_a_tick_seeks_and_one_on_it_chooses(editor):
 
 def test_what_cannot_help_is_not_offered(editor):
     """(D13) A collision now is not cured by new futures; removing one agent helps."""
-    session, watch = editor.session, editor._tab().problems
+    session, watch = editor.session, editor.tab().ui.model.findings
     scenario = session.scenario
     focal = scenario.agents.row_of[scenario.focal_id]
     other = next(
@@ -192,7 +192,7 @@ def test_what_cannot_help_is_not_offered(editor):
     )
     name = scenario.agents.ids[other]
     move = TransformAgents(agent_ids=(name,), dx_m=float(dx), dy_m=float(dy))
-    editor._tab()._ui.post(lambda: session.apply(move))
+    editor.tab().ui.post(lambda: session.apply(move))
     editor.until(lambda: any(p.kind == "collision" for p in watch.new), "a collision")
     editor.page.locator(".pd-chip-main").click()
     editor.page.locator(".pd-problem-row", has_text="collide").first.click()
@@ -248,7 +248,7 @@ def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(
     editor.fill("Samples", 16)
     editor.fill("Denoising steps", 50)
     editor.open_tab("Scene")
-    panel = editor._tab().panels.generation
+    panel = editor.tab().elements.generation
     cancel = editor.page.locator(".pd-chip").get_by_role("button", name="Cancel")
     editor.key("r")
     editor.until(lambda: panel._result.is_running, "a run")
@@ -271,9 +271,9 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     page.get_by_role("button", name="Ignore", exact=True).wait_for()
     assert session.selection
     expect(hint).to_be_hidden()
-    overlay = editor._tab().overlay
+    overlay = editor.tab().ui.overlay
     # What is shown here stays until the end.
-    monkeypatch.setattr(editor._tab().chip, "show", lambda: None)
+    monkeypatch.setattr(editor.tab().elements.chip, "show", lambda: None)
     state = json.loads(overlay._shown["status"])
     state["active"]["cures"] = [
         "Regenerate 131326",
@@ -283,7 +283,7 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
         "Remove 131326",
         "Remove 131600",
     ]
-    editor._tab()._ui.post(lambda: overlay.show("status", state))
+    editor.tab().ui.post(lambda: overlay.show("status", state))
     page.get_by_role("button", name="Remove 131600").wait_for()
     box = page.locator(".pd-problems").bounding_box()
     for name in (*state["active"]["cures"], "Ignore"):
@@ -305,7 +305,7 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
 
 def test_escape_closes_the_list_with_the_focus_elsewhere(editor):
     """A mode ends first; then the list closes; then the selection is cleared."""
-    page, session, tab = editor.page, editor.session, editor._tab()
+    page, session, tab = editor.page, editor.session, editor.tab()
     bend(editor)
     opened = page.locator(".pd-problems")
     mode = page.get_by_role("status", name="Mode")
@@ -323,7 +323,7 @@ def test_escape_closes_the_list_with_the_focus_elsewhere(editor):
     # It opens again, and closes again.
     page.locator(".pd-chip-main").click()
     expect(opened).to_be_visible()
-    editor.until(lambda: tab.chip._is_open, "the server to know")
+    editor.until(lambda: tab.elements.chip._is_open, "the server to know")
     editor.key("Escape")
     expect(opened).to_be_hidden()
     editor.key("Escape")
@@ -333,7 +333,7 @@ def test_escape_closes_the_list_with_the_focus_elsewhere(editor):
 @pytest.mark.slow
 def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     """What a row leads to is in sight beside the list; keys walk, and nothing moves."""
-    page, session, tab = editor.page, editor.session, editor._tab()
+    page, session, tab = editor.page, editor.session, editor.tab()
     page.set_viewport_size({"width": 1280, "height": 720})
     agents, now = session.scenario.agents, session.scenario.current_step
     copied = [
@@ -344,11 +344,11 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
         new_ids=tuple(f"copy-{name}" for name in copied),
         dx_m=0.4,
     )
-    tab._ui.post(lambda: session.apply(copy))
-    watch = tab.problems
+    tab.ui.post(lambda: session.apply(copy))
+    watch = tab.ui.model.findings
     editor.until(lambda: len(watch.new) >= 20, "twenty problems")
     editor.until(lambda: tab._checks_future_at is None, "those of the future")
-    tab._ui.post(lambda: session.select(()))
+    tab.ui.post(lambda: session.select(()))
     page.locator(".pd-chip-main").click()
     places = [page.locator(name) for name in (".pd-problems", ".pd-problem-detail")]
     known = [problem.key for problem in watch.new]
@@ -357,7 +357,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     still = [place.bounding_box() for place in places]
 
     def active() -> int | None:
-        chosen = tab.chip._active
+        chosen = tab.elements.chip._active
         return None if chosen is None else known.index(chosen[1].key)
 
     # The focus is on the chip that opened the list: keys walk from there.
@@ -376,7 +376,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     page.mouse.wheel(0, 4000)
     rows(editor).last.click()
     editor.until(lambda: active() == len(known) - 1, "the last row")
-    editor.until(lambda: tab.chip._cures, "what helps")
+    editor.until(lambda: tab.elements.chip._cures, "what helps")
     editor.settle()
     x, y = editor.pixel(watch.new[-1].place_m)
     assert x < still[0]["x"] - 40
@@ -391,8 +391,8 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
         "document.activeElement.classList.contains('pd-problem-row')"
     )
     page.keyboard.press("ArrowUp")
-    editor.until(lambda: tab.chip._active is not None, "a row")
-    assert tab.chip._active[1] == watch.new[-2]
+    editor.until(lambda: tab.elements.chip._active is not None, "a row")
+    assert tab.elements.chip._active[1] == watch.new[-2]
     assert [place.bounding_box() for place in places] == still
 
 
@@ -402,7 +402,7 @@ def test_a_report_leaves_with_its_result(editor):
     editor.session.select((editor.session.scenario.focal_id,))
     editor.press("Regenerate the selection")
     editor.until(lambda: len(editor.session.entries) == 1, "a future")
-    report = editor._tab().panels.generation._result._report
+    report = editor.tab().elements.generation._result._report
     editor.until(lambda: "1 agent in" in report.text, "a report")
     editor.key("Control+z")
     editor.until(lambda: report.text == "", "no report")
@@ -413,7 +413,7 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
     monkeypatch.setattr(
         EditorSession, "journal_problem", property(lambda _: "the disk is full.")
     )
-    editor._tab()._ui.post(editor._tab().chip.show)
+    editor.tab().ui.post(editor.tab().elements.chip.show)
     alert = editor.page.get_by_role("alert").filter(has_text="Edits are not saved")
     alert.wait_for()
     expect(alert).to_contain_text("the disk is full")
@@ -421,5 +421,5 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
         alert.get_by_role("button", name="Download").click()
     assert download.value.suggested_filename.endswith(".zip")
     monkeypatch.undo()
-    editor._tab()._ui.post(editor._tab().chip.show)
+    editor.tab().ui.post(editor.tab().elements.chip.show)
     alert.wait_for(state="hidden")

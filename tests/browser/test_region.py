@@ -20,7 +20,7 @@ def banner(editor):
 
 
 def drawn_region(editor):
-    return editor._tab().modes.region.region
+    return editor.tab().elements.region.region
 
 
 def near_focal(editor, dx: float, dy: float) -> np.ndarray:
@@ -35,7 +35,9 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     editor.open_tab("Drive")
     if view == "Top view":
         editor.key("v")
-        editor.until(lambda: editor._tab().pointer._seen_camera.pose.fov < 0.2, "above")
+        editor.until(
+            lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
+        )
     editor.press("Draw a region")
     banner(editor).get_by_text("Drawing a region").wait_for()
     cursor = "getComputedStyle(__viserMutable.canvas).cursor"
@@ -53,7 +55,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     label = page.get_by_role("group", name="Region")
     label.wait_for()
     assert re.match(r"Region (19|20)\.\d", label.text_content() or "")
-    assert editor._tab().panels.generation._where.value == "In the region I draw"
+    assert editor.tab().elements.generation._where.value == "In the region I draw"
 
     # Esc leaves the mode, and the region as it was; undo has nothing to do with it.
     editor.press("Draw a region")
@@ -87,7 +89,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     page.get_by_role("button", name="Clear the region").click()
     editor.until(lambda: drawn_region(editor) is None, "no region")
     label.wait_for(state="hidden")
-    assert editor._tab().panels.generation._where.value == "On the whole mapped road"
+    assert editor.tab().elements.generation._where.value == "On the whole mapped road"
 
 
 def test_a_region_that_is_too_small_is_refused_and_the_mode_stays(editor):
@@ -97,7 +99,7 @@ def test_a_region_that_is_too_small_is_refused_and_the_mode_stays(editor):
     editor.drag(near_focal(editor, 0.0, 0.0), near_focal(editor, 4.0, 2.0))
     editor.page.get_by_text("drag over at least 10 m").first.wait_for()
     assert drawn_region(editor) is None
-    assert editor._tab().modes.region.is_active
+    assert editor.tab().elements.region.is_active
 
 
 def test_a_region_outlives_a_reload(editor):
@@ -108,12 +110,12 @@ def test_a_region_outlives_a_reload(editor):
     region = editor.until(lambda: drawn_region(editor), "a region")
     editor.reload()
     assert editor.until(lambda: drawn_region(editor), "the region again") == region
-    assert editor._tab().panels.generation._where.value == "In the region I draw"
+    assert editor.tab().elements.generation._where.value == "In the region I draw"
     editor.page.get_by_role("group", name="Region").wait_for()
     editor.page.get_by_role("button", name="Clear the region").click()
     editor.until(lambda: drawn_region(editor) is None, "no region")
     editor.reload()
     editor.open_tab("Drive")
-    panel = editor._tab().panels.generation
+    panel = editor.tab().elements.generation
     assert panel._where.value == "On the whole mapped road"
     assert drawn_region(editor) is None

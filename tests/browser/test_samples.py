@@ -53,7 +53,7 @@ def labels(editor) -> list[str]:
 
 def drawn_end(editor) -> np.ndarray:
     """Positions of all agents in the picture."""
-    return editor._tab().picture.agents.poses.position_m
+    return editor.tab().ui.model.poses.position_m
 
 
 def test_samples_are_previewed_adopted_and_undone(editor):
@@ -76,14 +76,12 @@ def test_samples_are_previewed_adopted_and_undone(editor):
 
     # Pointing shows another sample in the scene, and is no edit.
     card(editor, 3).hover()
-    editor.until(
-        lambda: editor._tab().picture.samples.previewed is not None, "a preview"
-    )
+    editor.until(lambda: editor.tab().ui.model.sample is not None, "a preview")
     editor.until(lambda: not np.array_equal(drawn_end(editor), before), "its agents")
     assert session.scenario is first
     assert len(session.entries) == 1
     editor.screenshot("samples_preview")
-    previewed = editor._tab().picture.samples.previewed
+    previewed = editor.tab().ui.model.sample
     editor.page.mouse.move(300, 60)
     editor.until(lambda: np.array_equal(drawn_end(editor), before), "the end of it")
 
@@ -137,9 +135,7 @@ def test_samples_by_keys_ranking_and_choice(editor):
     page.keyboard.press("ArrowRight")
     page.wait_for_function(f"document.activeElement.dataset.index !== '{at}'")
     number = int(page.evaluate("document.activeElement.dataset.index")) + 1
-    editor.until(
-        lambda: editor._tab().picture.samples.previewed is not None, "a preview"
-    )
+    editor.until(lambda: editor.tab().ui.model.sample is not None, "a preview")
     page.keyboard.press("Enter")
     editor.until(
         lambda: labels(editor)[0].endswith(f"sample {number} of 5"), "the sample"
@@ -149,7 +145,7 @@ def test_samples_by_keys_ranking_and_choice(editor):
     strip(editor).get_by_role("combobox", name="Order of the samples").select_option(
         "movement"
     )
-    numbers = editor._tab().picture.samples._cards.numbers
+    numbers = editor.tab().elements.samples._cards.numbers
     most = max(
         range(5), key=lambda n: numbers[n].moving_share * numbers[n].mean_speed_mps
     )

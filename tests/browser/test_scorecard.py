@@ -39,7 +39,7 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     gap = scenario.agents.position_m[other, now] - scenario.agents.position_m[one, now]
     name = scenario.agents.ids[one]
     command = TransformAgents(agent_ids=(name,), dx_m=float(gap[0]), dy_m=float(gap[1]))
-    editor._tab()._ui.post(lambda: editor.session.apply(command))
+    editor.tab().ui.post(lambda: editor.session.apply(command))
     editor.until(lambda: collisions.inner_text() != before, "the row follows the edit")
     expect(collisions).to_be_enabled()
     collisions.click()
@@ -48,23 +48,23 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
         "the agents that collide are selected",
     )
     # The row lists its findings; the scene and the timeline show them alone.
-    tab = editor._tab()
+    tab = editor.tab()
     listed = editor.page.get_by_role("group", name="Findings: Collisions at t = 0")
     listed.wait_for()
-    drawn = tab.picture.findings
+    model = tab.ui.model
     editor.until(
-        lambda: {one.kind for one in drawn._findings} == {"collision"},
+        lambda: {one.kind for one in model.marked_findings} == {"collision"},
         "the collisions alone are drawn",
     )
-    assert {agent for one in drawn._findings for agent in one.agent_ids} >= {
+    assert {agent for one in model.marked_findings for agent in one.agent_ids} >= {
         name,
         scenario.agents.ids[other],
     }
     switch = drawer.get_by_role("checkbox", name="Draw findings in the scene")
     switch.click()
-    editor.until(lambda: not drawn._findings, "nothing is drawn")
+    editor.until(lambda: not model.marked_findings, "nothing is drawn")
     switch.click()
-    editor.until(lambda: drawn._findings, "drawn again")
+    editor.until(lambda: model.marked_findings, "drawn again")
     editor.until(lambda: drawer.locator(".pd-chart").count() == 3, "three charts")
     head = drawer.locator(".pd-chart-head").first
     x = head.get_attribute("x1")
@@ -86,7 +86,7 @@ def test_it_shares_its_place_with_the_agent_list(editor):
     editor.key("Control+f")
     page.get_by_role("region", name="Agent list").wait_for()
     page.get_by_role("region", name="Scorecard").wait_for(state="hidden")
-    editor.until(lambda: not editor._tab().picture.findings._findings, "no findings")
+    editor.until(lambda: not editor.tab().ui.model.marked_findings, "no findings")
     page.get_by_role("button", name="Scorecard: metrics").click()
     page.get_by_role("region", name="Agent list").wait_for(state="hidden")
     page.get_by_role("button", name="Close the scorecard").click()
@@ -123,11 +123,11 @@ def hard_braking(scenario) -> AdoptTrajectory:
 
 
 def test_hard_braking_is_shown_and_smoothed_with_one_click(editor):
-    page, tab = editor.page, editor._tab()
+    page, tab = editor.page, editor.tab()
     scenario = editor.session.scenario
     command = hard_braking(scenario)
     name = command.agent_id
-    tab._ui.post(lambda: editor.session.apply(command))
+    tab.ui.post(lambda: editor.session.apply(command))
     editor.key("i")
     drawer = page.get_by_role("region", name="Scorecard")
     drawer.wait_for()
@@ -137,7 +137,7 @@ def test_hard_braking_is_shown_and_smoothed_with_one_click(editor):
     finding.wait_for()
 
     def drawn():
-        return {one.agent_ids[0]: one for one in tab.picture.findings._findings}
+        return {one.agent_ids[0]: one for one in tab.ui.model.marked_findings}
 
     editor.until(lambda: name in drawn(), "the part of the trajectory is drawn")
     worst = drawn()[name].worst_step
@@ -146,7 +146,7 @@ def test_hard_braking_is_shown_and_smoothed_with_one_click(editor):
     playback = editor.workspace.playback
     editor.until(lambda: playback.step == worst, "the mark goes to its time")
     editor.until(lambda: editor.session.selection == (name,), "it is selected")
-    assert name in tab._scorecard.agents_at(playback.step)
+    assert name in tab.ui.model.warned_at(playback.step)
     entries = len(editor.session.entries)
     cure = listed.get_by_role("button", name=f"Smooth the motion of {name}")
     cure.click()

@@ -44,7 +44,7 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.press("Run the study")
     editor.page.get_by_text("Done in").wait_for(timeout=120_000)
     assert (out / "report.html").exists()
-    panel = editor._tab().panels.study
+    panel = editor.tab().elements.study
     chart = editor.page.get_by_role("img", name="SOR, % by power")
     editor.until(lambda: chart.locator("polyline").count() == 2, "two curves")
     points = chart.locator("polyline").first.get_attribute("points") or ""
@@ -77,7 +77,7 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
 def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Path):
     editor, out = small_study(open_editor, tmp_path)
     editor.press("Run the study")
-    panel = editor._tab().panels.study
+    panel = editor.tab().elements.study
     job = editor.until(lambda: panel._study._job, "a job")
     editor.press("Cancel")
     editor.page.get_by_text("Cancelled.").wait_for()
@@ -101,11 +101,11 @@ def test_a_study_and_its_settings_outlive_a_reload_of_the_page(
     editor, out = small_study(open_editor, tmp_path)
     editor.choose("Compare with", "None")
     editor.press("Run the study")
-    study = editor._tab().panels.study._study
+    study = editor.tab().elements.study._study
     editor.until(lambda: study.is_running, "a study that runs")
     editor.reload()
     editor.open_tab("Study")
-    assert editor._tab().panels.study._study is study
+    assert editor.tab().elements.study._study is study
     editor.page.get_by_text("Done in").wait_for(timeout=120_000)
     assert (out / "report.html").exists()
     expect(

@@ -24,7 +24,7 @@ def bend(editor, power: float = 6.0) -> None:
         warp=RoadWarp(anchor=anchor, terms=(term,)), friction_coefficient=None
     )
     count = session.state.position
-    editor._tab()._ui.post(lambda: session.apply(command))
+    editor.tab().ui.post(lambda: session.apply(command))
     editor.until(lambda: session.state.position == count + 1, "a bend")
 
 
@@ -32,7 +32,7 @@ def slow_down(editor, speed_mps: float) -> None:
     session = editor.session
     command = SetAgentSpeed(agent_ids=(session.scenario.focal_id,), speed_mps=speed_mps)
     count = session.state.position
-    editor._tab()._ui.post(lambda: session.apply(command))
+    editor.tab().ui.post(lambda: session.apply(command))
     editor.until(lambda: session.state.position == count + 1, "an edit")
 
 

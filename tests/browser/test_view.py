@@ -98,7 +98,7 @@ def test_wheel_zooms_to_the_pointer_and_pans_keep_the_ground_under_it(editor, vi
     for is_placing in (False, True):
         if is_placing:
             editor.key("p")
-            editor.until(lambda: editor._tab().modes.placing.is_active, "placing")
+            editor.until(lambda: editor.tab().elements.placing.is_active, "placing")
         editor.page.keyboard.down("h")
         drag("left")
         editor.page.keyboard.up("h")
@@ -150,7 +150,7 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
     present = np.flatnonzero(agents.is_valid[:, step])
     rows = present[np.linspace(0, len(present) - 1, 9).astype(int)]
     chosen = tuple(agents.ids[row] for row in rows)
-    editor._tab()._ui.post(lambda: editor.session.select(chosen))
+    editor.tab().ui.post(lambda: editor.session.select(chosen))
     editor.until(lambda: editor.session.selection == chosen, "the selection")
     editor.key("f")
     camera_rests(editor)
@@ -161,7 +161,7 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
             editor.pixel(agents.position_m[row, at])
     # A single agent is seen from nearer, in 3-D in the middle.
     far = distance_m(editor)
-    editor._tab()._ui.post(lambda: editor.session.select(chosen[:1]))
+    editor.tab().ui.post(lambda: editor.session.select(chosen[:1]))
     tool(editor, "Frame the selection").click()
     camera_rests(editor)
     assert distance_m(editor) < 0.7 * far
@@ -184,7 +184,7 @@ def test_undo_and_redo_are_named_in_the_toolbar(editor):
     expect(tool(editor, "Undo")).to_have_attribute("aria-disabled", "true")
     scenario = editor.session.scenario
     other = next(i for i in scenario.agents.ids if i != scenario.focal_id)
-    editor._tab()._ui.post(lambda: editor.session.select((other,)))
+    editor.tab().ui.post(lambda: editor.session.select((other,)))
     editor.until(lambda: editor.session.selection, "the selection")
     editor.key("Delete")
     editor.until(lambda: len(editor.session.entries) == 1, "the edit")

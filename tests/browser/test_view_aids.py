@@ -61,7 +61,7 @@ def test_compass_turns_the_view_and_the_scale_bar_is_right(editor):
     assert np.isclose(editor.client.camera.position[2], height, atol=1e-2)
 
     editor.key("v")
-    editor.until(lambda: editor._tab()._viewpoint.is_top, "the top view")
+    editor.until(lambda: editor.tab().elements.viewpoint.is_top, "the top view")
     camera_rests(editor)
     words = scale.get_attribute("aria-label")
     length = float(re.fullmatch(r"Scale: (\d+) m", words).group(1))
@@ -98,12 +98,12 @@ def test_measuring_by_clicks(editor):
     agents, step = scenario.agents, scenario.current_step
     speed = np.where(agents.is_valid[:, step], agents.speed_mps()[:, step], 0)
     fast = agents.ids[int(speed.argmax())]
-    editor._tab()._ui.post(lambda: editor.session.select((fast,)))
+    editor.tab().ui.post(lambda: editor.session.select((fast,)))
     editor.until(lambda: editor.session.selection, "the selection")
     tool(editor, "Top view").click()
     camera_rests(editor)
     editor.key("m")
-    editor.until(lambda: editor._tab().modes.measure.is_active, "measuring")
+    editor.until(lambda: editor.tab().elements.measure.is_active, "measuring")
     tool(editor, "Measure").and_(page.locator("[aria-pressed=true]")).wait_for()
     pixels = [(150, 200), (350, 240), (300, 420)]
     points = [ground(editor, *pixel) for pixel in pixels]
@@ -155,15 +155,15 @@ def test_measuring_by_clicks(editor):
     assert editor.session.selection == (fast,), "nothing else was clicked"
     editor.key("Escape")
     editor.until(
-        lambda: not editor._tab().modes.measure.is_active, "the end of measuring"
+        lambda: not editor.tab().elements.measure.is_active, "the end of measuring"
     )
     editor.until(lambda: page.locator(".pd-measure-total").count() == 0, "no label")
     assert editor.session.selection == (fast,)
     # Placing ends measuring, and the other way round.
-    tab = editor._tab()
+    tab = editor.tab()
 
     def modes() -> tuple[bool, bool]:
-        return tab.modes.measure.is_active, tab.modes.placing.is_active
+        return tab.elements.measure.is_active, tab.elements.placing.is_active
 
     for key, expected in (
         ("m", (True, False)),
@@ -182,7 +182,7 @@ def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
     camera_rests(editor)
     editor.page.mouse.move(300, 300)
     editor.page.mouse.wheel(0, -300)
-    editor._tab()._ui.post(lambda: editor.session.select((focal,)))
+    editor.tab().ui.post(lambda: editor.session.select((focal,)))
     editor.seek(2.0)
     editor.open_tab("Road")
     editor.until(
@@ -193,15 +193,15 @@ def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
     before = [np.array(camera.position), np.array(camera.look_at), camera.up_direction]
     step = editor.workspace.playback.step
     editor.reload()
-    ready_again = editor._tab()
-    editor.until(lambda: ready_again.overlay.is_ready, "the overlay")
+    ready_again = editor.tab()
+    editor.until(lambda: ready_again.ui.overlay.is_ready, "the overlay")
     editor.page.locator("[role=tab][aria-selected=true]", has_text="Road").wait_for()
     camera_rests(editor)
     camera = editor.client.camera
     after = (camera.position, camera.look_at, camera.up_direction)
     for kept, now in zip(before, after, strict=True):
         assert np.allclose(kept, now, rtol=1e-3, atol=0.05)
-    assert editor._tab()._viewpoint.is_top
+    assert editor.tab().elements.viewpoint.is_top
     assert camera.fov < 0.2
     assert editor.workspace.playback.step == step
     assert editor.session.selection == (focal,)
@@ -215,12 +215,12 @@ def test_a_reload_shows_the_same_tab_view_time_and_selection(editor):
 def test_another_scenario_comes_in_one_step_and_is_framed(editor):
     """(D20, D5) No frame shows the former road from the new camera, or no road."""
     page = editor.page
-    nodes = list(editor._tab().picture.map.road_nodes)
+    nodes = list(editor.tab().elements.picture.map.road_nodes)
     assert "/map/road" in nodes
     nodes = ["/map/road", "/map/lanes"]
     start = editor.client.camera.position.copy()
     page.evaluate(FRAMES, nodes)
-    editor._tab()._ui.post(lambda: editor.workspace.open_reference("roundabout"))
+    editor.tab().ui.post(lambda: editor.workspace.open_reference("roundabout"))
     editor.until(
         lambda: editor.session.scenario.scenario_id == "roundabout", "the other scene"
     )
@@ -252,7 +252,7 @@ def test_another_scenario_comes_in_one_step_and_is_framed(editor):
     page.mouse.wheel(0, 400)
     camera_rests(editor)
     assert not np.allclose(editor.client.camera.position, framed, atol=1.0)
-    editor._tab()._ui.post(lambda: editor.workspace.open_reference("roundabout"))
+    editor.tab().ui.post(lambda: editor.workspace.open_reference("roundabout"))
     editor.until(
         lambda: np.allclose(editor.client.camera.position, framed, atol=1e-2),
         "the scene framed anew",
@@ -263,7 +263,7 @@ def test_another_scenario_comes_in_one_step_and_is_framed(editor):
 def test_visers_own_settings_are_for_developers(open_editor, debug):
     """(D21) The gear is hidden unless asked for; the title names the scenario."""
     editor = open_editor(debug=debug)
-    editor.until(lambda: editor._tab().overlay.is_ready, "the overlay")
+    editor.until(lambda: editor.tab().ui.overlay.is_ready, "the overlay")
     gear = editor.page.locator("button:has(svg.tabler-icon-adjustments)")
     expect(gear).to_have_count(1)
     editor.until(lambda: gear.first.is_visible() == debug, "the gear")

@@ -17,7 +17,7 @@ def tool(editor, start: str):
 
 def ready(editor):
     """Wait for the overlay, at t = 0, with nothing over the picture."""
-    editor.until(lambda: editor._tab().overlay.is_ready, "the overlay")
+    editor.until(lambda: editor.tab().ui.overlay.is_ready, "the overlay")
     editor.go_to_now()
     editor.close_notifications()
     editor.settle()

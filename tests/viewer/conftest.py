@@ -19,5 +19,5 @@ def tab(tmp_path: Path) -> Iterator[FakeTab]:
         running_app(tmp_path / "library", str(folder)) as app,
         connected_tab(app) as opened,
     ):
-        opened.tab._workspace.playback.pause()
+        opened.tab.workspace.playback.pause()
         yield opened

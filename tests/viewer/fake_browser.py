@@ -1,6 +1,7 @@
 """A connection that viser takes for a browser; it reads and forgets what is sent."""
 
 import contextlib
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -57,7 +58,7 @@ def connected_tab(app: ViewerApp) -> Iterator["FakeTab"]:
         until(lambda: set(app._tabs) - known)
         (client_id,) = set(app._tabs) - known
         tab = app._tabs[client_id][1]
-        until(lambda: tab._is_built)
+        until(lambda: tab.is_built)
         yield FakeTab(tab, socket)
         socket.close()
         until(lambda: client_id not in app._tabs)
@@ -69,8 +70,10 @@ class FakeTab:
     def __init__(self, tab: BrowserSession, socket: ClientConnection) -> None:
         self.tab = tab
         self._socket = socket
-        self.session = tab._workspace.session
-        self.ui = tab._ui
+        self.session = tab.workspace.session
+        self.ui = tab.ui
+        self.elements = tab.elements
+        self.model = tab.ui.model
 
     def inputs(self) -> dict[str, list[Any]]:
         """All inputs and buttons of the page by their labels."""
@@ -89,6 +92,11 @@ class FakeTab:
         loop.call_soon_threadsafe(lambda: loop.call_soon(done.set))
         assert done.wait(20)
         self.run(lambda: None)
+
+    def hear(self, element: str, **event: Any) -> None:
+        """Let an element of the page send an event."""
+        text = json.dumps({"element": element, "event": event})
+        self.run(lambda: self.ui.overlay._heard(text))
 
     def enter(self, handle: Any, value: Any) -> None:
         """Give an input a value as the page does; buttons have the value True."""

@@ -42,7 +42,7 @@ def app(tmp_path, folder):
 @pytest.fixture
 def tab(app):
     with connected_tab(app) as opened:
-        opened.run(opened.tab.timeline.go_to_current)
+        opened.run(opened.elements.timeline.go_to_current)
         yield opened
 
 
@@ -66,7 +66,7 @@ def test_reactions_to_edits_run_no_network_here(tab):
 
 
 def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab, monkeypatch):
-    panel, opened = tab.tab.panels.road, tab.session.scenario
+    panel, opened = tab.elements.road, tab.session.scenario
     # However slow the machine is, only the last rest is long enough.
     for power, pause_s in ((1.0, 60.0), (2.5, 60.0), (4.0, 0.1)):
         monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", pause_s)
@@ -81,12 +81,12 @@ def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab, monkeypatch)
     tab.run(panel.reset)
     assert tab.session.scenario.road_map is opened.road_map
     assert panel._power["double-turn"].value == 0
-    tab.run(tab.tab.panels.history.undo)
+    tab.run(tab.elements.history.undo)
     assert panel._power["double-turn"].value == 4
 
 
 def test_the_map_nodes_follow_the_warp(tab):
-    view, panel = tab.tab.picture.map, tab.tab.panels.road
+    view, panel = tab.elements.picture.map, tab.elements.road
     before = view._handles["lanes"].glb_data
     panel._power["smooth-turn"].value = 5.0
     tab.run(panel._changed)
@@ -119,7 +119,7 @@ def test_a_drag_moves_the_agent_and_is_one_undo_step(tab):
     assert labels(tab) == [f"Move agent {agent_id} by 7.3 m"]
     moved = tab.session.scenario.agents.position_m[1]
     assert np.allclose(moved - opened.agents.position_m[1], [7.0, -2.0], atol=1e-3)
-    tab.run(tab.tab.panels.history.undo)
+    tab.run(tab.elements.history.undo)
     assert tab.session.scenario is opened
 
 
@@ -138,16 +138,16 @@ def test_overlaps_that_edits_cause_are_told_and_marked(tab):
     first, second = tab.session.scenario.agents.ids
     x, y = tab.session.scenario.agents.position_m[0, 49]
     drag(tab, second, (x + 1.0, y))
-    assert tab.tab.problems.agents_at(tab.session.scenario.current_step) == {
+    assert tab.model.findings.agents_at(tab.session.scenario.current_step) == {
         first,
         second,
     }
-    (problem,) = tab.tab.problems.new
+    (problem,) = tab.model.findings.new
     assert "collide" in problem.message
 
 
 def test_clicks_select_toggle_and_clear(tab):
-    pointer, ids = tab.tab.pointer, tab.session.scenario.agents.ids
+    pointer, ids = tab.elements.pointer, tab.session.scenario.agents.ids
     vehicle = AgentKind.VEHICLE
     tab.run(lambda: pointer._node_clicked(vehicle, 0, (0.5, 0.5), False))
     # The same click also arrives for the scene, and must not clear the selection.
@@ -163,10 +163,10 @@ def test_clicks_select_toggle_and_clear(tab):
 
 
 def test_placing_takes_the_lanes_heading_and_speed(tab):
-    tab.run(tab.tab.modes.placing.toggle)
+    tab.run(tab.elements.placing.toggle)
     x, y = tab.session.scenario.agents.position_m[0, 49]
     ray = ((x + 20.0, y + 0.4, 10.0), (0.0, 0.0, -1.0))
-    tab.run(lambda: tab.tab.pointer._ground_clicked(*ray, (0.3, 0.3)))
+    tab.run(lambda: tab.elements.pointer._ground_clicked(*ray, (0.3, 0.3)))
     agents = tab.session.scenario.agents
     row = agents.row_of[tab.session.selection[0]]
     assert agents.heading_rad[row, 49] == pytest.approx(0.0, abs=1e-6)
@@ -178,7 +178,7 @@ def test_deleting_the_focal_agent_is_refused_in_words_and_changes_nothing(tab):
     opened = tab.session.scenario
     tab.run(lambda: tab.session.select((opened.focal_id,)))
     with pytest.raises(EditError, match="focal"):
-        tab.run(tab.tab.panels.agent.delete)
+        tab.run(tab.elements.agent.delete)
     assert tab.session.scenario is opened
 
 
@@ -204,7 +204,7 @@ def test_a_new_focal_agent_is_told_with_what_became_of_the_former_one(tab, monke
 
 
 def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     tab.run(panel.regenerate)
     deadline = time.monotonic() + 60
     while not labels(tab) and time.monotonic() < deadline:
@@ -219,13 +219,13 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
 
     tab.run(start_and_edit)
     deadline = time.monotonic() + 60
-    while panel._result.is_running and time.monotonic() < deadline:
+    while tab.model.is_running and time.monotonic() < deadline:
         time.sleep(0.05)
     tab.run(lambda: None)
     assert len(labels(tab)) == 2
     assert not panel._result._take.disabled
     # (D12) It does not fit the new state, so using it goes back to its own.
-    assert panel.run_state.action == "Go to its state, use result"
+    assert tab.model.run.action == "Go to its state, use result"
     tab.run(panel.use_result)
     assert [label.split(" (")[0] for label in labels(tab)] == [
         "Regenerate 2 agents",
@@ -235,7 +235,7 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
 
 
 def test_an_offered_result_that_still_fits_is_applied(tab):
-    panel, ids = tab.tab.panels.generation, tab.session.scenario.agents.ids
+    panel, ids = tab.elements.generation, tab.session.scenario.agents.ids
 
     def start_and_edit() -> None:
         panel.regenerate()
@@ -243,28 +243,28 @@ def test_an_offered_result_that_still_fits_is_applied(tab):
 
     tab.run(start_and_edit)
     deadline = time.monotonic() + 60
-    while panel._result.is_running and time.monotonic() < deadline:
+    while tab.model.is_running and time.monotonic() < deadline:
         time.sleep(0.05)
     tab.run(lambda: None)
-    assert panel.run_state.action == "Use result"
+    assert tab.model.run.action == "Use result"
     tab.run(panel.use_result)
     assert len(labels(tab)) == 2
 
 
 def test_a_gesture_under_way_survives_an_error_and_a_reload(app):
     with connected_tab(app) as tab:
-        session, panel = tab.session, tab.tab.panels.road
+        session, panel = tab.session, tab.elements.road
         panel._power["smooth-turn"].value = 3.0
         tab.run(panel._changed)
         with pytest.raises(EditError):
-            tab.run(tab.tab.panels.agent.snap)
+            tab.run(tab.elements.agent.snap)
         assert session.scenario.applied_warp is not None
     assert [entry.label for entry in session.entries] == ["Bend the road: bend +3"]
     assert len(session.recipe().commands) == 1
 
 
 def test_cancel_changes_nothing(tab):
-    panel, opened = tab.tab.panels.generation, tab.session.scenario
+    panel, opened = tab.elements.generation, tab.session.scenario
 
     def start_and_cancel() -> None:
         panel.regenerate()
@@ -289,18 +289,18 @@ def test_two_tabs_have_sessions_of_their_own(app):
 def test_agents_come_and_go_in_the_picture(tab):
     victim = tab.session.scenario.agents.ids[1]
     tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=(victim,))))
-    batch = tab.tab.picture.agents._batches[AgentKind.VEHICLE]
+    batch = tab.elements.picture.agents._batches[AgentKind.VEHICLE]
     assert len(batch.rows) == 1
     assert all(len(node.batched_positions) == 1 for node in batch.nodes)
-    tab.run(tab.tab.panels.history.undo)
-    batch = tab.tab.picture.agents._batches[AgentKind.VEHICLE]
+    tab.run(tab.elements.history.undo)
+    batch = tab.elements.picture.agents._batches[AgentKind.VEHICLE]
     assert all(len(node.batched_positions) == 2 for node in batch.nodes)
     assert all(len(node.batched_scales) == 2 for node in batch.nodes)
 
 
 def test_an_upload_of_another_kind_of_file_is_refused(tab):
     with pytest.raises(InputError, match=r"notes\.txt: expected a \.zip"):
-        tab.run(lambda: tab.tab.panels.scenario._uploaded("notes.txt", b"hello"))
+        tab.run(lambda: tab.elements.scenario._uploaded("notes.txt", b"hello"))
 
 
 def test_an_upload_over_the_limit_is_refused_before_it_is_taken_in(tab):
@@ -321,45 +321,45 @@ def test_an_upload_over_the_limit_is_refused_before_it_is_taken_in(tab):
 
 
 def test_the_page_may_ask_for_a_theme_and_keeps_a_choice(tab):
-    session = tab.tab
-    tab.run(lambda: session._theme_asked({"isDark": True}))
-    assert session._workspace.is_dark
-    assert session.panels.view._theme.value
-    assert "theme" not in session.overlay._shown
-    tab.run(lambda: session._theme_chosen(False))
-    assert not session._workspace.is_dark
-    assert session.overlay._shown["theme"] == '{"isDark":false}'
+    (box,), shown = tab.inputs()["Dark theme"], tab.ui.overlay._shown
+    tab.hear("theme", isDark=True)
+    assert tab.tab.workspace.is_dark
+    assert box.value
+    assert "theme" not in shown
+    tab.enter(box, False)
+    assert not tab.tab.workspace.is_dark
+    assert shown["theme"] == '{"isDark":false}'
 
 
 def test_a_scene_plays_as_soon_as_the_page_can_draw(tab):
     """It played before, and a slow page had thousands of frames to catch up with."""
-    playback = tab.tab._workspace.playback
+    playback = tab.tab.workspace.playback
     assert not playback.is_playing
-    tab.run(lambda: tab.tab.overlay._page_said({"kind": "ready"}))
+    tab.hear("page", kind="ready")
     assert playback.is_playing
 
 
 def test_themes_layers_and_views_switch(tab):
-    tab.run(lambda: tab.tab._theme_chosen(True))
-    assert tab.tab._workspace.is_dark
-    tab.run(lambda: tab.tab.picture.map.set_layer_visible("markings", False))
-    assert not tab.tab.picture.map._handles["markings"].visible
-    tab.run(tab.tab._viewpoint.switch)
+    tab.enter(tab.inputs()["Dark theme"][0], True)
+    assert tab.tab.workspace.is_dark
+    tab.run(lambda: tab.elements.picture.map.set_layer_visible("markings", False))
+    assert not tab.elements.picture.map._handles["markings"].visible
+    tab.run(tab.elements.viewpoint.switch)
     assert tab.ui.client.camera.fov < 0.2
-    tab.run(tab.tab._viewpoint.switch)
+    tab.run(tab.elements.viewpoint.switch)
     assert tab.ui.client.camera.fov > 0.5
 
 
 def test_switching_views_there_and_back_looks_at_the_same_place(tab):
     before = np.array(tab.ui.client.camera.look_at)
     for _ in range(2):
-        tab.run(tab.tab._viewpoint.switch)
+        tab.run(tab.elements.viewpoint.switch)
     assert np.allclose(tab.ui.client.camera.look_at, before)
 
 
 def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab, monkeypatch):
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.1)
-    panel = tab.tab.panels.agent
+    panel = tab.elements.agent
     tab.run(lambda: tab.session.select((tab.session.scenario.focal_id,)))
     shown = panel._size.value
     panel._size.value = (-4.0, 2.0)
@@ -372,7 +372,7 @@ def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab, monkeypatch):
 def test_nothing_of_a_refused_number_stays(tab, monkeypatch):
     """Of 45 m, which is too long for a car, 4 m stayed as an edit."""
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 60.0)
-    panel, before = tab.tab.panels.agent, tab.session.scenario
+    panel, before = tab.elements.agent, tab.session.scenario
     tab.run(lambda: tab.session.select((before.focal_id,)))
     shown = panel._size.value
 
@@ -399,7 +399,7 @@ def test_nothing_of_a_refused_number_stays(tab, monkeypatch):
 
 
 def test_reset_forgets_the_shape_and_friction_and_undo_brings_them_back(tab):
-    panel = tab.tab.panels.road
+    panel = tab.elements.road
     panel._power["ripple-road"].value = 3.0
     panel._border.value, panel._friction.value = 20.0, 0.3
     panel._slows.value = True
@@ -407,13 +407,13 @@ def test_reset_forgets_the_shape_and_friction_and_undo_brings_them_back(tab):
     tab.run(panel.reset)
     assert not panel._slows.value
     assert (panel._border.value, panel._friction.value) == (5.0, 0.7)
-    tab.run(tab.tab.panels.history.undo)
+    tab.run(tab.elements.history.undo)
     assert panel._slows.value
     assert (panel._border.value, panel._friction.value) == (20.0, 0.3)
 
 
 def test_a_refused_anchor_leaves_the_one_in_force_chosen(tab):
-    panel = tab.tab.panels.road
+    panel = tab.elements.road
     panel._anchor.value = "Selected agent"
     with pytest.raises(EditError, match="Select the one agent"):
         tab.run(panel._anchor_changed)
@@ -421,7 +421,7 @@ def test_a_refused_anchor_leaves_the_one_in_force_chosen(tab):
 
 
 def test_undo_and_redo_choose_the_anchor_in_force(tab):
-    panel = tab.tab.panels.road
+    panel = tab.elements.road
     panel._power["double-turn"].value = 3.0
     tab.run(panel._changed)
     for choice in ("A point that I drag", "Focal agent"):
@@ -432,7 +432,7 @@ def test_undo_and_redo_choose_the_anchor_in_force(tab):
             tab.run(lambda: panel._gizmo_moved("end"))
         else:
             tab.run(panel._anchor_changed)
-    history = tab.tab.panels.history
+    history = tab.elements.history
     tab.run(history.undo)
     assert panel._anchor.value == "A point that I drag"
     assert panel._gizmo.pose == tab.session.scenario.applied_warp.warp.anchor
@@ -442,6 +442,6 @@ def test_undo_and_redo_choose_the_anchor_in_force(tab):
 
 
 def test_nothing_to_undo_or_redo_is_no_error(tab):
-    tab.run(tab.tab.panels.history.undo)
-    tab.run(tab.tab.panels.history.redo)
+    tab.run(tab.elements.history.undo)
+    tab.run(tab.elements.history.redo)
     assert not labels(tab)

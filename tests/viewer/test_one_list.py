@@ -34,7 +34,7 @@ FAMILY = re.compile(r"^guidance")
 
 
 def shown(tab: FakeTab, element: str) -> dict:
-    return json.loads(tab.tab.overlay._shown[element])
+    return json.loads(tab.ui.overlay._shown[element])
 
 
 def count_in(text: str) -> int:
@@ -80,20 +80,16 @@ def settle(tab: FakeTab) -> None:
     """Let the page follow, as it does when edits pause."""
 
     def follow() -> None:
-        inner = tab.tab
-        inner.problems.check(with_future=True)
-        inner.agent_list.show()
-        inner.picture.draw_frame()
-        inner.chip.after_check()
-        inner.panels.after_check(tab.session.state)
-        inner._scorecard.show()
+        tab.model.findings.check(with_future=True)
+        tab.model.checked.emit()
+        tab.elements.scorecard.show()
 
     tab.run(follow)
 
 
 def contradictions(tab: FakeTab) -> list[str]:
     """Where two places of the page, the star, or a file differ; none is right."""
-    session, workspace = tab.session, tab.tab._workspace
+    session, workspace = tab.session, tab.tab.workspace
     scenario, commands = session.scenario, session.commands_in_force
     status = shown(tab, "status")
     groups = {one["name"]: one for one in status["groups"]}
@@ -111,7 +107,7 @@ def contradictions(tab: FakeTab) -> list[str]:
             wrong.append(f"{what}: {one} and {other}")
 
     same("chip, list", count_in(status["text"]), len(new))
-    preflight = tab.tab.panels.export._preflight.text
+    preflight = tab.elements.export._preflight.text
     same("preflight, list", count_in(preflight), len(new))
     by_kind = Counter(kind for kind, *_ in new)
     for kind, words in (("run", "not run"), ("met", "not met")):
@@ -126,10 +122,10 @@ def contradictions(tab: FakeTab) -> list[str]:
     same("timeline, list", told, {row["time"] for row in groups["new"]["rows"]} - {""})
 
     named = {name for _, ids, _ in new for name in ids}
-    same("agent list, list", set(tab.tab.problems.problem_ids()[0]), named)
+    same("agent list, list", set(tab.model.findings.problem_ids()[0]), named)
     now = scenario.current_step
     for step in (now, now + 20):
-        ringed = set(tab.tab.problems.agents_at(step))
+        ringed = set(tab.model.findings.agents_at(step))
         same("rings, list", ringed - named, set())
 
     movers = scenario.agents.is_valid[:, now] & scenario.agents.is_in("movers")
@@ -211,7 +207,7 @@ def card(tab: FakeTab, num_problems: int) -> list[str]:
 def walk(tab: FakeTab, seed: int, num_states: int) -> list[str]:
     """Random edits, undos and ignored problems; contradictions of each state."""
     rng, session, wrong = np.random.default_rng(seed), tab.session, []
-    tab.run(lambda: tab.tab._scorecard.set_open(True))
+    tab.run(lambda: tab.model.open_drawer("scorecard"))
     for number in range(num_states):
         if session.can_undo and rng.random() < 0.15:
             tab.run(session.undo)
@@ -223,10 +219,10 @@ def walk(tab: FakeTab, seed: int, num_states: int) -> list[str]:
             except PdEditorError:
                 continue
         settle(tab)
-        new = tab.tab.problems.new
+        new = tab.model.findings.new
         if new and rng.random() < 0.2:
             one = new[rng.integers(len(new))]
-            tab.run(lambda one=one: tab.tab.problems.ignore(one, True))
+            tab.run(lambda one=one: tab.model.findings.ignore(one, True))
             settle(tab)
         labels = [one.label for one in session.commands_in_force]
         wrong += [

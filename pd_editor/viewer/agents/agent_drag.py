@@ -2,7 +2,6 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from typing import Any, Final
@@ -16,8 +15,13 @@ from pd_editor.editor.commands import TransformAgents
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.agents_view import AgentsView
-from pd_editor.viewer.scene.camera import ground_point, projected, ray_through
-from pd_editor.viewer.scene.seen_camera import CameraPose, SeenCamera
+from pd_editor.viewer.scene.camera import (
+    CameraPose,
+    SeenCamera,
+    ground_point,
+    projected,
+    ray_through,
+)
 from pd_editor.viewer.tab.ui_context import UiContext
 
 ROTATE_MODIFIER: Final = "shift"
@@ -74,7 +78,7 @@ class AgentDrag:
     def __init__(
         self,
         ui: UiContext,
-        agents_view: Callable[[], AgentsView],
+        agents_view: AgentsView,
         seen_camera: SeenCamera,
     ) -> None:
         """Make a handler without an active drag."""
@@ -166,7 +170,7 @@ class AgentDrag:
         agent_id = (
             None
             if event.instance is None
-            else self._agents_view().agent_at(event.kind, event.instance)
+            else self._agents_view.agent_at(event.kind, event.instance)
         )
         if agent_id is None:
             return None

@@ -1,17 +1,16 @@
 """The list of all agents, over the picture's left side."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 import numpy as np
 
-from pd_editor.editor.commands.carried_trajectories import carried_agent_ids
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
-from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.agents.lock_controls import toggle_lock
+from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.overlay.messages import AgentRow, AgentSelectionState, AgentsState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.tab.ui_context import UiContext
 
 FOCAL: Final = 1
@@ -33,52 +32,27 @@ class AgentList:
     Rows are sent while the list is open only, and not while a gesture is under way.
     """
 
-    def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        *,
-        problems: Callable[[], tuple[Ids, Ids]],
-        on_pointed: Callable[[str | None], None],
-        on_opened: Callable[[], None],
-        on_lock: Callable[[], None],
-        picked: Callable[[str], bool],
-    ) -> None:
-        """Start closed.
-
-        ``problems`` are agents with a problem at any time, and those with one later;
-        ``on_pointed`` is called with the agent whose row is under the pointer, or None;
-        ``picked`` takes a single chosen agent if a mode asks for one, and says so.
-        """
+    def __init__(self, ui: UiContext) -> None:
+        """Start closed."""
         self._ui = ui
-        self._overlay = overlay
-        self._problems = problems
-        self._on_pointed = on_pointed
-        self._on_opened = on_opened
-        self._on_lock = on_lock
-        self._picked = picked
+        self._model = ui.model
+        self._overlay = ui.overlay
         self._number = 0
         self._listed: tuple[Any, ...] = ()
         self._ids: tuple[str, ...] = ()
         self.is_open = False
-        overlay.on("agents", self._used)
-
-    def toggle(self) -> None:
-        """Open the list, or close it."""
-        self._set_open(not self.is_open)
-
-    def stale_ids(self) -> frozenset[str]:
-        """Agents whose trajectory was moved by an edit and no longer fits the road."""
-        carried = carried_agent_ids(self._ui.session.commands_in_force)
-        return carried & frozenset(self._problems()[1]) if carried else carried
+        self._overlay.on("agents", self._used)
+        self._model.drawer_changed.subscribe(self._follow_drawer)
+        self._model.shown.subscribe(self.show)
+        self._model.checked.subscribe(self.show)
 
     def show(self) -> None:
         """Update the page's list."""
         session = self._ui.session
         if not self.is_open or (session.state.is_previewing and self._ids):
             return
-        scenario, (problems, later) = session.scenario, self._problems()
-        palette = DARK if self._ui.workspace.is_dark else LIGHT
+        scenario, palette = session.scenario, self._model.palette
+        problems, later = self._model.findings.problem_ids()
         listed = (
             scenario,
             session.base,
@@ -98,7 +72,7 @@ class AgentList:
                 session.base,
                 palette,
                 problems=problems,
-                stale=self.stale_ids(),
+                stale=self._model.findings.stale_ids(),
             )
             state = AgentsState(
                 is_open=True,
@@ -113,33 +87,36 @@ class AgentList:
         chosen = tuple(row_of[agent_id] for agent_id in session.selection)
         self._overlay.show(AgentSelectionState(number=self._number, rows=chosen))
 
-    def _set_open(self, is_open: bool) -> None:
-        self.is_open = is_open
-        self._listed = ()
+    def _follow_drawer(self) -> None:
+        is_open = self._model.drawer == "agents"
+        if is_open == self.is_open:
+            return
+        self.is_open, self._listed = is_open, ()
         if is_open:
             self.show()
         else:
             self._overlay.show(AgentsState())
-            self._on_pointed(None)
-        self._on_opened()
+            self._model.point_at(None)
 
     def _used(self, event: Mapping[str, Any]) -> None:
         kind = event.get("kind")
-        if kind in ("open", "close"):
-            self._set_open(kind == "open")
+        if kind == "open":
+            self._model.open_drawer("agents")
+        elif kind == "close":
+            self._model.open_drawer(None)
         elif event.get("number") != self._number or not self.is_open:
             return
         elif kind == "select":
             ids = self._named(event.get("rows"))
-            if len(ids) == 1 and self._picked(ids[0]):
+            if len(ids) == 1 and self._model.agent_picked.offer(ids[0]):
                 return
             self._ui.commit_gesture()
             self._ui.session.select(ids)
         elif kind == "lock":
-            self._on_lock()
+            toggle_lock(self._ui)
         elif kind == "point":
             ids = self._named([event.get("row")])
-            self._on_pointed(ids[0] if ids else None)
+            self._model.point_at(ids[0] if ids else None)
 
     def _named(self, rows: Any) -> tuple[str, ...]:
         """Ids of rows; what is no row is left out."""

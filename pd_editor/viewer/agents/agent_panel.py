@@ -27,9 +27,8 @@ from pd_editor.editor.commands import (
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.agents.lock_controls import LockControls
+from pd_editor.viewer.agents.lock_controls import LockControls, selected
 from pd_editor.viewer.agents.placing import PlacingMode
-from pd_editor.viewer.overlay.banner import Banner
 from pd_editor.viewer.tab.panel_style import WITH_PAST, FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
@@ -53,17 +52,11 @@ _OWN_GESTURE: Final = "agent panel:"
 class AgentPanel:
     """Numbers, kind and actions of the selected agents, and placing new ones."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        placing: PlacingMode,
-        banner: Banner,
-        on_list: Callable[[], None],
-    ) -> None:
-        """Build it into the current tab; ``on_list`` opens or closes the list."""
+    def __init__(self, ui: UiContext, placing: PlacingMode) -> None:
+        """Build it into the current tab."""
         self._ui = ui
+        self._model = ui.model
         self._placing = placing
-        self._on_list = on_list
         gui = ui.client.gui
         self._list = gui.add_button(
             "Agent list", icon=viser.Icon.LIST_SEARCH, color="gray", hint="Ctrl+F"
@@ -85,7 +78,7 @@ class AgentPanel:
         for handle in (self._speed, self._position, self._size):
             handle.precision = 2
         self._size_note = FixedText(gui, 2)
-        self.locks = LockControls(ui, banner)
+        self.locks = LockControls(ui)
         self._actions = {
             "Snap to lane": gui.add_button("Snap to lane", color="gray"),
             "Duplicate": gui.add_button("Duplicate", color="gray", hint="Ctrl+D"),
@@ -116,8 +109,10 @@ class AgentPanel:
         ui.on_click(self._place, self._placing.toggle)
         ui.on_change(self._new_kind, lambda kind: self._placing.choose(AgentKind(kind)))
         ui.on_change(self._back_cast, self._set_with_past)
-        self._placing.on_change(self._show_placing)
-        ui.on_click(self._list, self._on_list)
+        self._placing.changed.subscribe(self._show_placing)
+        ui.on_click(self._list, lambda: self._model.toggle_drawer("agents"))
+        self._model.shown.subscribe(self.show)
+        self._model.checked.subscribe(self.show)
         ui.on_change(self._kind, self._set_kind)
         ui.on_change(self._activity, self._set_activity, failure="Activity not changed")
         ui.on_change(self._speed, self._set_speed, merge_key="speed")
@@ -125,16 +120,10 @@ class AgentPanel:
         ui.on_change(self._position, self._set_position, merge_key="position")
         ui.on_change(self._size, self._set_size, merge_key="size")
 
-    def show(
-        self,
-        scenario: Scenario,
-        selection: tuple[str, ...],
-        stale: Collection[str] = (),
-    ) -> None:
-        """Show the values of the selection; a value that differs among agents is empty.
-
-        ``stale`` are agents whose trajectory no longer fits the road.
-        """
+    def show(self) -> None:
+        """Show the values of the selection; a value that differs among agents is empty."""
+        scenario, selection = self._ui.session.scenario, self._ui.session.selection
+        stale = self._model.findings.stale_ids()
         agents, step = scenario.agents, scenario.current_step
         rows = agents.rows(selection)
         is_there = bool(len(rows)) and bool(agents.is_valid[rows, step].all())
@@ -190,11 +179,11 @@ class AgentPanel:
 
     def delete(self) -> None:
         """Delete the selection."""
-        self._apply(DeleteAgents, agent_ids=self._selection())
+        self._apply(DeleteAgents, agent_ids=selected(self._ui))
 
     def duplicate(self) -> None:
         """Copy the selection, one car's length behind where it stands."""
-        selection = self._selection()
+        selection = selected(self._ui)
         scenario = self._ui.session.scenario
         row = int(scenario.agents.rows(selection)[0])
         heading = float(scenario.agents.heading_rad[row, scenario.current_step])
@@ -209,7 +198,7 @@ class AgentPanel:
 
     def snap(self) -> None:
         """Put the selection on its nearest lanes."""
-        self._apply(SnapToLane, agent_ids=self._selection())
+        self._apply(SnapToLane, agent_ids=selected(self._ui))
 
     def _show_placing(self) -> None:
         is_active = self._placing.is_active
@@ -220,29 +209,27 @@ class AgentPanel:
     def _set_with_past(self, with_past: bool) -> None:
         self._placing.with_past = with_past
 
-    def _selection(self) -> tuple[str, ...]:
-        selection = self._ui.session.selection
-        if not selection:
-            raise EditError("Nothing is selected. Select an agent first.")
-        return tuple(selection)
-
     def _apply(self, make: Callable[..., Command], **fields: Any) -> None:
         self._ui.apply(make(**fields))
 
     def make_focal(self) -> None:
         """Make the selected agent the focal one."""
-        self._apply(SetFocalAgent, agent_id=self._selection()[0])
+        self._apply(SetFocalAgent, agent_id=selected(self._ui)[0])
 
     def _set_kind(self, kind: str) -> None:
         if kind != MIXED:
-            self._apply(SetAgentKind, agent_ids=self._selection(), kind=AgentKind(kind))
+            self._apply(
+                SetAgentKind, agent_ids=selected(self._ui), kind=AgentKind(kind)
+            )
 
     def _set_activity(self, name: str) -> None:
         if name == MIXED:
             return
         try:
             self._apply(
-                SetAgentActivity, agent_ids=self._selection(), activity=ACTIVITIES[name]
+                SetAgentActivity,
+                agent_ids=selected(self._ui),
+                activity=ACTIVITIES[name],
             )
         finally:
             session = self._ui.session
@@ -265,7 +252,7 @@ class AgentPanel:
         self._preview(SetAgentSize, "size", length_m=length, width_m=width)
 
     def _set_position(self, position: tuple[float, float]) -> None:
-        (agent_id,) = self._selection()[:1]
+        (agent_id,) = selected(self._ui)[:1]
         x, y = map(float, position)
         self._ui.preview_value(
             f"{_OWN_GESTURE} position of {agent_id}",
@@ -273,7 +260,7 @@ class AgentPanel:
         )
 
     def _preview(self, make: Callable[..., Command], what: str, **fields: Any) -> None:
-        selection = self._selection()
+        selection = selected(self._ui)
         self._ui.preview_value(
             f"{_OWN_GESTURE} {what} of {selection}",
             lambda: make(agent_ids=selection, **fields),

@@ -9,7 +9,7 @@ from pd_editor.base.errors import EditError, LockedAgentError
 from pd_editor.editor.commands import SetLocks
 from pd_editor.scene.locks import MAX_KEPT_S, STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.overlay.banner import OFFER, Banner
+from pd_editor.viewer.overlay.banner import OFFER
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 NOT_LOCKED: Final = "Not locked"
@@ -28,10 +28,10 @@ _FIXED: Final[Mapping[str, Lock | None]] = {
 class LockControls:
     """What is locked of the selection, a padlock button, and the offer to unlock."""
 
-    def __init__(self, ui: UiContext, banner: Banner) -> None:
+    def __init__(self, ui: UiContext) -> None:
         """Build them into the tab; the banner offers to unlock after a refusal."""
         self._ui = ui
-        self._banner = banner
+        self._banner = ui.banner
         self._offered_for: Scenario | None = None
         gui = ui.client.gui
         self._kept = gui.add_dropdown(
@@ -60,12 +60,11 @@ class LockControls:
 
     def toggle(self) -> None:
         """Unlock the selection if all of it is locked; else lock its trajectories."""
-        ids, locks = self._selection(), self._ui.session.scenario.locks
-        self.lock(None if all(name in locks for name in ids) else TRAJECTORY_LOCK)
+        toggle_lock(self._ui)
 
     def lock(self, lock: Lock | None) -> None:
         """Lock the selection, or unlock it."""
-        self._ui.apply(SetLocks(agent_ids=self._selection(), lock=lock))
+        self._ui.apply(SetLocks(agent_ids=selected(self._ui), lock=lock))
 
     @property
     def beginning(self) -> Lock:
@@ -130,11 +129,23 @@ class LockControls:
         if self._kept.value == BEGINNING:
             self.lock(self.beginning)
 
-    def _selection(self) -> tuple[str, ...]:
-        selection = self._ui.session.selection
-        if not selection:
-            raise EditError("Nothing is selected. Select an agent first.")
-        return tuple(selection)
+
+def selected(ui: UiContext) -> tuple[str, ...]:
+    """Ids of the selected agents.
+
+    Raises:
+        EditError: there is none.
+    """
+    if not ui.session.selection:
+        raise EditError("Nothing is selected. Select an agent first.")
+    return ui.session.selection
+
+
+def toggle_lock(ui: UiContext) -> None:
+    """Unlock the selection if all of it is locked; else lock its trajectories."""
+    ids, locks = selected(ui), ui.session.scenario.locks
+    is_locked = all(name in locks for name in ids)
+    ui.apply(SetLocks(agent_ids=ids, lock=None if is_locked else TRAJECTORY_LOCK))
 
 
 def _options(*more: str) -> tuple[str, ...]:

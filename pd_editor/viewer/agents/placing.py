@@ -1,6 +1,6 @@
 """The mode in which clicks place new agents on the road."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -12,51 +12,37 @@ from pd_editor.scene.paths.suggested_state import (
     suggested_heading,
     suggested_state,
 )
-from pd_editor.viewer.meshes.palette import DARK, LIGHT
-from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.messages import PlacingState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import number_of, point_of
+from pd_editor.viewer.tab.mode import Mode
 from pd_editor.viewer.tab.ui_context import UiContext
 
 KEY_KINDS: Final = tuple(SUGGESTED_SPEED_MPS)
 """Kinds that the keys 1, 2, ... choose: the road users."""
 
 
-class PlacingMode:
+class PlacingMode(Mode):
     """Mode in which clicks place agents: state, kind, and ghost under the pointer.
 
     The page draws the ghost at the pointer, and requests the heading that the road
     suggests there; a dragged press sets the heading.
     """
 
-    def __init__(self, ui: UiContext, overlay: Overlay, banner: Banner) -> None:
+    name = "placing"
+
+    def __init__(self, ui: UiContext) -> None:
         """Make the mode, switched off."""
-        self._ui = ui
-        self._overlay = overlay
-        self._banner = banner
+        super().__init__(ui)
         self._heading_rad = 0.0
-        self._listeners: list[Callable[[], None]] = []
-        self.is_active = False
         self.kind = AgentKind.VEHICLE
         self.with_past = True
-        overlay.on("placing", self._heard)
-
-    def on_change(self, listener: Callable[[], None]) -> None:
-        """Call ``listener`` when the mode or the kind has changed."""
-        self._listeners.append(listener)
+        ui.model.ground_clicked.subscribe(self._place_clicked)
 
     def toggle(self) -> None:
         """Start the mode, at t = 0 where new agents appear, or end it."""
-        self.is_active = not self.is_active
-        if self.is_active:
+        if not self.is_active:
             self._ui.show_current_step()
-        self._changed()
-
-    def stop(self) -> None:
-        """End the mode, if it is active."""
-        if self.is_active:
-            self.toggle()
+        self._set_active(not self.is_active)
 
     def choose(self, kind: AgentKind) -> None:
         """Place agents of another kind from now on."""
@@ -79,21 +65,17 @@ class PlacingMode:
         )
         self._ui.apply(command)
 
-    def _changed(self) -> None:
+    def _place_clicked(self, point_m: np.ndarray) -> bool:
+        """Place an agent where the ground was clicked, if the mode is active."""
         if self.is_active:
-            self._banner.show(
-                "placing",
-                f"Placing a {str(self.kind).replace('_', ' ')}: click the road; press "
-                f"and drag to turn; keys 1 to {len(KEY_KINDS)} choose the kind.",
-                button="Done (Esc)",
-                on_press=self.toggle,
-                priority=MODE,
-            )
-        else:
-            self._banner.hide("placing")
-        self._show_ghost()
-        for listener in self._listeners:
-            listener()
+            self.place(point_m)
+        return self.is_active
+
+    def _sentence(self) -> str:
+        return (
+            f"Placing a {str(self.kind).replace('_', ' ')}: click the road; press "
+            f"and drag to turn; keys 1 to {len(KEY_KINDS)} choose the kind."
+        )
 
     def _size_m(self) -> tuple[float, float]:
         """Size of the next agent, drawn anew for each."""
@@ -101,9 +83,9 @@ class PlacingMode:
         ((length, width),) = sampled_sizes_m((self.kind,), random)
         return float(length), float(width)
 
-    def _show_ghost(self) -> None:
+    def _show(self) -> None:
         length, width = self._size_m()
-        palette = DARK if self._ui.workspace.is_dark else LIGHT
+        palette = self._model.palette
         state = PlacingState(
             is_active=self.is_active,
             size_m=(length, width, DEFAULT_HEIGHT_M[self.kind]),
@@ -125,6 +107,6 @@ class PlacingMode:
         elif what == "point" and point is not None:
             road_map = self._ui.session.scenario.road_map
             self._heading_rad = suggested_heading(road_map, point, self.kind)
-            self._show_ghost()
+            self._show()
         elif what == "place" and point is not None:
             self.place(point, number_of(event.get("headingRad")))

@@ -1,66 +1,56 @@
 """Turns clicks and boxes on the canvas into selections; drags have their own module."""
 
-from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 import viser
-from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.viewer.agents.agent_drag import AgentDrag
+from pd_editor.viewer.agents.placing import PlacingMode
 from pd_editor.viewer.scene.agents_view import AgentsView
-from pd_editor.viewer.scene.camera import ground_point, projected
-from pd_editor.viewer.scene.seen_camera import CameraPose, SeenCamera
+from pd_editor.viewer.scene.camera import (
+    CameraPose,
+    SeenCamera,
+    ground_point,
+    projected,
+)
 from pd_editor.viewer.tab.ui_context import UiContext
 
 TOGGLE_MODIFIERS: Final = ("shift", "cmd/ctrl")
 BOX_MODIFIER: Final = "cmd/ctrl"
 
-GroundClick = Callable[[Float[np.ndarray, "2"]], bool]
-
 
 class Pointer:
     """Pointer gestures of one browser tab."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        agents_view: Callable[[], AgentsView],
-        on_ground: GroundClick,
-        on_agent: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Listen to the canvas.
-
-        ``on_ground`` is called for every click on the ground; it returns whether it
-        handled it (placing an agent, choosing a candidate). ``on_agent`` is called when
-        a click has selected an agent.
-        """
+    def __init__(self, ui: UiContext, agents_view: AgentsView) -> None:
+        """Listen to the canvas and to agents that are drawn later."""
         self._ui = ui
+        self._model = ui.model
         self._agents_view = agents_view
-        self._on_ground = on_ground
-        self._on_agent = on_agent
         self._seen_camera = SeenCamera(ui.client)
         self._drag = AgentDrag(ui, agents_view, self._seen_camera)
         self._last_node_click: tuple[float, float] | None = None
-        self._takes_ground_first = False
-        scene = ui.client.scene
-        self._listen_to_ground(scene, None)
-        self._listen_to_box(scene, BOX_MODIFIER)
+        self._listen_to_ground(ui.client.scene, None)
+        self._view_switched()
+        self._model.view_switched.subscribe(self._view_switched)
+        agents_view.new_body.subscribe(self._attach)
 
-    def set_takes_ground_first(self, takes: bool) -> None:
-        """Set whether a click means the ground even if an agent is there (placing)."""
-        self._takes_ground_first = takes
+    @property
+    def _takes_ground_first(self) -> bool:
+        """Whether a click means the ground even if an agent is there."""
+        return isinstance(self._model.mode, PlacingMode)
 
-    def set_plain_drag_selects(self, selects: bool) -> None:
-        """Set whether a plain drag draws a selection box (top view) or moves the camera."""
+    def _view_switched(self) -> None:
+        """A plain drag draws a selection box in the top view, else it moves the camera."""
         scene = self._ui.client.scene
         scene.remove_rect_select_callback("all")
         self._listen_to_box(scene, BOX_MODIFIER)
-        if selects:
+        if self._ui.workspace.view.is_top:
             self._listen_to_box(scene, None)
 
-    def attach(self, node: viser.BatchedMeshHandle, kind: AgentKind) -> None:
+    def _attach(self, node: viser.BatchedMeshHandle, kind: AgentKind) -> None:
         """Make the instances of a node clickable and draggable."""
 
         def clicked(event: Any, *, toggles: bool) -> None:
@@ -103,7 +93,7 @@ class Pointer:
         self._last_node_click = screen_position
         if self._takes_ground_first or instance is None:
             return
-        agent_id = self._agents_view().agent_at(kind, instance)
+        agent_id = self._agents_view.agent_at(kind, instance)
         if agent_id is None:
             return
         selection = self._ui.session.selection
@@ -114,7 +104,7 @@ class Pointer:
         else:
             selection = (*selection, agent_id)
         self._ui.session.select(selection)
-        self._on_agent()
+        self._model.agent_clicked.emit()
 
     def _ground_clicked(
         self, origin: Any, direction: Any, screen_position: tuple[float, float]
@@ -127,15 +117,14 @@ class Pointer:
         point = ground_point(origin, direction)
         if hit_node and not self._takes_ground_first:
             return
-        if point is not None and self._on_ground(point):
+        if point is not None and self._model.ground_clicked.offer(point):
             return
         self._ui.session.select(())
 
     def _box_selected(self, low: Any, high: Any, camera: CameraPose) -> None:
         if self._drag.owns_box(low, high):
             return
-        view = self._agents_view()
-        poses = view.poses
+        poses = self._model.poses
         if poses is None:
             return
         agents = self._ui.session.scenario.agents

@@ -1,21 +1,17 @@
 """Selections by rule: all agents, the others, those of the same kind."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from pd_editor.base.errors import EditError
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.tab.ui_context import UiContext
 
 
 class Selecting:
     """Selects among the agents that the picture shows at the playhead."""
 
-    def __init__(self, ui: UiContext, poses: Callable[[], AgentPoses | None]) -> None:
+    def __init__(self, ui: UiContext) -> None:
         """Make the actions on a session's selection."""
         self._ui = ui
-        self._poses = poses
 
     def select_all(self) -> None:
         """Select every agent in the picture's time."""
@@ -46,7 +42,7 @@ class Selecting:
         )
 
     def _present(self) -> tuple[str, ...]:
-        poses = self._poses()
+        poses = self._ui.model.poses
         ids = self._ui.session.scenario.agents.ids
         if poses is None or len(poses.is_present) != len(ids):
             return ()

@@ -40,6 +40,7 @@ class HistoryPanel:
         ui.on_click(self._undo, self.undo)
         ui.on_click(self._redo, self.redo)
         ui.on_option(self._pages, self._turn_page)
+        ui.model.shown.subscribe(self.show)
 
     def undo(self) -> None:
         """Undo the last edit, if any."""

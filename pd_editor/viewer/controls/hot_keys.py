@@ -1,89 +1,68 @@
 """Hot keys, in the order of the command palette."""
 
-from collections.abc import Callable
+from functools import partial
 
-from pd_editor.viewer.agents.agent_list import AgentList
-from pd_editor.viewer.agents.selecting import Selecting
-from pd_editor.viewer.controls.control_panel import ControlPanel
-from pd_editor.viewer.controls.key_sheet import KeySheet
-from pd_editor.viewer.controls.modes import Modes
-from pd_editor.viewer.controls.picture import Picture
-from pd_editor.viewer.findings.scorecard_drawer import ScorecardDrawer
-from pd_editor.viewer.scene.timeline import Timeline
-from pd_editor.viewer.scene.viewpoint import Viewpoint
+from pd_editor.viewer.controls.tab_elements import TabElements
 from pd_editor.viewer.tab.ui_context import UiContext
 
 
-def add_hot_keys(
-    ui: UiContext,
-    *,
-    panels: ControlPanel,
-    picture: Picture,
-    modes: Modes,
-    viewpoint: Viewpoint,
-    agent_list: AgentList,
-    scorecard: ScorecardDrawer,
-    key_sheet: KeySheet,
-    timeline: Timeline,
-    selecting: Selecting,
-    escape: Callable[[], None],
-) -> None:
+def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     """Register the hot keys of a tab."""
     key = ui.hotkey
-    key("Play or pause", timeline.toggle_play, "space")
-    key("Go to t = 0", timeline.go_to_current)
-    key("Next frame (right arrow)", lambda: timeline.step_by(1))
-    key("Previous frame (left arrow)", lambda: timeline.step_by(-1))
-    key("Undo", panels.history.undo, "Z", "cmd/ctrl")
-    key("Redo", panels.history.redo, "Z", "cmd/ctrl+shift")
-    key("Redo (Ctrl+Y)", panels.history.redo, "Y", "cmd/ctrl")
-    key("Delete selection", panels.agent.delete, "delete", failure="Not deleted")
+    key("Play or pause", tab.timeline.toggle_play, "space")
+    key("Go to t = 0", tab.timeline.go_to_current)
+    key("Next frame (right arrow)", lambda: tab.timeline.step_by(1))
+    key("Previous frame (left arrow)", lambda: tab.timeline.step_by(-1))
+    key("Undo", tab.history.undo, "Z", "cmd/ctrl")
+    key("Redo", tab.history.redo, "Z", "cmd/ctrl+shift")
+    key("Redo (Ctrl+Y)", tab.history.redo, "Y", "cmd/ctrl")
+    key("Delete selection", tab.agent.delete, "delete", failure="Not deleted")
     key(
         "Delete selection (Backspace)",
-        panels.agent.delete,
+        tab.agent.delete,
         "backspace",
         failure="Not deleted",
     )
     key(
         "Duplicate selection",
-        panels.agent.duplicate,
+        tab.agent.duplicate,
         "D",
         "cmd/ctrl",
         failure="Not duplicated",
     )
-    key("Snap to lane", panels.agent.snap, "L", failure="Not snapped to a lane")
+    key("Snap to lane", tab.agent.snap, "L", failure="Not snapped to a lane")
     key(
         "Lock or unlock the selection",
-        panels.agent.locks.toggle,
+        tab.agent.locks.toggle,
         "K",
         failure="Lock not changed",
     )
-    key("Select all agents", selecting.select_all, "A", "cmd/ctrl")
-    key("Invert the selection", selecting.invert, "I", "cmd/ctrl")
-    key("Select all of the same kind", selecting.same_kind)
-    key("Agent list", agent_list.toggle, "F", "cmd/ctrl")
-    key("Scorecard", scorecard.toggle, "I")
-    key("Place an agent", modes.placing.toggle, "P", arms=True)
-    modes.steering.add_hotkeys()
-    key("Show possible trajectories", panels.candidates.toggle_candidates, "G")
-    key("Regenerate the selection, else all", panels.generation.regenerate, "R")
+    key("Select all agents", tab.selecting.select_all, "A", "cmd/ctrl")
+    key("Invert the selection", tab.selecting.invert, "I", "cmd/ctrl")
+    key("Select all of the same kind", tab.selecting.same_kind)
+    key("Agent list", partial(ui.model.toggle_drawer, "agents"), "F", "cmd/ctrl")
+    key("Scorecard", partial(ui.model.toggle_drawer, "scorecard"), "I")
+    key("Place an agent", tab.placing.toggle, "P", arms=True)
+    tab.steering.add_hotkeys()
+    key("Show possible trajectories", tab.candidates.toggle_candidates, "G")
+    key("Regenerate the selection, else all", tab.generation.regenerate, "R")
     key(
         "Live regeneration on or off",
-        panels.generation.live_switch.toggle,
+        tab.generation.live_switch.toggle,
         "R",
         "shift",
     )
-    key("Choose among the samples of the last run", picture.samples.focus, "J")
-    key("Compare two samples of the last run", picture.samples.compare, "C")
-    key("Cancel the generation", panels.generation.cancel)
-    key("Reset road", panels.road.reset)
-    key("Switch 3-D and top view", viewpoint.switch, "V")
-    key("Frame selection", viewpoint.frame_selection, "F")
-    key("Show the whole map", viewpoint.frame_map, "home")
-    key("Measure distances", modes.measure.toggle, "M", arms=True)
-    key("Turn the view north, or to the heading", viewpoint.turn)
-    key("Keys and mouse", key_sheet.open)
-    key("Clear selection", escape, "escape")
-    key("Star: into the basket", panels.basket.star, "S")
-    key("Next scenario", lambda: panels.dataset.go(+1), "pagedown")
-    key("Previous scenario", lambda: panels.dataset.go(-1), "pageup")
+    key("Choose among the samples of the last run", tab.samples.focus, "J")
+    key("Compare two samples of the last run", tab.samples.compare, "C")
+    key("Cancel the generation", tab.generation.cancel)
+    key("Reset road", tab.road.reset)
+    key("Switch 3-D and top view", tab.viewpoint.switch, "V")
+    key("Frame selection", tab.viewpoint.frame_selection, "F")
+    key("Show the whole map", tab.viewpoint.frame_map, "home")
+    key("Measure distances", tab.measure.toggle, "M", arms=True)
+    key("Turn the view north, or to the heading", tab.viewpoint.turn)
+    key("Keys and mouse", tab.key_sheet.open)
+    key("Clear selection", tab.escape, "escape")
+    key("Star: into the basket", tab.basket.star, "S")
+    key("Next scenario", lambda: tab.dataset.go(+1), "pagedown")
+    key("Previous scenario", lambda: tab.dataset.go(-1), "pageup")

@@ -1,6 +1,5 @@
 """Context menus of the picture, by the clicked element."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +8,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.locks import STATE_LOCK
 from pd_editor.scene.paths.suggested_state import suggested_heading
-from pd_editor.viewer.agents.selecting import Selecting
-from pd_editor.viewer.controls.control_panel import ControlPanel
-from pd_editor.viewer.controls.modes import Modes
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.controls.tab_elements import TabElements
 from pd_editor.viewer.scene.context_menu import Menu, MenuItem
 from pd_editor.viewer.scene.picking import PointerRay, agent_under
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -20,18 +16,16 @@ from pd_editor.viewer.tab.ui_context import UiContext
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PictureMenu:
-    """Makes menus of the actions of panels and modes."""
+    """Makes menus of the actions of the tab's elements."""
 
     ui: UiContext
-    poses: Callable[[], AgentPoses | None]
-    selecting: Selecting
-    modes: Modes
-    panels: ControlPanel
+    tab: TabElements
 
     def at(self, ray: PointerRay) -> Menu | None:
         """The menu of an agent or of the road; none while clicks mean something else."""
-        poses = self.poses()
-        if self.modes.is_any_active or poses is None:
+        model = self.ui.model
+        poses = model.poses
+        if model.mode is not None or poses is None:
             return None
         row = agent_under(self.ui.session.scenario.agents, poses, ray)
         if row is not None:
@@ -57,15 +51,15 @@ class PictureMenu:
         )
         is_one = count == 1
         items = (
-            MenuItem("Select all of this kind", self.selecting.same_kind),
+            MenuItem("Select all of this kind", self.tab.selecting.same_kind),
             MenuItem(
                 "Make focal",
-                self.panels.agent.make_focal,
+                self.tab.agent.make_focal,
                 is_enabled=is_one and agent_id != scenario.focal_id,
             ),
             MenuItem(
                 "Possible trajectories",
-                self.panels.candidates.toggle_candidates,
+                self.tab.candidates.toggle_candidates,
                 is_enabled=is_one and is_there,
                 key="G",
             ),
@@ -73,29 +67,27 @@ class PictureMenu:
                 "Regenerate trajectory"
                 if is_one
                 else f"Regenerate {count} trajectories",
-                lambda: self.panels.generation.regenerate_agents(session.selection),
+                lambda: self.ui.model.run_requested.emit(session.selection, False),
                 is_enabled=is_there,
             ),
             *(
-                self.modes.steering.pair_items(former[0], agent_id)
+                self.tab.steering.pair_items(former[0], agent_id)
                 if len(former) == 1 and former != (agent_id,) and is_there
                 else ()
             ),
-            *self.modes.steering.agent_items(is_enabled=is_one and is_there),
-            MenuItem(
-                "Snap to lane", self.panels.agent.snap, is_enabled=is_there, key="L"
-            ),
+            *self.tab.steering.agent_items(is_enabled=is_one and is_there),
+            MenuItem("Snap to lane", self.tab.agent.snap, is_enabled=is_there, key="L"),
             *self._lock_items(is_there),
             MenuItem(
                 "Duplicate",
-                self.panels.agent.duplicate,
+                self.tab.agent.duplicate,
                 is_enabled=is_there,
                 key="Ctrl+D",
             ),
-            MenuItem("Delete", self.panels.agent.delete, key="Del"),
+            MenuItem("Delete", self.tab.agent.delete, key="Del"),
             MenuItem(
                 "Bend the road from here",
-                lambda: self.panels.road.bend_from(pose),
+                lambda: self.tab.road.bend_from(pose),
                 is_enabled=is_one and is_there,
             ),
         )
@@ -104,7 +96,7 @@ class PictureMenu:
 
     def _lock_items(self, is_there: bool) -> tuple[MenuItem, ...]:
         """Unlock what is locked; else the three locks."""
-        session, locks = self.ui.session, self.panels.agent.locks
+        session, locks = self.ui.session, self.tab.agent.locks
         if all(name in session.scenario.locks for name in session.selection):
             return (MenuItem("Unlock", locks.toggle, key="K"),)
         beginning = locks.beginning
@@ -125,22 +117,24 @@ class PictureMenu:
             y_m=float(point_m[1]),
             rotation_rad=suggested_heading(road_map, point_m, AgentKind.VEHICLE),
         )
-        kind = self.modes.placing.kind.in_words
+        kind = self.tab.placing.kind.in_words
         return Menu(
             title="Road",
             items=(
-                *self.modes.steering.road_items(point_m),
+                *self.tab.steering.road_items(point_m),
                 MenuItem(
-                    f"Place a {kind} here", lambda: self.modes.placing.place(point_m)
+                    f"Place a {kind} here", lambda: self.tab.placing.place(point_m)
                 ),
                 MenuItem(
-                    "Bend the road from here", lambda: self.panels.road.bend_from(pose)
+                    "Bend the road from here", lambda: self.tab.road.bend_from(pose)
                 ),
                 MenuItem(
                     "Measure from here",
-                    lambda: self.modes.measure.begin_at(point_m),
+                    lambda: self.tab.measure.begin_at(point_m),
                     key="M",
                 ),
-                MenuItem("Select all agents", self.selecting.select_all, key="Ctrl+A"),
+                MenuItem(
+                    "Select all agents", self.tab.selecting.select_all, key="Ctrl+A"
+                ),
             ),
         )

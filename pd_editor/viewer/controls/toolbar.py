@@ -1,11 +1,16 @@
 """The row of tools over the picture's top left corner."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
+from pd_editor.editor.session import EditorSession
+from pd_editor.viewer.controls.history_panel import HistoryPanel
+from pd_editor.viewer.controls.tab_elements import TabElements
 from pd_editor.viewer.overlay.messages import Icon, Tool, ToolbarState
-from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.viewpoint import Viewpoint
+from pd_editor.viewer.tab.ui_context import UiContext
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,14 +30,22 @@ class ToolButton:
 class Toolbar:
     """Tools that a user needs at any time, whatever tab of the panel is open."""
 
-    def __init__(
-        self, overlay: Overlay, groups: Sequence[Sequence[ToolButton]]
-    ) -> None:
+    def __init__(self, ui: UiContext, tab: TabElements) -> None:
         """Offer groups of tools, from left to right, with gaps between them."""
-        self._overlay = overlay
-        self._groups = groups
-        self._tools = {tool.icon: tool for group in groups for tool in group}
-        overlay.on("toolbar", self._used)
+        self._overlay = ui.overlay
+        self._groups = _tool_groups(ui, tab)
+        self._tools = {tool.icon: tool for group in self._groups for tool in group}
+        self._overlay.on("toolbar", self._used)
+        model = ui.model
+        for signal in (
+            model.shown,
+            model.run_changed,
+            model.mode_changed,
+            model.view_switched,
+            model.drawer_changed,
+            model.compared,
+        ):
+            signal.subscribe(self.show)
 
     def show(self) -> None:
         """Show each tool as it is now."""
@@ -59,3 +72,104 @@ class Toolbar:
         elif event.get("kind") == "release" and tool.release is not None:
             tool.release()
         self.show()
+
+
+def _tool_groups(ui: UiContext, tab: TabElements) -> tuple[tuple[ToolButton, ...], ...]:
+    """Groups of tools of a tab, from left to right."""
+    model, viewpoint = ui.model, tab.viewpoint
+    comparison, live = tab.picture.comparison, tab.generation.live_switch
+    return (
+        _history_tools(ui.session, tab.history),
+        _view_tools(viewpoint),
+        (
+            ToolButton("fit", viewpoint.frame_map, "Show the whole map (Home)"),
+            ToolButton(
+                "frame",
+                viewpoint.frame_selection,
+                "Frame the selection, or the focal agent (F)",
+            ),
+        ),
+        (
+            ToolButton(
+                "measure",
+                tab.measure.toggle,
+                "Measure distances (M)",
+                is_active=lambda: tab.measure.is_active,
+            ),
+            ToolButton(
+                "place",
+                tab.placing.toggle,
+                "Place agents (P)",
+                is_active=lambda: tab.placing.is_active,
+            ),
+            ToolButton(
+                "agents",
+                partial(model.toggle_drawer, "agents"),
+                "Agent list (Ctrl+F)",
+                is_active=lambda: model.drawer == "agents",
+            ),
+            ToolButton(
+                "scorecard",
+                partial(model.toggle_drawer, "scorecard"),
+                "Scorecard: metrics beside recordings (I)",
+                is_active=lambda: model.drawer == "scorecard",
+            ),
+            ToolButton(
+                "compare",
+                comparison.hold,
+                "Compare with the original (hold O)",
+                release=comparison.release,
+                is_active=lambda: comparison.is_on,
+            ),
+            ToolButton(
+                "live",
+                live.toggle,
+                "Live: traffic reacts while you edit (Shift+R)",
+                is_active=lambda: live.is_on,
+            ),
+        ),
+        (ToolButton("help", tab.key_sheet.open, "Keys and mouse (?)"),),
+    )
+
+
+def _history_tools(
+    session: EditorSession, history: HistoryPanel
+) -> tuple[ToolButton, ...]:
+    """Undo and redo, which name the edit."""
+
+    def named(action: str, index: int, key: str) -> str:
+        entries = session.entries
+        what = f": {entries[index].label}" if 0 <= index < len(entries) else ""
+        return f"{action}{what} ({key})"
+
+    return (
+        ToolButton(
+            "undo",
+            history.undo,
+            lambda: named("Undo", session.state.position - 1, "Ctrl+Z"),
+            is_enabled=lambda: session.can_undo,
+        ),
+        ToolButton(
+            "redo",
+            history.redo,
+            lambda: named("Redo", session.state.position, "Ctrl+Shift+Z"),
+            is_enabled=lambda: session.can_redo,
+        ),
+    )
+
+
+def _view_tools(viewpoint: Viewpoint) -> tuple[ToolButton, ...]:
+    return (
+        ToolButton(
+            "3d",
+            viewpoint.show_3d,
+            "3-D view (V switches)",
+            is_active=lambda: not viewpoint.is_top,
+        ),
+        ToolButton(
+            "top",
+            viewpoint.show_top,
+            "Top view (V switches)",
+            is_active=lambda: viewpoint.is_top,
+        ),
+    )

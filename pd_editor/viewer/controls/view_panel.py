@@ -1,11 +1,15 @@
 """The view panel: camera, theme, layers."""
 
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, Final
 
+import numpy as np
 import viser
 
 from pd_editor.viewer.meshes.road_mesh import Layer
+from pd_editor.viewer.overlay.messages import ThemeState
+from pd_editor.viewer.scene.picture import Picture
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -21,17 +25,9 @@ _LAYER_TITLE: Final[dict[Layer, str]] = {
 class ViewPanel:
     """Controls of camera, theme and layers."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        viewpoint: Viewpoint,
-        *,
-        on_theme: Callable[[bool], None],
-        on_layer: Callable[[Layer, bool], None],
-        on_ribbons: Callable[[bool], None],
-        on_compare: Callable[[bool], None],
-    ) -> None:
+    def __init__(self, ui: UiContext, viewpoint: Viewpoint, picture: Picture) -> None:
         """Build it into the current tab."""
+        self._ui = ui
         gui = ui.client.gui
         for label, icon, hint, show in (
             ("3-D view", viser.Icon.CUBE, "V switches", viewpoint.show_3d),
@@ -48,18 +44,59 @@ class ViewPanel:
         self._theme = gui.add_checkbox(
             "Dark theme", ui.workspace.is_dark, hint="The browser's until you choose"
         )
-        ui.on_change(self._theme, on_theme)
+        ui.on_change(self._theme, self._choose_theme)
+        ui.overlay.on("theme", self._theme_asked)
         compare = gui.add_checkbox(
             "Compare with the original", False, hint="Hold O for a short look"
         )
-        ui.on_change(compare, on_compare)
+        ui.on_change(compare, picture.comparison.keep)
         with gui.add_folder("Layers"):
             for layer, title in _LAYER_TITLE.items():
                 box = gui.add_checkbox(title, layer != "centerlines")
-                ui.on_change(box, lambda value, layer=layer: on_layer(layer, value))
+                ui.on_change(box, partial(picture.map.set_layer_visible, layer))
             ribbons = gui.add_checkbox("Past and future", True)
-            ui.on_change(ribbons, on_ribbons)
+            ui.on_change(ribbons, picture.ribbons.set_visible)
 
-    def show_theme(self, is_dark: bool) -> None:
-        """Show a theme that was not chosen here."""
-        self._theme.value = is_dark
+    def _theme_asked(self, event: Mapping[str, Any]) -> None:
+        """Take the theme that the page asks for: the browser's, or the one kept there."""
+        is_dark = event.get("isDark") is True
+        if is_dark != self._ui.workspace.is_dark:
+            self._theme.value = is_dark
+            self._set_theme(is_dark)
+
+    def _choose_theme(self, is_dark: bool) -> None:
+        self._ui.overlay.show(ThemeState(is_dark=is_dark))
+        self._set_theme(is_dark)
+
+    def _set_theme(self, is_dark: bool) -> None:
+        self._ui.workspace.is_dark = is_dark
+        send_theme(self._ui.client, is_dark=is_dark)
+        with self._ui.client.atomic():
+            self._ui.model.theme_changed.emit()
+            self._ui.model.shown.emit()
+
+
+def send_theme(client: viser.ClientHandle, *, is_dark: bool) -> None:
+    """Let viser's page have a theme."""
+    client.gui.configure_theme(
+        dark_mode=is_dark, show_logo=False, show_share_button=False
+    )
+
+
+def configure_page(client: viser.ClientHandle, *, is_dark: bool) -> None:
+    """Set up viser's page: theme, panel, light."""
+    send_theme(client, is_dark=is_dark)
+    client.gui.set_panel_label("Path Diffuser Editor")
+    client.gui.main_panel.dock_right()
+    client.gui.main_panel.set_width(372)
+    # No environment map: without a fast GPU the page would prepare it for seconds,
+    # with an almost transparent picture meanwhile. Sky and ground replace it.
+    client.scene.configure_environment_map(None)
+    client.scene.configure_default_lights(enabled=True, cast_shadow=False)
+    client.scene.add_light_hemisphere(
+        "/sky",
+        sky_color=(255, 255, 255),
+        ground_color=(150, 150, 150),
+        intensity=2.2,
+        wxyz=(np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0),
+    )

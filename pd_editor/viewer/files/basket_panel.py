@@ -1,11 +1,10 @@
 """The basket: starred scenarios, listed at the end of the tab, downloaded together."""
 
-from collections.abc import Callable
-
 import viser
 
 from pd_editor.analysis.findings.finding import open_in_words
 from pd_editor.editor.basket.basket import BasketEntry
+from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.tab.panel_style import PictureRows
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
@@ -15,19 +14,12 @@ ZIP_NAME = "scenarios.zip"
 class BasketPanel:
     """Buttons on top, which stay in place; below them the list, which grows."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        on_changed: Callable[[], None],
-        format_name: Callable[[], str],
-    ) -> None:
+    def __init__(self, ui: UiContext, export: ExportPanel) -> None:
         """Build it into the current container, as the last thing in it.
 
-        ``on_changed`` is called when scenarios were removed or put back; ``format_name``
-        tells in which format they are downloaded.
+        Scenarios are downloaded in the format that is chosen for exports.
         """
-        self._on_changed = on_changed
-        self._format_name = format_name
+        self._export = export
         self._ui = ui
         self._workspace = ui.workspace
         self._entries: list[BasketEntry] = []
@@ -53,6 +45,7 @@ class BasketPanel:
         ui.on_click(self._download, self.download)
         ui.on_click(self._remove, self._remove_ticked)
         ui.on_click(self._put_back, self._put_removed_back)
+        ui.model.star_requested.subscribe(self.star)
         self.refresh()
 
     def star(self) -> None:
@@ -103,7 +96,7 @@ class BasketPanel:
         shown = set(self._ticked())
         self.refresh()
         there = set(self._ticked()) & shown
-        content = self._workspace.basket_zip(there, self._format_name())
+        content = self._workspace.basket_zip(there, self._export.format_name())
         self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
         gone = sorted(shown - there)
         if gone:
@@ -152,7 +145,7 @@ class BasketPanel:
 
     def _changed(self) -> None:
         self.refresh()
-        self._on_changed()
+        self._ui.model.basket_changed.emit()
 
     def _ticked(self) -> list[str]:
         unticked = self._workspace.unticked

@@ -66,6 +66,9 @@ class DatasetPanel:
         ui.on_click(self._next, lambda: self.go(+1))
         self._shown: tuple[DatasetSearch, int, bool] | None = None
         self._cards: dict[str, ScenarioCard] = {}
+        ui.model.scene_shown.subscribe(self.follow)
+        # A search that finished under an earlier connection gives no new event.
+        self.show()
 
     def go(self, direction: int) -> None:
         """Open the next (+1) or previous (-1) scenario under the filter."""

@@ -2,18 +2,17 @@
 
 import datetime
 from collections import Counter
-from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import viser
 
-from pd_editor.analysis.findings.finding import Finding, open_in_words
+from pd_editor.analysis.findings.finding import open_in_words
 from pd_editor.base.errors import InputError
 from pd_editor.editor.variant import name_from_text, tags_from_text
 from pd_editor.scene.formats.registry import formats
-from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.scenario import EGO_ID
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_value
 
@@ -21,16 +20,11 @@ from pd_editor.viewer.tab.ui_context import UiContext, set_value
 class ExportPanel:
     """Names and writes the current scenario, and shows what it lacks."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        problems: Callable[[], Collection[Finding]],
-        on_star: Callable[[], None],
-    ) -> None:
-        """Build it; ``on_star`` adds the current state to the basket."""
+    def __init__(self, ui: UiContext) -> None:
+        """Build it into the current tab."""
         self._ui = ui
+        self._model = ui.model
         self._workspace = ui.workspace
-        self._problems = problems
         self._typed: str | None = None
         self._base = ui.session.base
         self._dialog: Any = None
@@ -70,14 +64,16 @@ class ExportPanel:
                 hint="recipe.json, which pd-editor replay applies again",
             )
         ui.on_click(download, self.download)
-        ui.on_click(self._star, on_star)
+        ui.on_click(self._star, self._model.star_requested.emit)
         ui.on_click(write, self._write)
         ui.on_click(edits, self._download_edits)
         ui.on_change(self._name, self._name_typed, merge_key="variant name")
         for handle in (self._tags, self._note):
             ui.on_change(handle, lambda _text: self._describe(), merge_key="variant")
+        self._model.shown.subscribe(self.show)
+        self._model.checked.subscribe(self._show_preflight)
 
-    def show(self, scenario: Scenario) -> None:
+    def show(self) -> None:
         """Show name, tags, note, and what the result lacks."""
         session = self._ui.session
         variant = session.variant
@@ -89,16 +85,17 @@ class ExportPanel:
         if tags_from_text(str(self._tags.value)) != variant.tags:
             set_value(self._tags, ", ".join(variant.tags))
         set_value(self._note, variant.note)
-        self.show_preflight(scenario)
+        self._show_preflight()
 
-    def show_preflight(self, scenario: Scenario) -> None:
+    def _show_preflight(self) -> None:
         """One line: focal agent, ego, open problems."""
+        scenario = self._ui.session.scenario
         agents = scenario.agents
         focal = (
             "focal agent ok" if scenario.focal_id in agents.row_of else "no focal agent"
         )
         ego = "ego ok" if EGO_ID in agents.row_of else "ego missing"
-        counts = Counter(one.kind for one in self._problems())
+        counts = Counter(one.kind for one in self._model.findings.new)
         line = f"{focal} · {ego} · {open_in_words(counts)}"
         # In bold where the export lacks something.
         is_good = scenario.focal_id in agents.row_of and not counts

@@ -1,16 +1,15 @@
 """The card with the outline of a map, of which a part is chosen and opened."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import shapely
 
 from pd_editor.base.errors import InputError
-from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.map_window import densest_windows, window_of
 from pd_editor.scene.road_map import Lane
 from pd_editor.viewer.overlay.messages import MapWindowState
-from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.tab.ui_context import UiContext
 
 _FINEST: Final = 1500
 """Details smaller than this share of the map's extent are left out."""
@@ -19,20 +18,14 @@ _FINEST: Final = 1500
 class MapWindowCard:
     """A card over the picture, open while a part of a map is chosen."""
 
-    def __init__(self, overlay: Overlay) -> None:
+    def __init__(self, ui: UiContext) -> None:
         """Show nothing yet."""
-        self._overlay = overlay
-        self._on_choice: Callable[[MapWindow], None] = lambda _window: None
-        overlay.on("mapWindow", self._heard)
+        self._ui = ui
+        self._overlay = ui.overlay
+        self._overlay.on("mapWindow", self._heard)
 
-    def ask(
-        self,
-        lanes: tuple[Lane, ...],
-        title: str,
-        on_choice: Callable[[MapWindow], None],
-    ) -> None:
+    def ask(self, lanes: tuple[Lane, ...], about: str) -> None:
         """Show the lanes, in the file's frame; the fullest square is chosen at first."""
-        self._on_choice = on_choice
         lines = [shapely.LineString(one.centerline_m) for one in lanes]
         west, south, east, north = shapely.total_bounds(lines)
         span = max(east - west, north - south)
@@ -44,7 +37,8 @@ class MapWindowCard:
         )
         view = west - margin, -north - margin, east - west, north - south
         state = MapWindowState(
-            title=title,
+            title=f"{about} has {len(lanes)} lanes: drag a square, or click its "
+            "middle.",
             road=road,
             square=(first.x_m, first.y_m, first.radius_m),
             view="{:.1f} {:.1f}".format(*view[:2])
@@ -62,4 +56,5 @@ class MapWindowCard:
             raise InputError("The page named no square of the map.") from None
         window = window_of((x, y), radius)
         assert window is not None, "it is around a place"
-        self._on_choice(window)
+        self._ui.commit_gesture()
+        self._ui.workspace.open_window(window)

@@ -21,9 +21,9 @@ from pd_editor.scene.av2_io.upload import (
 from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
+from pd_editor.viewer.files.map_window import MapWindowCard
 from pd_editor.viewer.server.server_guard import limit_uploads
-from pd_editor.viewer.state.page_text import plain
-from pd_editor.viewer.tab.panel_style import FixedText, PictureRows
+from pd_editor.viewer.tab.panel_style import FixedText, PictureRows, plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 CARD_LINES: Final = 4
@@ -51,8 +51,7 @@ class ScenarioPanel:
         self._card = FixedText(gui, CARD_LINES)
         self._cut = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._cut, self._workspace.open_cut)
-        self.on_part: Callable[[], None] = lambda: None
-        """Lets the user choose a part of the map."""
+        self.map_window = MapWindowCard(ui)
         self._part = gui.add_button(
             "Choose a part of the map", color="gray", icon=viser.Icon.MARQUEE_2
         )
@@ -74,6 +73,7 @@ class ScenarioPanel:
                 "that were downloaded alone (.recipe.json)",
             )
             self._of_zip = gui.add_button("", color="gray", visible=False)
+        ui.model.shown.subscribe(self.show)
         ui.on_click(self._of_zip, self._choose_scenario)
         ui.on_change(self._demo, self._tell_demo)
         ui.on_click(open_demo, self._open_demo)
@@ -89,8 +89,9 @@ class ScenarioPanel:
                 failure=f"Not opened: {uploaded.name[:60]}",
             )
 
-    def show(self, scenario: Scenario) -> None:
+    def show(self) -> None:
         """Show the open scenario; the menu of demos follows it."""
+        scenario = self._ui.session.scenario
         if self._base is not self._ui.session.base:
             self._base = self._ui.session.base
             name = self._base.provenance.source.removeprefix(DEMO_PREFIX)
@@ -118,7 +119,7 @@ class ScenarioPanel:
         self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
 
     def _choose_part(self) -> None:
-        self.on_part()
+        self.map_window.ask(self._workspace.lanes_of_file(), "The map")
 
     def _offer_cut(self, base: Scenario) -> None:
         """A button for recordings that are longer than models sample."""

@@ -37,6 +37,8 @@ class UnfinishedPanel:
             hint="Edits of other scenarios, to continue or to discard",
         )
         ui.on_click(self._button, self.open_dialog)
+        ui.model.basket_changed.subscribe(self.follow)
+        ui.model.scene_shown.subscribe(lambda: ui.post(self.follow))
         self.follow()
         if self._count and self._workspace.is_new:
             self._notice = ui.notify(

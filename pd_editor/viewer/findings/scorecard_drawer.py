@@ -2,8 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +14,8 @@ from pd_editor.analysis.findings.scorecard import Level, ScoreRow, scorecard
 from pd_editor.analysis.metrics.agent_profile import agent_profile
 from pd_editor.editor.cures import Cure, cures
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.findings.findings_view import FindingsView
+from pd_editor.viewer.findings.status_chip import apply_cure
 from pd_editor.viewer.overlay.messages import (
     Chart,
     ChartsState,
@@ -23,9 +24,9 @@ from pd_editor.viewer.overlay.messages import (
     ScoreLine,
     Tone,
 )
-from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.framing import FreePart
 from pd_editor.viewer.scene.timeline import Timeline, marks_of
-from pd_editor.viewer.state.finding_watch import FindingWatch
+from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
 _MARKS: Final[dict[Severity, str]] = {"problem": "solid", "notice": "striped"}
@@ -36,21 +37,6 @@ MAX_LISTED: Final = 6
 _TONE: Final[dict[Level, Tone]] = {"usual": "good", "unusual": "warn", "extreme": "bad"}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ScorecardActions:
-    """Actions of the scorecard."""
-
-    go_to: Callable[[Finding, float], None]
-    """Selects a finding's agent, and shows it at that time right of so much of the
-    picture's width."""
-    cure: Callable[[Cure], None]
-    draw: Callable[[Scenario, tuple[Finding, ...]], None]
-    redraw: Callable[[], None]
-    """Draws rings again."""
-    opened: Callable[[], None]
-    """Called when it was opened or closed."""
-
-
 class ScorecardDrawer:
     """The element ``scorecard``; its findings in the scene and on the timeline.
 
@@ -59,20 +45,15 @@ class ScorecardDrawer:
     it, and its cures are offered. While a row is open, its findings alone are drawn.
     """
 
-    def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        timeline: Timeline,
-        watch: FindingWatch,
-        actions: ScorecardActions,
-    ) -> None:
+    def __init__(self, ui: UiContext, timeline: Timeline, viewpoint: Viewpoint) -> None:
         """Start closed."""
         self._ui = ui
-        self._overlay = overlay
+        self._model = ui.model
+        self._overlay = ui.overlay
         self._timeline = timeline
-        self._watch = watch
-        self._actions = actions
+        self._viewpoint = viewpoint
+        self._watch = ui.model.findings
+        self._view = FindingsView(ui.client, ui.model.palette)
         self._scored: SceneCheck | None = None
         self._rows: tuple[ScoreRow, ...] = ()
         self._charted: tuple[Scenario, tuple[str, ...]] | None = None
@@ -81,18 +62,17 @@ class ScorecardDrawer:
         self._cures: tuple[Cure, ...] | None = ()
         """What helps against the chosen finding; None until it is known."""
         self._draws = True
-        self._is_muted = False
         self._covered_share = 0.0
         self.is_open = False
-        overlay.on("scorecard", self._heard)
-        timeline.on_mark["finding"] = self._mark_chosen
+        self._overlay.on("scorecard", self._heard)
+        timeline.mark_chosen["finding"].subscribe(self._mark_chosen)
+        self._model.drawer_changed.subscribe(self._follow_drawer)
+        self._model.sample_pointed.subscribe(self._mark)
+        self._model.theme_changed.subscribe(self._follow_theme)
+        self._model.shown.subscribe(self.show)
 
-    def toggle(self) -> None:
-        """Open it, or close it."""
-        self.set_open(not self.is_open)
-
-    def set_open(self, is_open: bool) -> None:
-        """Open or close it."""
+    def _follow_drawer(self) -> None:
+        is_open = self._model.drawer == "scorecard"
         if is_open == self.is_open:
             return
         self.is_open = is_open
@@ -103,7 +83,10 @@ class ScorecardDrawer:
         else:
             self._overlay.show(ScorecardState())
             self._mark()
-        self._actions.opened()
+        self._model.marks_changed.emit()
+
+    def _follow_theme(self) -> None:
+        self._view.set_palette(self._model.palette)
 
     def show(self) -> None:
         """Follow scenario and selection."""
@@ -111,7 +94,7 @@ class ScorecardDrawer:
         if not self.is_open:
             return
         if session.state.is_previewing:
-            self._actions.draw(session.scenario, ())
+            self._view.show(session.scenario, ())
             return
         scenario = session.scenario
         check = self._watch.whole()
@@ -125,24 +108,9 @@ class ScorecardDrawer:
             self._charted = charted
             self._overlay.show(_charts(*charted))
 
-    def set_muted(self, is_muted: bool) -> None:
-        """Draw nothing in the scene while another scenario is drawn there."""
-        if is_muted != self._is_muted:
-            self._is_muted = is_muted
-            self._mark()
-
-    def agents_at(self, step: float) -> frozenset[str]:
-        """Agents with a drawn finding at a step."""
-        return frozenset(
-            name
-            for one in self._drawn_findings()
-            if one.holds_at(step)
-            for name in one.agent_ids
-        )
-
     def _drawn_findings(self) -> tuple[Finding, ...]:
         """Faults of the open row, or of all rows; of a mean the chosen finding."""
-        if not self.is_open or not self._draws or self._is_muted:
+        if not self.is_open or not self._draws:
             return ()
         if self._chosen is not None and not self._chosen.is_fault:
             return (self._chosen,)
@@ -155,10 +123,13 @@ class ScorecardDrawer:
         )
 
     def _mark(self) -> None:
-        """Draw the findings in the scene, and mark them on the timeline."""
-        found = self._drawn_findings()
-        scenario = self._ui.session.scenario
-        self._actions.draw(scenario, found)
+        """Draw the findings in the scene, and mark them on the timeline.
+
+        Nothing is drawn while a sample is in the scene.
+        """
+        self._model.marked_findings = self._drawn_findings()
+        found = () if self._model.sample is not None else self._model.marked_findings
+        self._view.show(self._ui.session.scenario, found)
         listed = {one.key for one in self._watch.new}
         lines = [
             (one.shown_step, one.headline)
@@ -187,10 +158,20 @@ class ScorecardDrawer:
         """Show a finding of a row; what helps is found out afterwards."""
         self._open_row, self._chosen = row, finding
         self._cures = None
-        self._actions.go_to(finding, self._covered_share)
+        self._go_to(finding)
         self.show()
-        self._actions.redraw()
+        self._model.marks_changed.emit()
         self._ui.post(self._offer_cures, "finding cures")
+
+    def _go_to(self, finding: Finding) -> None:
+        """Select the agents of a finding, and show it at that time beside the drawer."""
+        agents = self._ui.session.scenario.agents
+        self._timeline.seek(float(finding.shown_step))
+        self._ui.session.select(finding.agent_ids)
+        rows = agents.rows(finding.agent_ids)
+        x, y = agents.position_m[rows, finding.shown_step].mean(axis=0)
+        free = FreePart.right_of(self._covered_share)
+        self._viewpoint.frame_place((float(x), float(y)), free)
 
     def _offer_cures(self) -> None:
         if self.is_open and self._chosen is not None:
@@ -251,16 +232,16 @@ class ScorecardDrawer:
         if isinstance(covered, int | float) and 0 <= covered <= 1:
             self._covered_share = float(covered)
         if kind == "close":
-            self.set_open(False)
+            self._model.open_drawer(None)
         elif kind == "draw":
             self._draws = bool(event.get("value"))
             self.show()
-            self._actions.redraw()
+            self._model.marks_changed.emit()
         elif kind == "row" and name == self._open_row:
             self._open_row, self._chosen = "", None
             self._cures = ()
             self.show()
-            self._actions.redraw()
+            self._model.marks_changed.emit()
         elif kind == "row":
             findings = self._findings_of(str(name))
             if findings:
@@ -273,7 +254,7 @@ class ScorecardDrawer:
         elif kind == "cure":
             for cure in self._cures or ():
                 if cure.label == name:
-                    self._actions.cure(cure)
+                    apply_cure(self._ui, cure)
                     return
 
 

@@ -1,22 +1,23 @@
 """The status chip with problems and progress, and the list that it opens."""
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
 from pd_editor.editor.cures import Cure, cures
+from pd_editor.scene.roles.traffic_choice import steered_agent_ids
+from pd_editor.viewer.files.export_panel import ExportPanel
+from pd_editor.viewer.generation.generation_panel import GenerationPanel
 from pd_editor.viewer.overlay.messages import (
     ActiveProblem,
     ProblemGroup,
     ProblemRow,
     StatusState,
 )
-from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.framing import FreePart
 from pd_editor.viewer.scene.timeline import Timeline, marks_of
-from pd_editor.viewer.state.finding_watch import FindingWatch
-from pd_editor.viewer.state.run_state import RunState
+from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
 MAX_ROWS: Final = 200
@@ -50,48 +51,38 @@ _ICON: Final[dict[FindingKind, str]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ChipActions:
-    """Actions of the chip."""
-
-    cure: Callable[[Cure], None]
-    cancel: Callable[[], None]
-    use_result: Callable[[], None]
-    run_guidance: Callable[[], None]
-    download: Callable[[], None]
-    frame: Callable[[Finding, float], None]
-    """Shows a place in so much of the picture's width, from the left."""
-    redraw: Callable[[], None]
-    """Draws rings again."""
-
-
 class StatusChip:
     """The element ``status``; a row of its list selects, frames and goes to the time."""
 
     def __init__(
         self,
         ui: UiContext,
-        overlay: Overlay,
         timeline: Timeline,
-        watch: FindingWatch,
-        run: Callable[[], RunState | None],
-        actions: ChipActions,
+        viewpoint: Viewpoint,
+        generation: GenerationPanel,
+        export: ExportPanel,
     ) -> None:
-        """Show the chip; ``run`` returns the state of a generation."""
+        """Show the chip."""
         self._ui = ui
-        self._overlay = overlay
+        self._model = ui.model
+        self._overlay = ui.overlay
         self._timeline = timeline
-        self._watch = watch
-        self._run = run
-        self._actions = actions
+        self._viewpoint = viewpoint
+        self._generation = generation
+        self._export = export
+        self._watch = ui.model.findings
         self._active: tuple[Group, Finding] | None = None
         self._cures: tuple[Cure, ...] | None = ()
         """What helps against the chosen problem; None until it is known."""
         self._free_share = 1.0
         self._is_open = False
         self._num_closed = 0
-        overlay.on("status", self._heard)
-        timeline.on_mark["problem"] = self._mark_chosen
+        self._overlay.on("status", self._heard)
+        timeline.mark_chosen["problem"].subscribe(self._mark_chosen)
+        self._model.shown.subscribe(self.show)
+        self._model.run_changed.subscribe(self.show)
+        self._model.checked.subscribe(self._after_check)
+        self._model.pair_opened.subscribe(self.close_list)
 
     def show(self) -> None:
         """Show what is known now."""
@@ -99,7 +90,7 @@ class StatusChip:
         self._follow_active(groups)
         marks = [(p.shown_step, p.message) for p in groups["new"] if _has_time(p)]
         self._timeline.set_marks("problem", marks_of(marks))
-        run, count = self._run(), len(groups["new"])
+        run, count = self._model.run, len(groups["new"])
         text, tone = "No new problems", "good"
         if count:
             text, tone = f"{count} problem{'s' if count > 1 else ''}", "warn"
@@ -145,7 +136,7 @@ class StatusChip:
         self.show()
         return True
 
-    def after_check(self) -> None:
+    def _after_check(self) -> None:
         """Update the cures of the chosen problem, and show all."""
         self._follow_active(self._groups())
         self._find_cures()
@@ -160,7 +151,8 @@ class StatusChip:
         self._timeline.seek(float(_step_to_show(problem, self._ui)))
         there = self._ui.session.scenario.agents.row_of
         self._ui.session.select(n for n in problem.agent_ids if n in there)
-        self._actions.frame(problem, self._free_share)
+        free = FreePart.left_of(self._free_share)
+        self._viewpoint.frame_place(problem.place_m, free)
         self.show()
         self._ui.post(self._offer_cures, "cures")
 
@@ -247,24 +239,32 @@ class StatusChip:
         elif kind == "cure":
             for cure in self._cures or ():
                 if cure.label == value:
-                    self._actions.cure(cure)
+                    apply_cure(self._ui, cure)
                     return
         elif kind == "ignore" and self._active is not None:
             group, problem = self._active
             if group != "recorded":
                 self._watch.ignore(problem, group != "ignored")
-                self.after_check()
-                self._actions.redraw()
+                self._model.checked.emit()
         elif kind == "cancel":
-            self._actions.cancel()
+            self._generation.cancel()
         elif kind == "use":
-            run = self._run()
+            run = self._model.run
             if run is not None and run.action:
-                self._actions.use_result()
+                self._generation.use_result()
             elif self._ui.session.awaits_guided_run:
-                self._actions.run_guidance()
+                steered = steered_agent_ids(self._ui.session.scenario)
+                self._model.run_requested.emit(steered, False)
         elif kind == "download":
-            self._actions.download()
+            self._export.download()
+
+
+def apply_cure(ui: UiContext, cure: Cure) -> None:
+    """Apply a cure, or regenerate what it would regenerate."""
+    if cure.command is not None:
+        ui.apply(cure.command)
+    else:
+        ui.model.run_requested.emit(cure.regenerated_ids, True)
 
 
 def _share(value: object) -> float:

@@ -1,11 +1,12 @@
 """The candidates panel: trajectories that a selected agent could take."""
 
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 import viser
 
+from pd_editor.analysis.guidance.kinds.course import FollowPath
 from pd_editor.analysis.metrics.collisions.path_collision import (
     PathCollision,
     first_collisions,
@@ -16,7 +17,11 @@ from pd_editor.scene.paths.candidate_words import candidate_texts
 from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.generation.candidates_view import FAST_MPS, CandidatesView
-from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.viewer.guidance.guiding import Guiding
+from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.overlay.banner import OFFER
+from pd_editor.viewer.overlay.messages import FanState
+from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
@@ -30,16 +35,12 @@ SELECT_ONE: Final = "Select one agent to see its possible trajectories."
 class CandidatesPanel:
     """Shows an agent's candidates, one of which can be adopted."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        view: CandidatesView,
-        on_guided: Callable[[str, np.ndarray], None],
-    ) -> None:
-        """Build it into the tab; ``on_guided`` guides an agent along a candidate."""
+    def __init__(self, ui: UiContext, guiding: Guiding) -> None:
+        """Build it into the tab; an agent can be guided along a candidate as well."""
         self._ui = ui
-        self._on_guided = on_guided
-        self._view = view
+        self._model = ui.model
+        self._guiding = guiding
+        self.view = CandidatesView(ui.client, self._model.palette)
         self._agent_id: str | None = None
         self._base: Scenario | None = None
         self._collisions: tuple[PathCollision | None, ...] = ()
@@ -65,17 +66,21 @@ class CandidatesPanel:
         )
         self._ui.on_click(self._guide, self._guide_along, failure="Path not set")
         self._ui.on_change(self._choice, lambda _value: self._highlight())
+        ui.overlay.on("fan", self._pointer_moved)
+        self._model.ground_clicked.subscribe(self.adopt_near)
+        self._model.shown.subscribe(self.show)
+        self._model.theme_changed.subscribe(self._follow_theme)
 
     @property
     def shows_candidates(self) -> bool:
         """Whether the fan is drawn."""
-        return self._view.shown is not None
+        return self.view.shown is not None
 
-    def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
+    def show(self) -> None:
         """Follow the session: hide the fan of an agent that changed or was removed."""
+        scenario, selection = self._ui.session.scenario, self._ui.session.selection
         set_property(self._show, "disabled", len(selection) != 1)
-        palette = DARK if self._ui.workspace.is_dark else LIGHT
-        set_property(self._legend, "content", _legend(palette))
+        set_property(self._legend, "content", _legend(self._model.palette))
         if self._agent_id is None:
             self._note.show("", "" if len(selection) == 1 else SELECT_ONE)
             self._set_shown(False)
@@ -103,7 +108,7 @@ class CandidatesPanel:
     def hide_candidates(self) -> None:
         """Hide the fan of candidates."""
         self._agent_id, self._base, self._pointed = None, None, None
-        self._view.show(None)
+        self._show_fan(None)
         set_property(self._show, "label", SHOW)
         self._offer((NO_CANDIDATE,))
         self._set_shown(False)
@@ -111,9 +116,9 @@ class CandidatesPanel:
 
     def point_at(self, point_m: np.ndarray | None) -> bool:
         """Highlight the candidate under the pointer; whether there is one."""
-        if self._view.shown is None:
+        if self.view.shown is None:
             return False
-        index = None if point_m is None else self._view.candidate_near(point_m)
+        index = None if point_m is None else self.view.candidate_near(point_m)
         if index != self._pointed:
             self._pointed = index
             self._highlight()
@@ -121,7 +126,7 @@ class CandidatesPanel:
 
     def adopt_near(self, point_m: np.ndarray) -> bool:
         """Adopt the candidate that was clicked; False if none was hit."""
-        index = self._view.candidate_near(point_m)
+        index = self.view.candidate_near(point_m)
         if index is None:
             return False
         self._adopt_candidate(index)
@@ -143,11 +148,39 @@ class CandidatesPanel:
             found.heading_rad[0],
             found.is_valid[0],
         )
-        self._view.show(found, scenario.road_map)
+        self._show_fan(found)
         self._offer((NO_CANDIDATE, *candidate_labels(found, scenario)))
         self._set_shown(True)
         set_property(self._show, "label", HIDE)
         self._highlight()
+
+    def _show_fan(
+        self, found: CandidateSet | None, highlighted: int | None = None
+    ) -> None:
+        """Draw the fan or none; other elements are muted, and clicks are explained."""
+        scenario, is_shown = self._ui.session.scenario, found is not None
+        self.view.show(found, scenario.road_map, highlighted)
+        self._model.fan_shown.emit(is_shown)
+        self._ui.overlay.show(FanState(is_shown=is_shown))
+        if not is_shown or len(self._ui.session.selection) != 1:
+            self._ui.banner.hide("candidates")
+            return
+        (agent_id,) = self._ui.session.selection
+        kind = scenario.agents.kinds[scenario.agents.row_of[agent_id]].in_words
+        self._ui.banner.show(
+            "candidates",
+            f"Possible trajectories of {kind} {agent_id}: click one to use it.",
+            button="Done (Esc)",
+            on_press=self.hide_candidates,
+            priority=OFFER,
+        )
+
+    def _pointer_moved(self, event: Mapping[str, Any]) -> None:
+        """Highlight the possible trajectory under the pointer."""
+        self.point_at(point_of(event.get("point")))
+
+    def _follow_theme(self) -> None:
+        self.view.set_palette(self._model.palette)
 
     def _set_shown(self, is_shown: bool) -> None:
         """Offer what chooses among trajectories only while these are shown."""
@@ -161,7 +194,7 @@ class CandidatesPanel:
 
     def _chosen_index(self) -> int | None:
         """Index of the chosen candidate among all, the invalid ones included."""
-        value, shown = self._choice.value, self._view.shown
+        value, shown = self._choice.value, self.view.shown
         if value == NO_CANDIDATE or shown is None:
             return None
         place = tuple(self._choice.options).index(value) - 1
@@ -169,12 +202,12 @@ class CandidatesPanel:
 
     def _highlight(self) -> None:
         """Highlight the candidate under the pointer, or else the chosen one."""
-        shown = self._view.shown
+        shown = self.view.shown
         if shown is None:
             return
         chosen = self._chosen_index()
         index = chosen if self._pointed is None else self._pointed
-        self._view.show(shown, self._ui.session.scenario.road_map, index)
+        self._show_fan(shown, index)
         for button in (self._adopt, self._guide):
             set_property(button, "disabled", chosen is None)
         if index is None:
@@ -192,11 +225,12 @@ class CandidatesPanel:
 
     def _guide_along(self) -> None:
         """Guide the agent along the path of the chosen candidate."""
-        index, found, agent_id = self._needed_index(), self._view.shown, self._agent_id
+        index, found, agent_id = self._needed_index(), self.view.shown, self._agent_id
         assert found is not None
         assert agent_id is not None
         self.hide_candidates()
-        self._on_guided(agent_id, found.position_m[0, index])
+        path_m = found.position_m[0, index]
+        self._guiding.put(FollowPath.kind, agent_id, path_m)
 
     def _needed_index(self) -> int:
         """Index of the chosen candidate."""
@@ -208,7 +242,7 @@ class CandidatesPanel:
         return index
 
     def _adopt_candidate(self, index: int) -> None:
-        found, agent_id = self._view.shown, self._agent_id
+        found, agent_id = self.view.shown, self._agent_id
         assert found is not None
         assert agent_id is not None
         self.hide_candidates()

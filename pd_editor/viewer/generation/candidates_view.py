@@ -1,6 +1,5 @@
 """Draws the candidates of a selected agent as a fan."""
 
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -34,16 +33,10 @@ FAST_MPS: Final = 15.0
 class CandidatesView:
     """One node of one browser with the candidates of one agent."""
 
-    def __init__(
-        self,
-        client: viser.ClientHandle,
-        palette: Palette,
-        on_shown: Callable[[bool], None],
-    ) -> None:
-        """Draw nothing yet; ``on_shown`` is called with whether the fan is shown."""
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        """Draw nothing yet."""
         self._client = client
         self._palette = palette
-        self._on_shown = on_shown
         self._handle: viser.GlbHandle | None = None
         self._road_map: RoadMap | None = None
         self._highlighted: int | None = None
@@ -61,7 +54,6 @@ class CandidatesView:
         """
         self.shown, self._road_map = candidates, road_map
         self._highlighted = highlighted
-        self._on_shown(candidates is not None)
         if candidates is None:
             if self._handle is not None:
                 self._handle.visible = False

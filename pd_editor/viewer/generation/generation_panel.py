@@ -1,6 +1,6 @@
 """The generation panel: regenerates trajectories and resamples agents."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -43,10 +43,8 @@ from pd_editor.viewer.generation.generation_run import (
 from pd_editor.viewer.generation.live_switch import LiveSwitch, nearest_to_edit
 from pd_editor.viewer.generation.region_drawing import RegionDrawing
 from pd_editor.viewer.generation.sample_strip import SampleStrip
-from pd_editor.viewer.state.page_text import plain
-from pd_editor.viewer.state.run_state import RunState
-from pd_editor.viewer.tab.kept_settings import KeptSettings
-from pd_editor.viewer.tab.panel_style import WITH_PAST
+from pd_editor.viewer.tab.panel_style import WITH_PAST, KeptSettings, plain
+from pd_editor.viewer.tab.tab_model import RunState
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 SCOPE_ALL: Final = "All agents"
@@ -96,19 +94,13 @@ class GenerationPanel:
         self,
         ui: UiContext,
         catalogue: GeneratorCatalogue,
-        looked_at_m: Callable[[], np.ndarray],
         drawing: RegionDrawing,
         strip: SampleStrip,
-        on_run: Callable[[], None] = lambda: None,
     ) -> None:
-        """Build it into the current tab.
-
-        ``looked_at_m`` is the point of the ground in the middle of the view; ``on_run``
-        is called when ``run_state`` has changed.
-        """
+        """Build it into the current tab."""
         self._ui = ui
+        self._tab = ui.model
         self._generators = catalogue.offers
-        self._looked_at_m = looked_at_m
         self._drawing = drawing
         self._counted: Scenario | None = None
         gui = ui.client.gui
@@ -165,26 +157,29 @@ class GenerationPanel:
             self._run = gui.add_button(
                 "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
             )
-            self.live_switch = LiveSwitch(ui, self._live_switched)
+            self.live_switch = LiveSwitch(ui)
         self._build_resample(gui)
         # Last, since its report is of any length.
         with gui.add_folder("Last run"):
-            self._result = GenerationRun(ui, strip, self._set_running, on_run)
+            self._result = GenerationRun(ui, strip)
         ui.on_click(self._run, self.regenerate)
         ui.on_change(self._model, lambda _name: self._model_chosen())
         self._live = LiveRegeneration(
             ui.session,
             ui.post,
             self._live_requests,
-            on_change=on_run,
+            on_change=self._run_changed,
             on_end=ui.gesture_was_committed,
             on_result=self._result.tell_reaction,
             on_error=self._live_failed,
         )
         ui.live = self._live
-        self._on_run = on_run
         self._settings = self._kept_settings()
         self._restore()
+        self.live_switch.switched.subscribe(self._live_switched)
+        self._result.changed.subscribe(self._run_changed)
+        self._tab.run_requested.subscribe(self.regenerate_agents)
+        self._tab.shown.subscribe(self.show)
 
     def _build_resample(self, gui: viser.GuiApi) -> None:
         self._resample_folder = gui.add_folder("Resample agents")
@@ -230,7 +225,7 @@ class GenerationPanel:
         self._ui.on_click(self._resample, self.resample)
         self._ui.on_click(self._draw_region, self._drawing.toggle)
         self._ui.on_change(self._where, lambda _value: self._where_chosen())
-        self._drawing.on_change(self._region_changed)
+        self._drawing.changed.subscribe(self._region_changed)
         self._ui.on_click(clear, lambda: self._ui.apply(RemoveAllAgents()))
         self._ui.on_change(self._which, lambda _value: self._show_counts())
         self._ui.on_change(self._scope, lambda _value: self._scope_chosen())
@@ -290,9 +285,11 @@ class GenerationPanel:
         """Buttons that start a run."""
         return self._run, self._resample
 
-    def show(self, scenario: Scenario) -> None:
+    def show(self) -> None:
         """Follow the session."""
+        scenario = self._ui.session.scenario
         self._result.show()
+        self._tab.run = self.run_state
         if self._which.value == REPLACE_ALL and self._counted is not scenario:
             self._count_present(scenario)
         name = "Regenerate the selection" if self._selected() else "Regenerate"
@@ -320,11 +317,6 @@ class GenerationPanel:
         if self._live.is_refining:
             return RunState(text="Refining ...")
         return self._result.state
-
-    @property
-    def is_running(self) -> bool:
-        """Whether a generation is running."""
-        return self._result.is_running
 
     def cancel(self) -> None:
         """Cancel a running generation; nothing changes.
@@ -358,7 +350,7 @@ class GenerationPanel:
         self.regenerate_agents(wanted)
 
     def regenerate_agents(
-        self, wanted: tuple[str, ...] | None, *, is_cure: bool = False
+        self, wanted: tuple[str, ...] | None, is_cure: bool = False
     ) -> None:
         """Regenerate the trajectories of some agents, or of all agents.
 
@@ -441,7 +433,7 @@ class GenerationPanel:
         if self._scope.value == IN_REGION and is_missing:
             drawing.toggle()
         self._show_region()
-        self.show(self._ui.session.scenario)
+        self.show()
 
     def _where_chosen(self) -> None:
         """Show the region where it counts, and let it be drawn where there is none."""
@@ -487,7 +479,7 @@ class GenerationPanel:
         if self._where.value == IN_REGION:
             return self._drawn_region()
         if self._where.value == AROUND_VIEW:
-            x, y = (float(value) for value in self._looked_at_m())
+            x, y = map(float, self._ui.client.camera.look_at[:2])
             return Region(center_m=(x, y), half_side_m=REGION_HALF_SIDE_M)
         return None
 
@@ -612,7 +604,7 @@ class GenerationPanel:
 
     def _live_switched(self) -> None:
         self._ui.end_gesture()
-        self._on_run()
+        self._run_changed()
         if self.live_switch.is_on:
             check_future(self._ui.session.scenario)
 
@@ -703,6 +695,10 @@ class GenerationPanel:
         )
         return needed in self._generators[self._model.value].supports
 
-    def _set_running(self, is_running: bool) -> None:
+    def _run_changed(self) -> None:
+        """Show and tell the state of the run."""
+        is_running = self._result.is_running
         set_property(self._run, "disabled", is_running)
         set_property(self._resample, "disabled", is_running or not self._may_resample())
+        self._tab.run = self.run_state
+        self._tab.run_changed.emit()

@@ -21,8 +21,9 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import TrafficSample
 from pd_editor.viewer.generation.sample_strip import SampleSet, SampleStrip
 from pd_editor.viewer.state.guided_runs import GuidedRun
-from pd_editor.viewer.state.run_state import RunState
+from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.tab.panel_style import FixedText
+from pd_editor.viewer.tab.tab_model import RunState
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 REPORT_LINES: Final = 6
@@ -78,23 +79,13 @@ class GenerationRun:
     the length of the text.
     """
 
-    def __init__(
-        self,
-        ui: UiContext,
-        strip: SampleStrip,
-        on_running: Callable[[bool], None],
-        on_change: Callable[[], None],
-    ) -> None:
-        """Build cancel, the choice of a sample and the report.
-
-        ``on_running`` is called when a run begins and ends, ``on_change`` when
-        ``state`` has changed.
-        """
+    def __init__(self, ui: UiContext, strip: SampleStrip) -> None:
+        """Build cancel, the choice of a sample and the report."""
         self._ui = ui
         self._strip = strip
-        strip.adopt = self.adopt
-        self._on_running = on_running
-        self._on_change = on_change
+        strip.adopted.subscribe(self.adopt)
+        self.changed = Signal[()]()
+        """``state`` has changed."""
         self._job: GenerationJob | None = None
         self._state: RunState | None = None
         self._generated: tuple[GenerationInput, GeneratedTraffic] | None = None
@@ -312,7 +303,7 @@ class GenerationRun:
             self._put(task, traffic, 0)
             self._cured.append(self._ui.session.scenario)
             self.show()
-            self._on_change()
+            self.changed.emit()
             return
         if task.is_cure:
             self.forget()
@@ -322,7 +313,7 @@ class GenerationRun:
         else:
             self._waits = True
             self.show()
-        self._on_change()
+        self.changed.emit()
 
     def _apply(self, index: int) -> None:
         assert self._generated is not None
@@ -408,13 +399,12 @@ class GenerationRun:
     def _set_state(self, state: RunState | None) -> None:
         if state != self._state:
             self._state = state
-            self._on_change()
+            self.changed.emit()
 
     def _set_running(self, is_running: bool) -> None:
         set_property(self._cancel, "disabled", not is_running)
         if not is_running:
             self._set_state(None)
-        self._on_running(is_running)
 
 
 _LOST: Final = "Its page was closed or loaded again while it ran."

@@ -1,6 +1,5 @@
 """Switch of live regeneration, and the choice of the agents that react."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -11,6 +10,7 @@ from pd_editor.editor.commands.carried_trajectories import generated_agent_ids
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.original_view import changed_rows
+from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.state.view_memory import LiveAgents
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
@@ -39,10 +39,10 @@ def nearest_to_edit(
 class LiveSwitch:
     """A checkbox and a menu; the choices are kept for the next connection."""
 
-    def __init__(self, ui: UiContext, on_change: Callable[[], None]) -> None:
-        """Build it into the current folder; ``on_change`` hears of switching."""
+    def __init__(self, ui: UiContext) -> None:
+        """Build it into the current folder."""
         self._ui = ui
-        self._on_change = on_change
+        self.switched = Signal[()]()
         gui, view = ui.client.gui, ui.workspace.view
         self._box = gui.add_checkbox(
             "Live (Shift+R)",
@@ -109,7 +109,7 @@ class LiveSwitch:
         self._ui.workspace.view = replace(self._ui.workspace.view, is_live=is_on)
         set_value(self._box, is_on)
         set_property(self._scope, "disabled", not is_on)
-        self._on_change()
+        self.switched.emit()
 
     def _scope_chosen(self, name: str) -> None:
         self._ui.workspace.view = replace(

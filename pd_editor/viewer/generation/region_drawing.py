@@ -1,23 +1,22 @@
 """The mode in which a drag on the road draws the region that is resampled."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.scene.generation import Region
-from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.messages import RegionState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import point_of
+from pd_editor.viewer.tab.mode import Mode
 from pd_editor.viewer.tab.ui_context import UiContext
 
 LEAST_SIDE_M: Final = 10.0
 """Least side; a smaller square has no room for an agent and its leader."""
 
 
-class RegionDrawing:
+class RegionDrawing(Mode):
     """A square of the road, drawn by a drag from corner to corner.
 
     It belongs to the tab and not to the scenario: undo leaves it, a page that is loaded
@@ -25,30 +24,18 @@ class RegionDrawing:
     it. The page draws it; it moves with the picture.
     """
 
-    def __init__(self, ui: UiContext, overlay: Overlay, banner: Banner) -> None:
-        """Make the mode, without a region."""
-        self._ui = ui
-        self._overlay = overlay
-        self._banner = banner
-        self._listeners: list[Callable[[], None]] = []
-        self._is_shown = False
-        self.is_active = False
-        self.region: Region | None = None
-        overlay.on("region", self._heard)
+    name = "region"
 
-    def on_change(self, listener: Callable[[], None]) -> None:
-        """Call ``listener`` when the mode or the region has changed."""
-        self._listeners.append(listener)
+    def __init__(self, ui: UiContext) -> None:
+        """Make the mode, without a region."""
+        super().__init__(ui)
+        self._is_shown = False
+        self.region: Region | None = None
+        ui.model.scene_left.subscribe(self.clear)
 
     def toggle(self) -> None:
         """Begin to draw a region, or stop."""
-        self.is_active = not self.is_active
-        self._changed()
-
-    def stop(self) -> None:
-        """End the mode, if it is active; a region stays."""
-        if self.is_active:
-            self.toggle()
+        self._set_active(not self.is_active)
 
     def take(self, region: Region) -> None:
         """Take the region of the page before, while this page is built."""
@@ -67,20 +54,11 @@ class RegionDrawing:
             self._is_shown = is_shown
             self._show()
 
-    def _changed(self) -> None:
-        if self.is_active:
-            self._banner.show(
-                "region",
-                "Drawing a region, a square along the map's axes: press on the road and drag.",
-                button="Done (Esc)",
-                on_press=self.stop,
-                priority=MODE,
-            )
-        else:
-            self._banner.hide("region")
-        for listener in self._listeners:
-            listener()
-        self._show()
+    def _sentence(self) -> str:
+        return (
+            "Drawing a region, a square along the map's axes: press on the road and "
+            "drag."
+        )
 
     def _show(self) -> None:
         region = self.region if self._is_shown else None

@@ -3,7 +3,7 @@
 import base64
 import threading
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -34,7 +34,8 @@ from pd_editor.viewer.overlay.messages import (
     SamplePicturesState,
     SamplesState,
 )
-from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.viewpoint import Viewpoint
+from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
 
 PICKS: Final = (2, 3, 4, 6)
@@ -131,30 +132,14 @@ class SampleStrip:
     Pointing at a card shows its sample in the scene, without an edit; a click adopts it.
     """
 
-    def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        *,
-        on_preview: Callable[[], None],
-        on_opened: Callable[[], None],
-        star: Callable[[], None],
-    ) -> None:
-        """Show nothing yet.
-
-        ``on_preview`` is called when the sample in the scene has changed, ``on_opened``
-        when the cards of a run have appeared; ``star`` puts the scenario into the
-        basket.
-        """
+    def __init__(self, ui: UiContext, viewpoint: Viewpoint) -> None:
+        """Show nothing yet; new cards uncover what the viewpoint shows under them."""
         self._ui = ui
-        self._overlay = overlay
-        self._on_preview = on_preview
-        self._on_opened = on_opened
-        self._star = star
-        self.adopt: Callable[[int], None] = lambda _index: None
-        """Applies a sample in the place of the one that is applied."""
-        self.on_compare: Callable[[], object] = lambda: None
-        """Makes room for a comparison."""
+        self._model = ui.model
+        self._overlay = ui.overlay
+        self._viewpoint = viewpoint
+        self.adopted = Signal[int]()
+        """A sample is to be applied in the place of the one that is applied."""
         self._samples: SampleSet | None = None
         self._cards: SampleCards | None = None
         self._adopted: int | None = None
@@ -162,27 +147,18 @@ class SampleStrip:
         self._is_closed = False
         self._ranking: Ranking = "realism"
         self._pick: int | None = None
-        self._previewed: int | None = None
         self._compared = (0, 0)
-        self._pair = SamplePair(overlay, use=self._adopt, choose=self._choose_compared)
-        overlay.on("samples", self._heard)
+        self._pair = SamplePair(
+            ui.overlay, use=self._adopt, choose=self._choose_compared
+        )
+        self._overlay.on("samples", self._heard)
+        self._model.checked.subscribe(self._show)
         self._show()
-
-    @property
-    def previewed(self) -> Scenario | None:
-        """The scenario with the sample that is pointed at; None without one."""
-        if self._previewed is None or self._cards is None:
-            return None
-        return self._cards.scenarios[self._previewed]
 
     @property
     def is_open(self) -> bool:
         """Whether the strip is on the page."""
         return self._is_shown and not self._is_closed and self._cards is not None
-
-    def covered_px(self) -> int:
-        """Height of the picture's lower part that the strip takes; 0 while it is closed."""
-        return COVERED_PX if self.is_open else 0
 
     def open(self, samples: SampleSet) -> None:
         """Show the samples of a new run as soon as their cards are computed."""
@@ -213,14 +189,6 @@ class SampleStrip:
         self._point_at(None)
         self._show()
 
-    def show(self) -> None:
-        """Show the cards again, when what is ignored has changed."""
-        self._show()
-
-    def stop_preview(self) -> None:
-        """Forget the sample that is pointed at, since the session is drawn."""
-        self._previewed = None
-
     def focus(self) -> None:
         """Open the strip again if it was closed, with the focus on its cards."""
         if self._can_open():
@@ -236,7 +204,11 @@ class SampleStrip:
             return
         self._is_closed = False
         self._show()
-        index = self._adopted if self._previewed is None else self._previewed
+        assert self._cards is not None
+        index = self._adopted
+        for number, scenario in enumerate(self._cards.scenarios):
+            if scenario is self._model.sample:
+                index = number
         self._compare(self._order()[0] if index is None else index)
 
     def _can_open(self) -> bool:
@@ -262,7 +234,7 @@ class SampleStrip:
             self._cards = cards
             self._show()
             if self.is_open:
-                self._on_opened()
+                self._viewpoint.uncover()
 
     def _told(self) -> list[list[Finding]]:
         """What each card tells: findings that the user does not ignore."""
@@ -287,6 +259,7 @@ class SampleStrip:
         return [index for index in order if index in kept]
 
     def _show(self, *, takes_focus: bool = False) -> None:
+        self._model.covered_px = COVERED_PX if self.is_open else 0
         if not self.is_open:
             self._pair.close()
             self._overlay.show(SamplesState())
@@ -342,18 +315,18 @@ class SampleStrip:
                 self._compare(value)
             elif kind == "keep":
                 self._adopt(value)
-                self._star()
+                self._model.star_requested.emit()
 
     def _has(self, index: int) -> bool:
         return self._cards is not None and 0 <= index < len(self._cards.numbers)
 
     def _adopt(self, index: int) -> None:
-        self._previewed = None
+        self._model.sample = None
         self._pair.close()
         if index == self._adopted:
-            self._on_preview()
+            self._model.sample_pointed.emit()
         else:
-            self.adopt(index)
+            self.adopted.emit(index)
 
     def _compare(self, index: int) -> None:
         """Show a sample beside the one in use, or that one beside the best other."""
@@ -361,7 +334,7 @@ class SampleStrip:
         others = (self._adopted, *self._ranked())
         other = next(one for one in others if one is not None and one != index)
         self._compared = other, index
-        self.on_compare()
+        self._model.pair_opened.emit()
         self._show_pair()
 
     def _choose_compared(self, side: int, index: int) -> None:
@@ -385,9 +358,11 @@ class SampleStrip:
         )
 
     def _point_at(self, index: int | None) -> None:
-        if index != self._previewed:
-            self._previewed = index
-            self._on_preview()
+        cards, model = self._cards, self._model
+        sample = None if index is None or cards is None else cards.scenarios[index]
+        if sample is not model.sample:
+            model.sample = sample
+            model.sample_pointed.emit()
 
 
 def card_lines(

@@ -23,6 +23,7 @@ from pd_editor.viewer.overlay.messages import (
     EncounterList,
     GuidanceMark,
 )
+from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
 
 _POSSIBLE: Final = -2
@@ -57,16 +58,11 @@ class EncounterSearch(BackgroundJob[tuple[PossibleEncounter, ...]]):
 class Encounters:
     """Possible encounters of one agent: none are shown until they are asked for."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        on_chosen: Callable[[int], None],
-        on_change: Callable[[], None],
-    ) -> None:
-        """``on_chosen`` is called with the index of a term that was made."""
+    def __init__(self, ui: UiContext) -> None:
+        """Look for nothing yet."""
         self._ui = ui
-        self._on_chosen = on_chosen
-        self._on_change = on_change
+        self.changed = Signal[()]()
+        """Other encounters are known, or one is pointed at."""
         self._search: EncounterSearch | None = None
         self._agent_id: str | None = None
         self._base = ui.session.base
@@ -82,7 +78,7 @@ class Encounters:
         if self._agent_id is None and self._wanted is None:
             raise EditError("Select an agent that is there at t = 0.")
         self._look(self._wanted if self._agent_id is None else None)
-        self._on_change()
+        self.changed.emit()
 
     def close(self) -> bool:
         """Close the list; returns whether it was open."""
@@ -117,7 +113,7 @@ class Encounters:
         number = None if self._at(index) is None else index
         if number != self._pointed:
             self._pointed = number
-            self._on_change()
+            self.changed.emit()
 
     def make(self, index: Any) -> None:
         """Make the term of an encounter, as one edit; one that is made is chosen."""
@@ -131,7 +127,7 @@ class Encounters:
                 if place is None
                 else ChangeGuidance(index=place, term=one.term)
             )
-        self._on_chosen(self._ui.session.scenario.guidance.index(one.term))
+        self._ui.model.choose_term(self._ui.session.scenario.guidance.index(one.term))
 
     def made_of(self, mark: int) -> int | None:
         """Number of the encounter that a mark stands for."""
@@ -227,13 +223,13 @@ class Encounters:
     ) -> None:
         if search is self._search and self._is_of(search.scenario):
             self._found = found
-            self._on_change()
+            self.changed.emit()
 
     def _fail(self, search: EncounterSearch, error: PdEditorError) -> None:
         if search is self._search:
             self._look(None)
             self._ui.notify("Not found", str(error), "error")
-            self._on_change()
+            self.changed.emit()
 
 
 def _named(agent_id: str) -> str:

@@ -1,6 +1,6 @@
 """Marks of guidance terms over the picture; flags and stop lines can be dragged."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -13,6 +13,7 @@ from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import AddGuidance, ChangeGuidance, Command
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.encounters import Encounters
+from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
 from pd_editor.viewer.guidance.guiding import drawn, like
 from pd_editor.viewer.guidance.term_marks import (
     OFFER,
@@ -21,13 +22,9 @@ from pd_editor.viewer.guidance.term_marks import (
     offered_goal,
     round_bodies,
 )
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.messages import GuidanceMarksState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.ui_context import UiContext
-
-Notes = Mapping[int, tuple[str, ...]]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -48,39 +45,30 @@ class GuidanceHandles:
     """Shows where terms are, and follows drags of goals and stop lines."""
 
     def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        notes: Callable[[], Notes],
-        on_chosen: Callable[[int], None],
-        encounters: Encounters,
+        self, ui: UiContext, notes: GuidanceNotes, encounters: Encounters
     ) -> None:
-        """Show nothing yet.
-
-        ``notes`` are what is wrong with terms, by their indices; ``on_chosen`` is
-        called with the index of the term whose mark is clicked. ``encounters`` are
-        drawn, pointed at and clicked as well.
-        """
+        """Show nothing yet; encounters are drawn, pointed at and clicked as well."""
         self._ui = ui
-        self._overlay = overlay
+        self._model = ui.model
+        self._overlay = ui.overlay
         self._notes = notes
-        self._on_chosen = on_chosen
         self._encounters = encounters
         self._numbers = count()
         self._grab: _Grab | None = None
-        self._poses: AgentPoses | None = None
-        self.chosen: int | None = None
-        """Index of the term whose row is chosen in the list."""
-        overlay.on("guidance_marks", self._heard)
+        self._overlay.on("guidance_marks", self._heard)
+        self._model.poses_drawn.subscribe(self.show)
+        self._model.term_chosen.subscribe(self.show)
+        encounters.changed.subscribe(self.show)
 
-    def show(self, poses: AgentPoses | None) -> None:
+    def show(self) -> None:
         """Put all marks where their terms and agents are drawn."""
-        self._poses = poses
-        if poses is None:
+        poses = self._model.poses
+        if poses is None or self._model.sample is not None:
             return
         session = self._ui.session
         scenario, selection = session.scenario, session.selection
-        marks = marks_of(scenario, poses, selection, self._notes(), chosen=self.chosen)
+        notes, chosen = self._notes.sentences(), self._model.chosen_term
+        marks = marks_of(scenario, poses, selection, notes, chosen=chosen)
         playback = self._ui.workspace.playback
         offer = None if playback.is_playing else offered_goal(scenario, selection)
         if offer is not None:
@@ -92,10 +80,6 @@ class GuidanceHandles:
         agents = round_bodies(scenario, poses) if arcs else ()
         state = GuidanceMarksState(marks=tuple(marks), agents=agents, refusal=refusal)
         self._overlay.show(state)
-
-    def show_again(self) -> None:
-        """Show a change that moves no agent."""
-        self.show(self._poses)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Follow one message of a press on a mark."""
@@ -127,7 +111,7 @@ class GuidanceHandles:
             self._grab = None
             if self._holds(grab):
                 self._ui.abort_gesture()
-        self.show(self._poses)
+        self.show()
 
     def _grabbed(self, index: int) -> _Grab | None:
         session = self._ui.session
@@ -154,7 +138,7 @@ class GuidanceHandles:
     def _choose(self, grab: _Grab) -> None:
         """A click without a drag chooses the term, and selects its agent."""
         if grab.index != OFFER:
-            self._on_chosen(grab.index)
+            self._model.choose_term(grab.index)
 
     def _drag(self, grab: _Grab, point_m: np.ndarray) -> None:
         if not self._holds(grab):
@@ -180,7 +164,7 @@ class GuidanceHandles:
         elif self._ui.gesture == grab.owner:
             self._ui.end_gesture()
             if grab.index == OFFER:
-                self._on_chosen(len(grab.scenario.guidance))
+                self._model.choose_term(len(grab.scenario.guidance))
 
     def _holds(self, grab: _Grab) -> bool:
         """Whether nothing else has ended the drag or changed the scenario."""

@@ -1,7 +1,7 @@
 """The guidance panel: tools to add terms, and the list of terms."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 from msgspec import structs
@@ -35,21 +35,10 @@ from pd_editor.viewer.overlay.messages import (
     GuidanceTool,
     Note,
 )
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.tab.ui_context import UiContext
 
 HOST: Final = '<div data-pd-host="guidance"></div>'
 NEEDS_ONE: Final = "Select one agent first"
-
-
-@dataclass(frozen=True, kw_only=True)
-class GuidanceActions:
-    """What the panel asks others to do."""
-
-    regenerate: Callable[[tuple[str, ...] | None], None]
-    """Of some agents, or of all (None)."""
-    is_running: Callable[[], bool]
-    take_unguided: Callable[[], None]
 
 
 class GuidancePanel:
@@ -61,35 +50,32 @@ class GuidancePanel:
     def __init__(
         self,
         ui: UiContext,
-        overlay: Overlay,
         guiding: Guiding,
         notes: GuidanceNotes,
-        actions: GuidanceActions,
         encounters: Encounters,
-        on_chosen: Callable[[int | None], None],
     ) -> None:
-        """Build it into the current tab; ``on_chosen`` hears of the chosen index."""
+        """Build it into the current tab."""
         self._ui = ui
-        self._overlay = overlay
+        self._model = ui.model
+        self._overlay = ui.overlay
         self._guiding = guiding
         self._notes = notes
-        self._actions = actions
         self._encounters = encounters
-        self._on_chosen = on_chosen
-        self._chosen: int | None = None
         self._version = 0
         self._answered = 0
         """Number of the page's newest event, to which what is shown is the reply."""
         self._kinds: tuple[Any, ...] = ()
         ui.client.gui.add_html(HOST)
-        overlay.on("guidance_panel", self._heard)
-        guiding.on_change(self.show)
-
-    def choose(self, index: int | None) -> None:
-        """Choose a term: its row and its mark stand out."""
-        self._chosen = index
-        self._on_chosen(index)
-        self.show()
+        self._overlay.on("guidance_panel", self._heard)
+        for signal in (
+            self._model.shown,
+            self._model.checked,
+            self._model.run_changed,
+            self._model.term_chosen,
+            guiding.changed,
+            encounters.changed,
+        ):
+            signal.subscribe(self.show)
 
     def show(self) -> None:
         """Follow the session."""
@@ -99,12 +85,13 @@ class GuidancePanel:
         if kinds != self._kinds:
             self._kinds = kinds
             self._version += 1
-        if self._chosen is not None and self._chosen >= len(kinds):
-            self._chosen = None
-            self._on_chosen(None)
+        chosen = self._model.chosen_term
+        if chosen is not None and chosen >= len(kinds):
+            self._model.choose_term(None)
+            return
         self._guiding.follow()
         report = self._notes.report()
-        is_running = self._actions.is_running()
+        is_running = self._model.is_running
         steered = steered_agent_ids(scenario, selection)
         state = GuidancePanelState(
             version=self._version,
@@ -149,7 +136,7 @@ class GuidancePanel:
             agents=agents,
             name=f"{title} of {agents}",
             is_on=term.is_on,
-            is_chosen=index == self._chosen,
+            is_chosen=index == self._model.chosen_term,
             stop=weight_stop(term.weight),
             inputs=tuple(
                 structs.replace(one, notes=self._notes.of_options(index, one.name))
@@ -176,9 +163,10 @@ class GuidancePanel:
         elif kind == "run":
             session = self._ui.session
             steered = steered_agent_ids(session.scenario, session.selection)
-            self._actions.regenerate(None if event.get("isAll") is True else steered)
+            ids = None if event.get("isAll") is True else steered
+            self._model.run_requested.emit(ids, False)
         elif kind == "take":
-            self._actions.take_unguided()
+            self._take_unguided()
         elif kind == "look":
             self._report_refused("What could happen", self._encounters.toggle)
         elif kind == "leave":
@@ -210,14 +198,27 @@ class GuidancePanel:
         if index is None:
             index = len(session.scenario.guidance)
             self._ui.apply(AddGuidance(term=term))
-        self.choose(index)
+        self._model.choose_term(index)
+
+    def _take_unguided(self) -> None:
+        """Apply the unguided sample of the run that led to the present traffic."""
+        session = self._ui.session
+        run = self._ui.workspace.guided_runs.of(session.scenario.agents)
+        command = None if run is None else run.unguided_command()
+        if run is None or command is None:
+            return
+        self._ui.commit_gesture()
+        if run.replaces_states:
+            # Its agents are there already: the guided sample is taken back first.
+            session.undo()
+        self._ui.apply(command)
 
     def _edit(
         self, kind: str, index: int, term: GuidanceTerm, event: Mapping[str, Any]
     ) -> None:
         if kind == "choose":
             self._select_agents(term)
-            self.choose(index)
+            self._model.choose_term(index)
         elif kind == "switch":
             is_on = event.get("isOn") is True
             self._ui.apply(ChangeGuidance(index=index, term=replace(term, is_on=is_on)))

@@ -12,11 +12,9 @@ from pd_editor.editor.commands import AddGuidance, ChangeGuidance
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance, forms_of
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.overlay.banner import MODE, Banner
 from pd_editor.viewer.overlay.messages import GuidingGhost, GuidingState, rounded_place
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import PointerRay, agent_under, point_of
+from pd_editor.viewer.tab.mode import Mode
 from pd_editor.viewer.tab.ui_context import UiContext
 
 MAX_DRAWN_POINTS: Final = 2_000
@@ -27,38 +25,21 @@ TOOLS: Final = {kind: one.tool for kind, one in KINDS.items() if one.tool is not
 """Kinds of terms that are drawn or picked on the picture."""
 
 
-class Guiding:
+class Guiding(Mode):
     """Mode for one term of one agent; it ends with the term, or with Escape."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        banner: Banner,
-        poses: Callable[[], AgentPoses | None],
-    ) -> None:
-        """Make the mode, switched off; an agent is picked among the drawn poses."""
-        self._ui = ui
-        self._overlay = overlay
-        self._banner = banner
-        self._poses = poses
-        self._listeners: list[Callable[[], None]] = []
+    name = "guiding"
+    button = "Cancel (Esc)"
+
+    def __init__(self, ui: UiContext) -> None:
+        """Make the mode, switched off; an agent is picked among those in the picture."""
+        super().__init__(ui)
         self._ghost = GuidingGhost()
         self.tool: str | None = None
         """Kind of the term that is drawn; None while the mode is off."""
         self.agent_id = ""
-        self.on_term: Callable[[int], None] = lambda _index: None
-        """Called with the index of a term that was drawn."""
-        overlay.on("guiding", self._heard)
-
-    @property
-    def is_active(self) -> bool:
-        """Whether presses on the picture draw a term."""
-        return self.tool is not None
-
-    def on_change(self, listener: Callable[[], None]) -> None:
-        """Call ``listener`` when the mode begins or ends."""
-        self._listeners.append(listener)
+        ui.model.scene_left.subscribe(self.stop)
+        ui.model.agent_picked.subscribe(self.pick)
 
     def toggle(self, kind: str) -> None:
         """Begin to draw a term of the selected agent, or stop.
@@ -73,13 +54,13 @@ class Guiding:
         self._ui.commit_gesture()
         self._ui.show_current_step()
         self.tool, self.agent_id, self._ghost = kind, agent_id, GuidingGhost()
-        self._changed()
+        self._set_active(True)
 
     def stop(self) -> None:
         """End the mode, if it is active; nothing else changes."""
         if self.is_active:
             self.tool, self._ghost = None, GuidingGhost()
-            self._changed()
+            super().stop()
 
     def follow(self) -> None:
         """End the mode if its agent is gone, after an undo for example."""
@@ -126,25 +107,13 @@ class Guiding:
             self._ui.apply(
                 ChangeGuidance(index=index, term=like(term, guidance[index]))
             )
-        self.on_term(index)
+        self._model.choose_term(index)
 
-    def _changed(self) -> None:
-        if self.tool is not None:
-            agents = self._ui.session.scenario.agents
-            kind = agents.kinds[agents.row_of[self.agent_id]].in_words
-            tool = TOOLS[self.tool]
-            self._banner.show(
-                "guiding",
-                f"{KINDS[self.tool].short}: {kind} {self.agent_id}: {tool.banner}",
-                button="Cancel (Esc)",
-                on_press=self.stop,
-                priority=MODE,
-            )
-        else:
-            self._banner.hide("guiding")
-        self._show()
-        for listener in self._listeners:
-            listener()
+    def _sentence(self) -> str:
+        agents = self._ui.session.scenario.agents
+        kind = agents.kinds[agents.row_of[self.agent_id]].in_words
+        tool = str(self.tool)
+        return f"{KINDS[tool].short}: {kind} {self.agent_id}: {TOOLS[tool].banner}"
 
     def _show(self) -> None:
         """Send the mode and what the pointer would do."""
@@ -206,7 +175,7 @@ class Guiding:
 
     def _picked(self, ray: PointerRay) -> str | None:
         """The other agent under the pointer."""
-        poses, agents = self._poses(), self._ui.session.scenario.agents
+        poses, agents = self._model.poses, self._ui.session.scenario.agents
         row = None if poses is None else agent_under(agents, poses, ray)
         if row is None or agents.ids[row] == self.agent_id:
             return None
@@ -222,7 +191,7 @@ class Guiding:
         except PdEditorError as error:
             return GuidingGhost(text=str(error), is_bad=True)
         if isinstance(term, PairGuidance):
-            poses = self._poses()
+            poses = self._model.poses
             assert poses is not None
             row = scenario.agents.row_of[term.other_id]
             kind = scenario.agents.kinds[row].in_words

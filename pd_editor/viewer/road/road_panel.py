@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -28,8 +28,9 @@ from pd_editor.scene.road_warp import (
     WarpTerm,
 )
 from pd_editor.scene.scenario import EGO_ID, AppliedWarp, Scenario
-from pd_editor.viewer.road.anchor_gizmo import AnchorGizmo
-from pd_editor.viewer.road.anchor_view import AnchorView
+from pd_editor.viewer.road.anchor import AnchorGizmo, AnchorView
+from pd_editor.viewer.scene.picture import Picture
+from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.panel_style import FixedText, PanelStyle
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
@@ -74,19 +75,13 @@ class RoadPanel:
         self,
         ui: UiContext,
         style: PanelStyle,
-        view: AnchorView,
-        *,
-        on_ghost: Callable[[bool], None],
-        on_frame: Callable[[RigidMotion], None],
+        picture: Picture,
+        viewpoint: Viewpoint,
     ) -> None:
-        """Build it into the current tab.
-
-        ``on_ghost`` is called with whether the original road is outlined; ``on_frame``
-        looks at a pose.
-        """
+        """Build it into the current tab."""
         self._ui = ui
-        self._view = view
-        self._on_frame = on_frame
+        self._view = AnchorView(ui.client)
+        self._viewpoint = viewpoint
         self._power: dict[WarpKind, Any] = {}
         self._length: dict[WarpKind, Any] = {}
         self._own_pose: RigidMotion | None = None
@@ -120,7 +115,9 @@ class RoadPanel:
             self._build_shape(gui)
         self._gizmo = AnchorGizmo(ui, self._gizmo_moved)
         self._base = ui.session.base
-        self._listen(ghost, on_ghost)
+        self._listen()
+        ui.on_change(ghost, picture.set_original_road_shown)
+        ui.model.shown.subscribe(self.show)
 
     def _build_friction(self, gui: viser.GuiApi) -> None:
         self._slows = gui.add_checkbox(
@@ -179,7 +176,7 @@ class RoadPanel:
         )
         self._reset_shape = gui.add_button("Reset shape", color="gray", disabled=True)
 
-    def _listen(self, ghost: Any, on_ghost: Callable[[bool], None]) -> None:
+    def _listen(self) -> None:
         ui = self._ui
         sliders = [*self._power.values(), *self._length.values()]
         for handle in [*sliders, self._border, self._exponent]:
@@ -195,7 +192,6 @@ class RoadPanel:
             lambda _value: self._anchor_changed(),
             failure="Anchor not changed",
         )
-        ui.on_change(ghost, on_ghost)
         ui.on_click(self._reset, self.reset)
         ui.on_click(self._reset_shape, self.reset_shape)
         ui.on_click(self._frame, self._look_at_anchor, failure="No anchor to look at")
@@ -217,8 +213,9 @@ class RoadPanel:
             self._ui.apply(self._command(applied.warp.anchor))
         self._show_resets(self._ui.session.scenario)
 
-    def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:
-        """Show the warp of a scenario."""
+    def show(self) -> None:
+        """Show the warp of the scenario."""
+        scenario, selection = self._ui.session.scenario, self._ui.session.selection
         is_other_base = self._ui.session.base is not self._base
         self._base = self._ui.session.base
         if self._ui.gesture != "warp":
@@ -449,7 +446,7 @@ class RoadPanel:
         scenario = self._ui.session.scenario
         applied = scenario.applied_warp
         pose = self._anchor_pose() if applied is None else applied.warp.anchor
-        self._on_frame(pose)
+        self._viewpoint.frame_pose(pose)
 
     def _gizmo_moved(self, phase: str) -> None:
         pose = self._gizmo.pose

@@ -1,6 +1,5 @@
 """Draws the agents: one batch of instances per kind, moved on every frame."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,11 +15,11 @@ from pd_editor.viewer.meshes.agent_shapes import contact_shadow, shape_of
 from pd_editor.viewer.meshes.colors import Rgb, lit_from_above
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
+from pd_editor.viewer.state.signal import Signal
 
 SHADOW_HEIGHT_M: Final = 0.09
 
 BodyHandle = viser.BatchedMeshHandle
-OnNewBody = Callable[[BodyHandle, AgentKind], None]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -45,13 +44,12 @@ def agent_color(scenario: Scenario, palette: Palette, row: int) -> Rgb:
 class AgentsView:
     """Nodes of one browser for the agents' bodies."""
 
-    def __init__(
-        self, client: viser.ClientHandle, palette: Palette, on_new_body: OnNewBody
-    ) -> None:
-        """Draw nothing yet; ``on_new_body`` is called with every new node."""
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        """Draw nothing yet."""
         self._client = client
         self._palette = palette
-        self._on_new_body = on_new_body
+        self.new_body = Signal[BodyHandle, AgentKind]()
+        """A node that was made for agents of a kind."""
         self._batches: dict[AgentKind, _Batch] = {}
         self._shadows: viser.BatchedGlbHandle | None = None
         self._scenario: Scenario | None = None
@@ -193,7 +191,7 @@ class AgentsView:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-            self._on_new_body(node, kind)
+            self.new_body.emit(node, kind)
             nodes.append(node)
         return _Batch(rows=rows, nodes=tuple(nodes))
 

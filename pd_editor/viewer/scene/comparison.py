@@ -1,11 +1,10 @@
 """Comparison with the original scenario, while O is held or permanently."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.overlay.messages import CompareState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.original_view import OriginalView, difference_notes
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -13,22 +12,15 @@ from pd_editor.viewer.tab.ui_context import UiContext
 class Comparison:
     """Shows the original scenario and texts about its differences."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        palette: Palette,
-        on_change: Callable[[], None],
-    ) -> None:
-        """Show no original yet; ``on_change`` is called when it is shown or hidden."""
+    def __init__(self, ui: UiContext) -> None:
+        """Show no original yet."""
         self._ui = ui
-        self._overlay = overlay
-        self._view = OriginalView(ui.client, palette)
-        self._on_change = on_change
+        self._overlay = ui.overlay
+        self._view = OriginalView(ui.client, ui.model.palette)
         self._is_held = False
         self._is_kept = False
-        overlay.on("compare", self._heard)
-        overlay.show(CompareState())
+        self._overlay.on("compare", self._heard)
+        self._overlay.show(CompareState())
 
     @property
     def is_on(self) -> bool:
@@ -97,4 +89,4 @@ class Comparison:
         self._view.set_shown(self.is_on)
         if not self.is_on:
             self._overlay.show(CompareState())
-        self._on_change()
+        self._ui.model.compared.emit()

@@ -1,6 +1,6 @@
 """Tooltip of the agent or lane under a resting pointer."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,7 @@ from pd_editor.scene.paths.lanes.route_choice import ON_LANE_M, lane_kinds_of
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.messages import TooltipState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.picking import (
     PointerRay,
     agent_under,
@@ -25,27 +23,24 @@ from pd_editor.viewer.tab.ui_context import UiContext
 class Hover:
     """Answers requests of the page, one each time that the pointer comes to rest."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        poses: Callable[[], AgentPoses | None],
-        is_quiet: Callable[[], bool],
-    ) -> None:
-        """Listen; ``is_quiet``: the pointer is busy with something else."""
+    def __init__(self, ui: UiContext) -> None:
+        """Listen to the page."""
         self._ui = ui
-        self._overlay = overlay
-        self._poses = poses
-        self._is_quiet = is_quiet
-        overlay.on("tooltip", self._heard)
+        self._model = ui.model
+        ui.overlay.on("tooltip", self._heard)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Send the tooltip; none during playback."""
         ray, ask = PointerRay.of_event(event), number_of(event.get("ask"))
         playback = self._ui.workspace.playback
-        if ray is None or ask is None or playback.is_playing or self._is_quiet():
+        if (
+            ray is None
+            or ask is None
+            or playback.is_playing
+            or self._model.mode is not None
+        ):
             return
-        poses, agents = self._poses(), self._ui.session.scenario.agents
+        poses, agents = self._model.poses, self._ui.session.scenario.agents
         if poses is None:
             return
         row = agent_under(agents, poses, ray)
@@ -57,7 +52,7 @@ class Hover:
                 agent=None if row is None else agents.ids[row],
                 asked=int(ask),
             )
-            self._overlay.show(state)
+            self._ui.overlay.show(state)
 
     def _lines(self, ray: PointerRay, row: int | None) -> list[str]:
         session = self._ui.session

@@ -1,13 +1,14 @@
 """The timeline under the picture: play, scrub, step, speed, loop."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
-from pd_editor.viewer.overlay.banner import STATE, Banner
+from pd_editor.viewer.overlay.banner import STATE
 from pd_editor.viewer.overlay.messages import PlayheadState, TimelineMark, TimelineState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.playback import Playback
+from pd_editor.viewer.state.signal import Signal
+from pd_editor.viewer.tab.ui_context import UiContext
 
 MAX_MARK_LINES: Final = 4
 MIN_TOLD_S: Final = 0.005
@@ -46,26 +47,20 @@ class Timeline:
     smoothly; the time of ``Playback`` is authoritative.
     """
 
-    def __init__(
-        self,
-        overlay: Overlay,
-        banner: Banner,
-        playback: Playback,
-        on_seek: Callable[[], None],
-    ) -> None:
-        """Show it.
-
-        The banner shows the picture's time while it differs from t = 0; ``on_seek`` is
-        called when the user has moved the playhead.
-        """
-        self._overlay = overlay
-        self._banner = banner
-        self._playback = playback
-        self._on_seek = on_seek
+    def __init__(self, ui: UiContext) -> None:
+        """Show it; the banner shows the picture's time while it differs from t = 0."""
+        self._overlay, self._banner = ui.overlay, ui.banner
+        self._playback = ui.workspace.playback
+        self._moved = ui.model.playhead_moved
         self._marks: dict[MarkKind, tuple[Mark, ...]] = {}
-        self.on_mark: dict[MarkKind, Callable[[int], None]] = {}
-        """Called with the step of a mark that the user has clicked."""
-        overlay.on("timeline", self._heard)
+        self.mark_chosen: dict[MarkKind, Signal[int]] = {
+            "problem": Signal(),
+            "finding": Signal(),
+        }
+        """The step of a mark that the user has clicked."""
+        self._overlay.on("timeline", self._heard)
+        self._moved.subscribe(self.show)
+        ui.model.shown.subscribe(self.show)
 
     def toggle_play(self) -> None:
         """Play or pause."""
@@ -83,8 +78,7 @@ class Timeline:
         """Stop at a step."""
         self._playback.pause()
         self._playback.seek(step)
-        self._on_seek()
-        self.show()
+        self._moved.emit()
 
     def step_by(self, steps: int) -> None:
         """Stop some whole steps further on, or back."""
@@ -160,9 +154,9 @@ class Timeline:
         elif kind == "step" and isinstance(value, int):
             self.step_by(_within(value, playback))
         elif kind in ("problem", "finding") and isinstance(value, int):
-            chosen = self.on_mark.get(kind)
-            if chosen is not None:
-                chosen(_within(playback.axis.current_step + value, playback))
+            self.mark_chosen[kind].emit(
+                _within(playback.axis.current_step + value, playback)
+            )
         elif kind == "speed":
             playback.next_speed()
             self.show()

@@ -1,6 +1,6 @@
 """Camera views of a browser tab."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -9,7 +9,6 @@ import numpy as np
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.messages import CompassState, CurtainState, ViewState
-from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.camera import ground_point, projected, ray_through
 from pd_editor.viewer.scene.framing import (
     LOOK_AHEAD_M,
@@ -49,21 +48,14 @@ class Viewpoint:
     above the ground; without it viser's own camera gestures remain.
     """
 
-    def __init__(
-        self, ui: UiContext, overlay: Overlay, on_switch: Callable[[], None]
-    ) -> None:
-        """Start with the view that the workspace stores.
-
-        ``on_switch`` is called when the other view of the two is shown.
-        """
+    def __init__(self, ui: UiContext) -> None:
+        """Start with the view that the workspace stores."""
         self._ui = ui
-        self._overlay = overlay
-        self._on_switch = on_switch
+        self._model = ui.model
+        self._overlay = ui.overlay
         self._camera = ui.client.camera
         self._num_looks = 0
-        self.covered_px: Callable[[], int] = lambda: 0
-        """Height of the picture's lower part that an element covers at present."""
-        overlay.on("compass", self._compass_clicked)
+        self._overlay.on("compass", self._compass_clicked)
 
     @property
     def is_top(self) -> bool:
@@ -137,7 +129,7 @@ class Viewpoint:
         place_m = agents.position_m[rows, self._scenario.current_step].mean(axis=0)
         screen, is_ahead = projected(self._camera, np.append(place_m, 0.0)[None])
         x, y = screen[0].tolist()
-        lowest = 1.0 - self.covered_px() / max(self._camera.image_height, 1)
+        lowest = 1.0 - self._model.covered_px / max(self._camera.image_height, 1)
         if not (is_ahead[0] and 0.0 <= x <= 1.0 and lowest < y <= 1.0):
             return
         ray = ray_through(self._camera, (x, UNCOVERED_AT * lowest))
@@ -177,13 +169,13 @@ class Viewpoint:
         """Switch to the 3-D view and frame it."""
         self._set_top(False)
         self._frame_work()
-        self._on_switch()
+        self._model.view_switched.emit()
 
     def show_top(self) -> None:
         """Switch to the top view and frame it."""
         self._set_top(True)
         self._frame_work()
-        self._on_switch()
+        self._model.view_switched.emit()
 
     def switch(self) -> None:
         """Switch between both views at the same position."""
@@ -198,7 +190,7 @@ class Viewpoint:
             scale = former.half_height_m / (TOP_TO_3D * pose.half_height_m)
             look = np.subtract(pose.position_m, pose.look_at_m)
             self._look(replace(pose, position_m=vector(pose.look_at_m + scale * look)))
-        self._on_switch()
+        self._model.view_switched.emit()
 
     def turn(self) -> None:
         """Top view: north up or heading up; 3-D view: look north."""
@@ -241,7 +233,7 @@ class Viewpoint:
         free: FreePart | None = None,
     ) -> None:
         if free is None:
-            covered = self.covered_px() / max(self._camera.image_height, 1)
+            covered = self._model.covered_px / max(self._camera.image_height, 1)
             free = FreePart.above(covered)
         forward, up, fov_rad = self._direction(lowest_rad)
         aspect = float(self._camera.aspect)

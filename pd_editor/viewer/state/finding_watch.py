@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from pd_editor.analysis.findings.check import SceneCheck, scene_findings
 from pd_editor.analysis.findings.finding import Finding
+from pd_editor.editor.commands.carried_trajectories import carried_agent_ids
 from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
@@ -102,6 +103,11 @@ class FindingWatch:
         everywhere = frozenset(name for _, ids in named for name in ids)
         later = frozenset(name for is_now, ids in named if not is_now for name in ids)
         return everywhere, later
+
+    def stale_ids(self) -> frozenset[str]:
+        """Agents whose trajectory was moved by an edit and no longer fits the road."""
+        carried = carried_agent_ids(self._workspace.session.commands_in_force)
+        return carried & self.problem_ids()[1] if carried else carried
 
     def untouched(self) -> frozenset[str]:
         """Ids of agents that move as recorded."""

@@ -35,8 +35,7 @@ from pd_editor.experiments.studies.worst_case import (
 from pd_editor.scene.generation import GeneratorSpec, ScenarioGenerator
 from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
 from pd_editor.viewer.study.severity_chart import severity_svg
-from pd_editor.viewer.tab.kept_settings import KeptSettings
-from pd_editor.viewer.tab.panel_style import FixedText
+from pd_editor.viewer.tab.panel_style import FixedText, KeptSettings
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 POWERS: Final[Mapping[str, tuple[float, ...]]] = {

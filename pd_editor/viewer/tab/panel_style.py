@@ -3,13 +3,14 @@
 import base64
 import html
 import logging
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import viser
 
 from pd_editor.base.errors import PdEditorError
-from pd_editor.viewer.tab.ui_context import set_property
+from pd_editor.viewer.tab.ui_context import set_property, set_value
 
 _LOG: Final = logging.getLogger(__name__)
 LINE_PX: Final = 20
@@ -172,3 +173,30 @@ class FixedText:
             f"margin:0 0.75em 0.5em;font-size:13.5px;line-height:{LINE_PX}px;"
             f'overflow-wrap:anywhere">{"<br>".join(parts)}</div>',
         )
+
+
+class KeptSettings:
+    """Inputs of a panel by name, and the values that they had when the page closed."""
+
+    def __init__(self, kept: dict[str, Any], inputs: Mapping[str, Any]) -> None:
+        """``kept`` belongs to the workspace; it is empty before the first page."""
+        self._kept = kept
+        self._inputs = inputs
+
+    def restore(self, names: Iterable[str] | None = None) -> None:
+        """Give inputs, or those of some names, their former values."""
+        for name in self._inputs if names is None else names:
+            if name in self._kept:
+                set_value(self._inputs[name], self._kept[name])
+
+    def keep(self) -> None:
+        """Keep all values, because the page closes."""
+        self._kept.update((name, one.value) for name, one in self._inputs.items())
+
+
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]()#+\-.!|~:@])")
+
+
+def plain(text: str) -> str:
+    """Markdown that shows a text as it is: no HTML, links, pictures or emphasis."""
+    return _MARKDOWN.sub(r"\\\1", html.escape(text, quote=False))

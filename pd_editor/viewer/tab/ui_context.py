@@ -1,4 +1,4 @@
-"""User interface context of one browser tab, shared by panels and pointer handlers."""
+"""User interface context of one browser tab, shared by all of its elements."""
 
 import logging
 import time
@@ -13,8 +13,11 @@ from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import Command
 from pd_editor.editor.live_regeneration import LiveRegeneration
 from pd_editor.editor.session import EditorSession
+from pd_editor.viewer.overlay.banner import Banner
+from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.state.workspace import Workspace
+from pd_editor.viewer.tab.tab_model import TabModel
 
 _LOG = logging.getLogger(__name__)
 GESTURE_PAUSE_S: Final = 1.0
@@ -25,6 +28,7 @@ LAST_VALUE_S: Final = 0.3
 """Time in which the last value of a slider may arrive after the pointer is released."""
 LONGEST_REFINING_S: Final = 8.0
 """Time after which an edit is committed without its final trajectories."""
+SEND_PAUSE_S: Final = 1e-3
 NOTICE_S: Final = 5.0
 """Duration of a notice that closes by itself."""
 _NOT_DONE: Final = "Not possible"
@@ -52,18 +56,19 @@ class Hotkey:
 
 
 class UiContext:
-    """Session, message queue and notifications of a browser tab."""
+    """Page, model, message queue, gestures and notices of a browser tab."""
 
     def __init__(
         self, client: viser.ClientHandle, workspace: Workspace, inbox: Inbox
     ) -> None:
-        """Make the context of a tab."""
+        """Make the context of a tab, whose script starts in the page."""
         self.client = client
         self.workspace = workspace
         self.session: EditorSession = workspace.session
         self.inbox = inbox
-        self.on_playhead_moved: Callable[[], None] = lambda: None
-        """Called when an edit has moved the playhead; the tab shows it."""
+        self.model = TabModel(workspace)
+        self.overlay = Overlay(client, self.post)
+        self.banner = Banner(self.overlay)
         self.live: LiveRegeneration | None = None
         """Regenerates traffic during gestures; None until the page is built."""
         self.hotkeys: list[Hotkey] = []
@@ -198,7 +203,7 @@ class UiContext:
         playback.pause()
         playback.seek(current)
         self.notify("Now at t = 0 s", "Edits act at t = 0 s: the playhead went there.")
-        self.on_playhead_moved()
+        self.model.playhead_moved.emit()
         return True
 
     def preview(self, owner: str, command: Command) -> None:
@@ -317,6 +322,11 @@ class UiContext:
         else:
             self.end_gesture()
         return self._gesture is None
+
+    def send_now(self) -> None:
+        """Let viser's thread send queued messages; it needs the interpreter lock."""
+        self.client.flush()
+        time.sleep(SEND_PAUSE_S)
 
     def notify(
         self, title: str, body: str = "", tone: Tone = "info", *, stays: bool = False

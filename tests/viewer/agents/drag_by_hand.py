@@ -3,8 +3,7 @@
 import numpy as np
 
 from pd_editor.viewer.agents.agent_drag import DragEvent
-from pd_editor.viewer.scene.camera import projected
-from pd_editor.viewer.scene.seen_camera import CameraPose
+from pd_editor.viewer.scene.camera import CameraPose, projected
 from tests.viewer.fake_browser import FakeTab
 
 GRAB_HEIGHT_M = 1.0
@@ -28,7 +27,7 @@ class DragByHand:
         agents = tab.session.scenario.agents
         row = agents.row_of[agent_id]
         self._kind = agents.kinds[row]
-        batch = tab.tab.picture.agents._batches[self._kind]
+        batch = tab.elements.picture.agents._batches[self._kind]
         self._instance = int(np.flatnonzero(batch.rows == row)[0])
         self._rotates = rotates
         self._start = agents.position_m[row, 49]
@@ -41,7 +40,7 @@ class DragByHand:
 
     @property
     def drags(self):
-        return self.tab.tab.pointer._drag
+        return self.tab.elements.pointer._drag
 
     def on_screen(self, point_m) -> tuple[float, float]:
         """Where the browser shows a point at the height of the grab."""
@@ -70,5 +69,5 @@ class DragByHand:
         """The rectangle that a plain drag also draws in the top view."""
         corners = np.array([self.on_screen(start_m), self.on_screen(end_m)])
         low, high = tuple(corners.min(axis=0)), tuple(corners.max(axis=0))
-        pointer = self.tab.tab.pointer
+        pointer = self.tab.elements.pointer
         self.tab.run(lambda: pointer._box_selected(low, high, self.camera))

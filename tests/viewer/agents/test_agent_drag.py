@@ -23,7 +23,7 @@ def app(tmp_path_factory):
 @pytest.fixture
 def tab(app):
     with connected_tab(app) as tab:
-        tab.run(tab.tab.timeline.go_to_current)
+        tab.run(tab.elements.timeline.go_to_current)
         yield tab
 
 
@@ -97,9 +97,9 @@ def test_a_drag_that_lost_its_gesture_does_nothing_more(tab, ends):
     pointer.say("start", start)
     pointer.say("update", by(start, 3.0, 0.0))
     if ends == "escape":
-        tab.run(tab.tab.escape)
+        tab.run(tab.elements.escape)
     elif ends == "undo":
-        tab.run(tab.tab.panels.history.undo)
+        tab.run(tab.elements.history.undo)
     else:
         other, _ = start_of(tab, 1)
         faster = SetAgentSpeed(agent_ids=(other,), speed_mps=3.0)

@@ -1,5 +1,6 @@
 """Rows of the agent list, and what its events do."""
 
+import json
 import time
 
 import numpy as np
@@ -55,27 +56,27 @@ def test_an_update_of_150_agents_is_fast():
 
 
 def test_nothing_is_sent_while_the_list_is_closed(tab: FakeTab):
-    shown = tab.tab.overlay._shown
+    shown = tab.ui.overlay._shown
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids))
     assert "agents" not in shown
-    tab.run(tab.tab.agent_list.toggle)
+    tab.run(lambda: tab.model.toggle_drawer("agents"))
     assert '"isOpen":true' in shown["agents"]
-    tab.run(tab.tab.agent_list.toggle)
+    tab.run(lambda: tab.model.toggle_drawer("agents"))
     assert '"isOpen":false' in shown["agents"]
 
 
 def test_events_select_by_row_and_late_ones_are_dropped(tab: FakeTab):
-    ids, agents = tab.session.scenario.agents.ids, tab.tab.agent_list
-    tab.run(agents.toggle)
-    number = agents._number
+    ids = tab.session.scenario.agents.ids
+    tab.hear("agents", kind="open")
+    number = json.loads(tab.ui.overlay._shown["agents"])["number"]
     select = {"kind": "select", "number": number}
-    tab.run(lambda: agents._used({**select, "rows": [1]}))
+    tab.hear("agents", **select, rows=[1])
     assert tab.session.selection == (ids[1],)
-    tab.run(lambda: agents._used({**select, "rows": [0, 99, -1, "x", None]}))
+    tab.hear("agents", **select, rows=[0, 99, -1, "x", None])
     assert tab.session.selection == (ids[0],)
-    tab.run(lambda: agents._used({**select, "number": number - 1, "rows": [1]}))
+    tab.hear("agents", kind="select", number=number - 1, rows=[1])
     assert tab.session.selection == (ids[0],)
-    tab.run(lambda: agents._used({"kind": "point", "number": number, "row": 1}))
-    assert tab.tab.picture._pointed_id == ids[1]
-    tab.run(lambda: agents._used({"kind": "close"}))
-    assert tab.tab.picture._pointed_id is None
+    tab.hear("agents", kind="point", number=number, row=1)
+    assert tab.model.pointed_id == ids[1]
+    tab.hear("agents", kind="close")
+    assert tab.model.pointed_id is None

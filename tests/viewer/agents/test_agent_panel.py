@@ -24,7 +24,7 @@ def select(tab: FakeTab, *agent_ids: str) -> None:
 
 def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
     """(D32)"""
-    panel, ids = tab.tab.panels.agent, tab.session.scenario.agents.ids
+    panel, ids = tab.elements.agent, tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentKind(agent_ids=ids[1:], kind=AgentKind.BUS)))
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:], speed_mps=3.0)))
     select(tab, *ids)
@@ -45,7 +45,7 @@ def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
 
 
 def test_activities_are_shown_and_set(tab: FakeTab):
-    panel, ids = tab.tab.panels.agent, tab.session.scenario.agents.ids
+    panel, ids = tab.elements.agent, tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[:1], speed_mps=0.0)))
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:2], speed_mps=5.0)))
     select(tab, ids[0])
@@ -68,7 +68,7 @@ def test_activities_are_shown_and_set(tab: FakeTab):
 
 def test_without_a_selection_fields_are_empty_and_off(tab: FakeTab):
     """(D32)"""
-    panel, ids = tab.tab.panels.agent, tab.session.scenario.agents.ids
+    panel, ids = tab.elements.agent, tab.session.scenario.agents.ids
     select(tab, ids[0])
     assert panel._kind.value == "vehicle"
     assert SIZE_NOTE in panel._size_note.text
@@ -88,11 +88,12 @@ def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
     now = tab.session.scenario.current_step
     x, y = tab.session.scenario.agents.position_m[1, now]
     moved = SetAgentPosition(agent_id=second, x_m=float(x) + 8.0, y_m=float(y))
-    panel, agents = tab.tab.panels.agent, tab.tab.agent_list
+    panel, watch = tab.elements.agent, tab.model.findings
     # Both have a problem later; only the second one's trajectory was carried along.
-    agents._problems = lambda: ((first, second), (first, second))
+    both = frozenset((first, second))
+    watch.problem_ids = lambda: (both, both)
     tab.run(lambda: tab.ui.apply(moved))
-    assert agents.stale_ids() == {second}
+    assert watch.stale_ids() == {second}
     select(tab, second)
     assert "Its trajectory no longer fits" in panel._summary.text
     select(tab, first)
@@ -105,7 +106,7 @@ def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: Fa
     now = tab.session.scenario.current_step
     x, y = tab.session.scenario.agents.position_m[1, now]
     moved = SetAgentPosition(agent_id=second, x_m=float(x) + 8.0, y_m=float(y))
-    panel, watch = tab.tab.panels.agent, tab.tab.problems
+    panel, watch = tab.elements.agent, tab.model.findings
     select(tab, second)
     found = ()
     checks = []
@@ -116,14 +117,14 @@ def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: Fa
         found = (second,) if with_future else ()
 
     watch.check = check
-    tab.tab.agent_list._problems = lambda: (found, found)
+    watch.problem_ids = lambda: (frozenset(found), frozenset(found))
     tab.run(lambda: tab.ui.apply(moved))
     until(lambda: "Its trajectory no longer fits" in panel._summary.text)
     assert checks == [False, True]
 
 
 def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
-    panel, scenario = tab.tab.panels.agent, tab.session.scenario
+    panel, scenario = tab.elements.agent, tab.session.scenario
     select(tab, scenario.focal_id)
     button = panel._actions["Make focal"]
     assert (button.disabled, button.label) == (True, "Is the focal agent")
@@ -136,7 +137,7 @@ def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
 def test_a_speed_that_no_agent_has_is_refused_not_replaced(tab: FakeTab):
     """(-4 became 0, and 300 became 60, without a word.)"""
     select(tab, tab.session.scenario.agents.ids[0])
-    field, before = tab.tab.panels.agent._speed, tab.session.scenario
+    field, before = tab.elements.agent._speed, tab.session.scenario
     with mock.patch.object(tab.ui, "report", wraps=tab.ui.report) as told:
         for typed, limit in ((-4.0, "0 or more"), (300.0, "60")):
             tab.enter(field, typed)

@@ -7,7 +7,7 @@ from tests.viewer.fake_browser import FakeTab
 
 def test_the_shown_edits_are_counted_from_one(tab: FakeTab):
     """(W17) It told "Rows 1 to 0 of 1" after the first edit."""
-    panel = tab.tab.panels.history
+    panel = tab.elements.history
     (first, _) = tab.session.scenario.agents.ids
     for number in range(1, ROWS + 1):
         move = TransformAgents(agent_ids=(first,), dx_m=0.1 * number)

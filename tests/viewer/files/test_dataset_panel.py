@@ -17,7 +17,7 @@ def test_the_list_names_city_and_agents_first_and_opens_by_id(tmp_path):
         running_app(tmp_path / "library", "roundabout", data_root=root) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.tab.panels.dataset
+        panel = tab.elements.dataset
         until(lambda: len(panel._list.options) == 3)
         parts = [label.split(" · ") for label in panel._list.options]
         assert [name for *_, name in parts] == ["aaa", "bbb", "ccc"]
@@ -36,7 +36,7 @@ def test_the_end_of_the_search_is_told(tmp_path):
         running_app(tmp_path / "library", "roundabout", data_root=root) as app,
         connected_tab(app) as tab,
     ):
-        panel, search = tab.tab.panels.dataset, tab.tab._workspace.search
+        panel, search = tab.elements.dataset, tab.tab.workspace.search
         until(lambda: search.is_complete)
         tab.run(lambda: setattr(search, "is_complete", False) or panel.show())
         assert panel._count.content == "3 of 3 scenarios, still reading"
@@ -53,7 +53,7 @@ def test_scenes_that_cannot_be_read_are_told_with_the_first_reason(tmp_path):
         running_app(tmp_path / "library", "roundabout", data_root=root) as app,
         connected_tab(app) as tab,
     ):
-        panel, search = tab.tab.panels.dataset, tab.tab._workspace.search
+        panel, search = tab.elements.dataset, tab.tab.workspace.search
         until(lambda: search.is_complete)
         tab.run(panel.show)
         count, told = panel._count.content.split("\n\n")
@@ -70,7 +70,7 @@ def test_splits_and_missing_futures_are_named_and_filtered(tmp_path):
         running_app(tmp_path / "library", "roundabout", data_root=root) as app,
         connected_tab(app) as tab,
     ):
-        panel, workspace = tab.tab.panels.dataset, tab.tab._workspace
+        panel, workspace = tab.elements.dataset, tab.tab.workspace
         until(lambda: workspace.search.is_complete)
         until(lambda: len(panel._list.options) == 4)
         parts = {label.split(" · ")[-1]: label for label in panel._list.options}

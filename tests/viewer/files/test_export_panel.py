@@ -17,11 +17,11 @@ def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
     library = tmp_path / "library"
     library.write_text("in the way")
     with running_app(library, "crosswalk") as app, connected_tab(app) as tab:
-        panel, session = tab.tab.panels.export, tab.session
+        panel, session = tab.elements.export, tab.session
 
         def told() -> str:
             """What the red line on the picture says."""
-            return json.loads(tab.tab.overlay._shown["status"])["unsaved"]
+            return json.loads(tab.ui.overlay._shown["status"])["unsaved"]
 
         assert told() == ""
         command = SetAgentSpeed(agent_ids=(session.scenario.focal_id,), speed_mps=3.0)
@@ -30,7 +30,7 @@ def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
         # Once is enough: the panel tells what the export lacks.
         assert "focal agent ok" in panel._preflight.text
         assert "saved" not in panel._preflight.text
-        name, content = tab.run(tab.tab._workspace.recipe_text)
+        name, content = tab.run(tab.tab.workspace.recipe_text)
         assert name == "crosswalk-1-edit.recipe.json"
         assert b"SetAgentSpeed" in content
         library.unlink()
@@ -47,7 +47,7 @@ def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        text = tab.tab.panels.export._preflight
+        text = tab.elements.export._preflight
         assert text.text.startswith("focal agent ok · ego ok · ")
         tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=("AV",))))
         assert "ego missing" in text.text
@@ -60,17 +60,17 @@ def test_a_name_that_was_cleared_is_proposed_for_the_next_scenario(tmp_path: Pat
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.tab.panels.export
+        panel = tab.elements.export
 
         def cleared() -> None:
             panel._name.value = ""
             panel._name_typed("")
-            panel.show(tab.session.scenario)
+            panel.show()
 
         tab.run(cleared)
         # Not filled at once: the user may be about to type another name.
         assert panel._name.value == ""
-        tab.run(lambda: tab.tab._workspace.open_reference("crosswalk"))
+        tab.run(lambda: tab.tab.workspace.open_reference("crosswalk"))
         assert panel._name.value == "crosswalk"
 
 
@@ -80,7 +80,7 @@ def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        panel, session = tab.tab.panels.export, tab.session
+        panel, session = tab.elements.export, tab.session
 
         def arrives(handle: Any, text: str) -> None:
             # As viser does when a browser's message comes: first the value, then this.
@@ -93,7 +93,7 @@ def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path
             arrives(panel._name, "My slow one!")
             arrives(panel._tags, "slow, bent")
             arrives(panel._note, "a note")
-            panel.show(session.scenario)
+            panel.show()
 
         tab.run(typed_and_refreshed)
         tab.run(lambda: None)

@@ -21,14 +21,14 @@ def test_the_menu_of_demos_names_the_one_that_is_open_if_any(tmp_path):
         running_app(tmp_path / "library", str(folder)) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.tab.panels.scenario
+        panel = tab.elements.scenario
         assert panel._demo.value == NO_DEMO
         with pytest.raises(InputError, match="Choose a demo"):
             panel._open_demo()
         panel._demo.value = "crosswalk"
         tab.run(panel._open_demo)
         assert panel._demo.value == "crosswalk"
-        tab.run(lambda: tab.tab._workspace.open_reference(str(folder)))
+        tab.run(lambda: tab.tab.workspace.open_reference(str(folder)))
         assert panel._demo.value == NO_DEMO
 
 
@@ -40,8 +40,8 @@ def test_a_long_recording_is_cut_by_a_button_and_opened_whole_again(
     files = scenario_files(long_recording())
     write_files(files, tmp_path / "long", forbidden=None)
     with running_app(tmp_path / "library", "queue") as app, connected_tab(app) as tab:
-        workspace = tab.tab._workspace
-        button = tab.tab.panels.scenario._cut
+        workspace = tab.tab.workspace
+        button = tab.elements.scenario._cut
         assert not button.visible
         if is_upload:
             tab.run(lambda: workspace.open_upload(files))
@@ -61,7 +61,7 @@ def test_a_long_recording_is_cut_by_a_button_and_opened_whole_again(
 def test_an_edited_upload_that_was_cut_comes_back_after_a_restart(tmp_path):
     files = scenario_files(long_recording())
     with running_app(tmp_path / "library", "queue") as app, connected_tab(app) as tab:
-        workspace = tab.tab._workspace
+        workspace = tab.tab.workspace
         tab.run(lambda: workspace.open_upload(files))
         tab.run(workspace.open_cut)
         name = workspace.session.scenario.focal_id
@@ -72,7 +72,7 @@ def test_an_edited_upload_that_was_cut_comes_back_after_a_restart(tmp_path):
         )
         edited = workspace.session.scenario
     with running_app(tmp_path / "library", "queue") as app, connected_tab(app) as tab:
-        workspace = tab.tab._workspace
+        workspace = tab.tab.workspace
         (work,) = workspace.shelf.unfinished()
         tab.run(lambda: workspace.resume(work))
         assert workspace.session.scenario.time_axis.num_steps == 110

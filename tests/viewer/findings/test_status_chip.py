@@ -20,8 +20,8 @@ def tab(tmp_path_factory):
 
 def status(tab):
     """What the chip shows."""
-    tab.run(tab.tab.chip.show)
-    return json.loads(tab.tab.overlay._shown["status"])
+    tab.run(tab.elements.chip.show)
+    return json.loads(tab.ui.overlay._shown["status"])
 
 
 def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkeypatch):
@@ -30,7 +30,7 @@ def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkey
     def told() -> str:
         return status(tab)["text"]
 
-    study = tab.tab._workspace.study
+    study = tab.tab.workspace.study
     before = told()
     monkeypatch.setattr(study, "_job", object())
     study.fraction = 0.42
@@ -50,14 +50,14 @@ def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkey
 )
 def test_no_headline_says_nought_over_a_row(tab, monkeypatch, kinds, title):
     found = [finding(kind, str(number)) for number, kind in enumerate(kinds)]
-    monkeypatch.setattr(type(tab.tab.problems), "recorded", tuple(found))
+    monkeypatch.setattr(type(tab.model.findings), "recorded", tuple(found))
     groups = status(tab)["groups"]
     assert [one["title"] for one in groups if one["name"] == "recorded"] == [title]
 
 
 def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
     """A press on such a button did nothing, or would have cured another problem."""
-    session, chip, watch = tab.session, tab.tab.chip, tab.tab.problems
+    session, chip, watch = tab.session, tab.elements.chip, tab.model.findings
     agents, now = session.scenario.agents, session.scenario.current_step
     ids = [
         n for n, there in zip(agents.ids, agents.is_valid[:, now], strict=True) if there
@@ -70,7 +70,7 @@ def test_a_row_never_offers_what_helps_against_another(tab, monkeypatch):
         for name in ("copy-0", "copy-1")
     )
     shown = []
-    overlay = tab.tab.overlay
+    overlay = tab.ui.overlay
     real = overlay.show
 
     def show(state):

@@ -31,6 +31,7 @@ from pd_editor.scene.generation import (
 )
 from pd_editor.scene.locks import Lock
 from pd_editor.viewer import viewer_app
+from pd_editor.viewer.findings.status_chip import apply_cure
 from pd_editor.viewer.generation.generation_panel import (
     ADD_AGENTS,
     AROUND_TRAFFIC,
@@ -42,7 +43,7 @@ from pd_editor.viewer.generation.generation_panel import (
     SCOPE_USUAL,
 )
 from pd_editor.viewer.generation.generation_run import GenerationInput
-from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.tab.panel_style import plain
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import PlacingGenerator
@@ -73,15 +74,14 @@ def tab(tmp_path, placing):
         running_app(tmp_path / "library", str(folder)) as app,
         connected_tab(app) as opened,
     ):
-        opened.tab._workspace.playback.pause()
+        opened.tab.workspace.playback.pause()
         yield opened
 
 
 def run_to_end(tab: FakeTab, start: Callable[[], None]) -> None:
-    panel = tab.tab.panels.generation
     tab.run(start)
     deadline = time.monotonic() + 90
-    while panel._result.is_running and time.monotonic() < deadline:
+    while tab.model.is_running and time.monotonic() < deadline:
         time.sleep(0.02)
     tab.run(lambda: None)
 
@@ -91,7 +91,7 @@ def labels(tab: FakeTab) -> list[str]:
 
 
 def test_options_reach_the_request(tab, placing):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     panel._steps.value, panel._guidance.value, panel._samples.value = 9, 0.7, 3
     run_to_end(tab, panel.regenerate)
     (request,) = placing.requests
@@ -104,14 +104,14 @@ def test_options_reach_the_request(tab, placing):
 
 
 def test_untouched_guidance_is_the_models_own_choice(tab, placing):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     run_to_end(tab, panel.regenerate)
     (request,) = placing.requests
     assert not request.guidance
 
 
 def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     assert (panel._steps.value, panel._guidance.value) == (6, 0.4)
     panel._model.value = "plain"
     tab.run(panel._show_options)
@@ -124,7 +124,7 @@ def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing
 
 
 def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
-    panel, before = tab.tab.panels.generation, tab.session.scenario
+    panel, before = tab.elements.generation, tab.session.scenario
     panel._keeps_focal.value = False
     tab.run(panel._show_counts)
     assert panel._counts[AgentKind.VEHICLE].value == 2
@@ -137,13 +137,13 @@ def test_all_agents_are_replaced_by_as_many_as_there_were(tab, placing):
     assert after.focal_id in after.agents.ids
     assert after.focal_id != before.focal_id
     assert labels(tab) == ["Resample 2 agents (placing, seed 0)"]
-    tab.run(tab.tab.panels.history.undo)
+    tab.run(tab.elements.history.undo)
     assert tab.session.scenario is before
 
 
 def test_the_focal_agent_and_the_ego_stay_unless_told_otherwise(tab, placing):
     """(D2, D6): Resample took both away without a word."""
-    panel, before = tab.tab.panels.generation, tab.session.scenario
+    panel, before = tab.elements.generation, tab.session.scenario
     assert panel._counts[AgentKind.VEHICLE].value == 1
     run_to_end(tab, panel.resample)
     (request,) = placing.requests
@@ -156,9 +156,9 @@ def test_the_focal_agent_and_the_ego_stay_unless_told_otherwise(tab, placing):
 
 
 def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     tab.run(lambda: tab.ui.apply(RemoveAllAgents()))
-    tab.run(lambda: tab.tab.problems.check(with_future=True))
+    tab.run(lambda: tab.model.findings.check(with_future=True))
     panel._counts[AgentKind.VEHICLE].value = 0
     with pytest.raises(GenerationError, match="how many agents"):
         tab.run(panel.resample)
@@ -170,7 +170,7 @@ def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
 
 
 def test_the_model_may_choose_how_many(tab, placing):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     panel._fits.value = True
     panel._moving.value = "A quarter"
     panel._only_on_road.value = True
@@ -189,7 +189,7 @@ def test_the_model_may_choose_how_many(tab, placing):
 
 
 def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):
-    panel, before = tab.tab.panels.generation, tab.session.scenario
+    panel, before = tab.elements.generation, tab.session.scenario
     panel._which.value = REDRAW_SELECTION
     with pytest.raises(GenerationError, match="Nothing is selected"):
         tab.run(panel.resample)
@@ -206,7 +206,7 @@ def test_a_selected_agent_gets_a_new_state_and_the_rest_stays(tab, placing):
 
 
 def test_agents_are_added_where_one_looks(tab, placing):
-    panel, before = tab.tab.panels.generation, tab.session.scenario
+    panel, before = tab.elements.generation, tab.session.scenario
     panel._which.value, panel._where.value = ADD_AGENTS, AROUND_VIEW
     tab.run(panel._show_counts)
     panel._counts[AgentKind.CYCLIST].value = 1
@@ -219,7 +219,7 @@ def test_agents_are_added_where_one_looks(tab, placing):
 
 
 def test_another_sample_takes_the_place_of_the_first(tab, placing):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     panel._samples.value, panel._keeps_focal.value = 3, False
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
@@ -254,7 +254,7 @@ def test_models_of_a_users_own_are_offered_first(tmp_path):
         running_app(tmp_path / "library", "crosswalk", models=(mine,)) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.tab.panels.generation
+        panel = tab.elements.generation
         assert panel._model.options[:2] == ("mine", generators.SHIPPED_MODEL)
         run_to_end(tab, panel.regenerate)
         (entry,) = tab.session.entries
@@ -272,7 +272,7 @@ def test_plugins_are_offered_with_their_origin_and_broken_folders_are_listed(tmp
         ) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.tab.panels.generation
+        panel = tab.elements.generation
         assert plugin in panel._model.options
         assert "damaged_one" not in panel._model.options
         (shown,) = (handle.content for handle in panel._unusable)
@@ -286,7 +286,7 @@ def test_plugins_are_offered_with_their_origin_and_broken_folders_are_listed(tmp
 
 
 def test_the_quality_of_resampled_states_reaches_the_request(tab, placing):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     run_to_end(tab, panel.resample)
     panel._quality.value = "High, slower"
     run_to_end(tab, panel.resample)
@@ -317,17 +317,17 @@ def app(tmp_path, placing):
 def test_the_settings_outlive_a_reload(app, placing):
     """Samples and steps were back at their defaults, and the next seed was 0 again."""
     with connected_tab(app) as tab:
-        panel = tab.tab.panels.generation
+        panel = tab.elements.generation
         panel._samples.value, panel._steps.value, panel._quality.value = 3, 9, "Fast"
         panel._which.value = ADD_AGENTS
         tab.run(panel._show_counts)
         panel._counts[AgentKind.BUS].value = 2
         panel._where.value = AROUND_VIEW
         run_to_end(tab, panel.resample)
-        workspace = tab.tab._workspace
+        workspace = tab.tab.workspace
     with connected_tab(app) as tab:
-        assert tab.tab._workspace is workspace
-        run_to_end(tab, tab.tab.panels.generation.resample)
+        assert tab.tab.workspace is workspace
+        run_to_end(tab, tab.elements.generation.resample)
     first, again = placing.requests
     assert (first.seed, again.seed) == (0, 1)
     assert again.num_samples == 3
@@ -338,22 +338,22 @@ def test_the_settings_outlive_a_reload(app, placing):
 
 def test_a_model_is_chosen_again_with_its_settings(app):
     with connected_tab(app) as tab:
-        panel = tab.tab.panels.generation
+        panel = tab.elements.generation
         panel._model.value = "plain"
         tab.run(panel._model_chosen)
     with connected_tab(app) as tab:
-        panel = tab.tab.panels.generation
+        panel = tab.elements.generation
         assert panel._model.value == "plain"
         assert panel._steps.disabled
 
 
 def test_a_region_is_gone_with_its_page(app):
     with connected_tab(app) as tab:
-        panel = tab.tab.panels.generation
+        panel = tab.elements.generation
         panel._where.value = panel._scope.value = IN_REGION
         panel._counts[AgentKind.BUS].value = 7
     with connected_tab(app) as tab:
-        panel = tab.tab.panels.generation
+        panel = tab.elements.generation
         assert panel._where.value == AROUND_TRAFFIC
         assert panel._scope.value == SCOPE_USUAL
         assert panel._counts[AgentKind.BUS].value == 0
@@ -372,19 +372,19 @@ def test_a_run_that_a_reload_cancelled_is_told_once(app, placing):
 
     placing.generate = generate
     with connected_tab(app) as tab:
-        tab.run(tab.tab.panels.generation.regenerate)
+        tab.run(tab.elements.generation.regenerate)
         assert begun.wait(20)
     with connected_tab(app) as tab:
-        report = tab.tab.panels.generation._result._report
+        report = tab.elements.generation._result._report
         assert report.text == "Its page was closed or loaded again while it ran."
-        assert not tab.tab.panels.generation.is_running
+        assert not tab.model.is_running
     with connected_tab(app) as tab:
-        assert tab.tab.panels.generation._result._report.text == ""
+        assert tab.elements.generation._result._report.text == ""
 
 
 def test_a_run_that_places_nobody_changes_nothing(tab):
     before = tab.session.scenario
-    run = tab.tab.panels.generation._result
+    run = tab.elements.generation._result
     names = before.agents.ids
     task = GenerationInput(
         base=before,
@@ -404,7 +404,7 @@ def test_a_run_that_places_nobody_changes_nothing(tab):
 
 def test_equal_samples_are_no_choice(tab):
     before = tab.session.scenario
-    run = tab.tab.panels.generation._result
+    run = tab.elements.generation._result
     task = GenerationInput(
         base=before,
         request=GenerationRequest(scenario=before, agent_ids=before.agents.ids),
@@ -434,7 +434,7 @@ def two_samples_without(gone: tuple[str, ...], scenario) -> tuple[TrafficSample,
 
 def test_a_selection_is_what_is_regenerated(tab, placing):
     """R, which the hint on a stale trajectory names, replaced all other agents too."""
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     assert panel._run.label == "Regenerate"
     tab.run(lambda: tab.session.select(("101",)))
     assert panel._run.label == "Regenerate the selection"
@@ -447,7 +447,7 @@ def test_a_selection_is_what_is_regenerated(tab, placing):
 
 
 def test_locks_of_beginnings_and_states_keep_no_trajectory(tab):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     for lock, label in (
         (Lock(kept_s=2.0), "Regenerate"),
         (Lock(), "Regenerate (1 locked is kept)"),
@@ -460,37 +460,37 @@ def test_locks_of_beginnings_and_states_keep_no_trajectory(tab):
 
 def test_a_cure_makes_one_sample_and_the_others_can_still_be_chosen(tab, placing):
     """It made as many as 'Samples' says, and threw away those that were there."""
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     panel._samples.value, panel._keeps_focal.value = 3, False
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
-    strip = tab.tab.picture.samples
+    strip = tab.elements.samples
     until(lambda: strip.is_open)
     cure = Cure(label="Regenerate new-1", regenerated_ids=("new-1",))
-    run_to_end(tab, lambda: tab.tab.chip._actions.cure(cure))
+    run_to_end(tab, lambda: apply_cure(tab.ui, cure))
     assert placing.requests[-1].num_samples == 1
     assert len(tab.session.entries) == 2
     assert strip.is_open
-    tab.run(lambda: strip.adopt(2))
+    tab.run(lambda: strip.adopted.emit(2))
     assert [label.split("(")[0] for label in labels(tab)] == [
         "Resample 2 agents, sample 3 of 3 "
     ]
 
 
 def test_a_comparison_of_samples_closes_the_list_of_problems(tab):
-    panel, strip = tab.tab.panels.generation, tab.tab.picture.samples
+    panel, strip = tab.elements.generation, tab.elements.samples
     panel._samples.value, panel._keeps_focal.value = 3, False
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
     until(lambda: strip.is_open)
-    tab.run(lambda: tab.tab.chip._heard({"kind": "list", "isOpen": True}))
+    tab.hear("status", kind="list", isOpen=True)
     tab.run(strip.compare)
-    assert not tab.run(tab.tab.chip.close_list)
+    assert not tab.run(tab.elements.chip.close_list)
 
 
 def test_a_refusal_stays_to_be_read(tab, placing):
     """It was a notice of some seconds, and nothing else told that nothing happened."""
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     with mock.patch.object(
         placing, "generate", side_effect=GenerationError("No road.")
     ):

@@ -53,17 +53,17 @@ def app(tmp_path, drift):
 @pytest.fixture
 def tab(app):
     with connected_tab(app) as opened:
-        opened.tab._workspace.playback.pause()
+        opened.tab.workspace.playback.pause()
         yield opened
 
 
 def reacting(tab: FakeTab) -> tuple[str, ...]:
-    switch = tab.tab.panels.generation.live_switch
+    switch = tab.elements.generation.live_switch
     return tab.run(lambda: switch.reacting_ids(tab.session.scenario))
 
 
 def choose(tab: FakeTab, scope: str) -> None:
-    tab.run(lambda: tab.tab.panels.generation.live_switch._scope_chosen(scope))
+    tab.run(lambda: tab.elements.generation.live_switch._scope_chosen(scope))
 
 
 def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:
@@ -73,7 +73,7 @@ def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:
 
 def generate(tab: FakeTab) -> None:
     position = tab.session.state.position
-    tab.run(tab.tab.panels.generation.regenerate)
+    tab.run(tab.elements.generation.regenerate)
     until(lambda: tab.session.state.position == position + 1)
     # The position changes before the scenario: wait for the end of the message.
     tab.run(lambda: None)
@@ -101,7 +101,7 @@ def test_an_edit_of_guidance_is_about_the_agents_that_it_guides(tab: FakeTab):
     """A goal of one agent regenerated all generated ones."""
     generate(tab)
     first, second = tab.session.scenario.agents.ids
-    switch = tab.tab.panels.generation.live_switch
+    switch = tab.elements.generation.live_switch
 
     def reacting_to(*terms: GuidanceTerm) -> tuple[str, ...]:
         edited = replace(tab.session.scenario, guidance=terms)
@@ -126,8 +126,8 @@ def test_a_gesture_becomes_one_entry_with_the_reaction(tab: FakeTab):
     entry = tab.session.entries[1]
     assert isinstance(entry.command, RegeneratedEdit)
     assert entry.command.edit == TransformAgents(agent_ids=(first,), dx_m=1.5)
-    assert tab.tab.panels.generation.run_state is None
-    tab.run(tab.tab.panels.history.undo)
+    assert tab.model.run is None
+    tab.run(tab.elements.history.undo)
     assert tab.session.scenario is before
 
 
@@ -141,12 +141,12 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     move(tab, first, 1.0)
     tab.run(tab.ui.end_gesture)
     assert tab.ui.gesture == "refining"
-    assert tab.tab.panels.generation.run_state.text == "Refining ..."
+    assert tab.model.run.text == "Refining ..."
     move(tab, second, 2.0)
     assert [one.command for one in tab.session.entries[1:]] == [
         TransformAgents(agent_ids=(first,), dx_m=1.0)
     ]
-    tab.run(tab.tab.escape)
+    tab.run(tab.elements.escape)
     gate.set()
     assert len(tab.session.entries) == 2
     assert not tab.session.state.is_previewing
@@ -158,7 +158,7 @@ def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     tab.run(lambda: tab.session.select((second,)))
     assert len(tab.session.entries) == 3
     assert tab.ui.gesture is None
-    tab.run(tab.tab.escape)
+    tab.run(tab.elements.escape)
     assert tab.session.selection == ()
     assert len(tab.session.entries) == 3
     gate.set()
@@ -174,14 +174,14 @@ def test_escape_while_the_reaction_is_awaited_leaves_the_edit(
     before = tab.session.scenario
     move(tab, first, 3.0)
     tab.run(tab.ui.end_gesture)
-    tab.run(tab.tab.escape)
+    tab.run(tab.elements.escape)
     gate.set()
     assert tab.session.entries[-1].command == TransformAgents(
         agent_ids=(first,), dx_m=3.0
     )
     assert tab.ui.gesture is None
-    assert tab.tab.panels.generation.run_state is None
-    tab.run(tab.tab.panels.history.undo)
+    assert tab.model.run is None
+    tab.run(tab.elements.history.undo)
     assert tab.session.scenario is before
 
 
@@ -189,7 +189,7 @@ def test_the_next_value_of_a_slider_is_shown_while_the_reaction_is_awaited(
     tab: FakeTab, drift: DriftGenerator
 ):
     generate(tab)
-    panel = tab.tab.panels.road
+    panel = tab.elements.road
     bend = panel._power["smooth-turn"]
     gate = threading.Event()
     drift.on_step = lambda _step: gate.wait(10) and None
@@ -212,7 +212,7 @@ def test_the_next_number_is_shown_while_the_reaction_is_awaited(
     tab: FakeTab, drift: DriftGenerator
 ):
     generate(tab)
-    panel = tab.tab.panels.agent
+    panel = tab.elements.agent
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
     gate = threading.Event()
     drift.on_step = lambda _step: gate.wait(10) and None
@@ -233,14 +233,14 @@ def test_the_next_number_is_shown_while_the_reaction_is_awaited(
 def test_switched_off_nothing_reacts_and_the_workspace_remembers_it(tab: FakeTab):
     generate(tab)
     first, _ = tab.session.scenario.agents.ids
-    tab.run(tab.tab.panels.generation.live_switch.toggle)
+    tab.run(tab.elements.generation.live_switch.toggle)
     move(tab, first, 1.0)
     tab.run(tab.ui.end_gesture)
     assert tab.session.entries[1].command == TransformAgents(
         agent_ids=(first,), dx_m=1.0
     )
-    assert not tab.tab._workspace.view.is_live
-    tools = json.loads(tab.tab.overlay._shown["toolbar"])["tools"]
+    assert not tab.tab.workspace.view.is_live
+    tools = json.loads(tab.ui.overlay._shown["toolbar"])["tools"]
     (live,) = [one for one in tools if one["icon"] == "live"]
     assert live["isActive"] is False
 

@@ -32,7 +32,7 @@ def test_a_square_without_room_is_refused():
 
 
 def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
-    drawing, panel = tab.tab.modes.region, tab.tab.panels.generation
+    drawing, panel = tab.elements.region, tab.elements.generation
     scenario = tab.session.scenario
     tab.run(drawing.toggle)
     assert panel._where.value == IN_REGION
@@ -41,7 +41,7 @@ def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
     assert other[1] - one[1] > 3.0
     corners = one + np.array([[-6.0, -10.0], [6.0, 2.0]])
     event = {"kind": "drawn", "start": corners[0].tolist(), "end": corners[1].tolist()}
-    tab.run(lambda: drawing._heard(event))
+    tab.hear("region", **event)
     assert not drawing.is_active
     assert drawing.region is not None
     assert drawing.region.held(scenario, scenario.agents.ids) == scenario.agents.ids[:1]
@@ -49,18 +49,18 @@ def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
     assert panel._replaced(scenario) == scenario.agents.ids[:1]
     # A late event of a mode that is over changes nothing.
     before = drawing.region
-    tab.run(lambda: drawing._heard({**event, "end": (one + 60.0).tolist()}))
+    tab.hear("region", **{**event, "end": (one + 60.0).tolist()})
     assert drawing.region is before
-    tab.run(lambda: drawing._heard({"kind": "clear"}))
+    tab.hear("region", kind="clear")
     assert drawing.region is None
     assert panel._where.value == AROUND_TRAFFIC
 
 
 def test_modes_end_each_other_and_escape_ends_the_drawing(tab: FakeTab):
     drawing, placing, measure = (
-        tab.tab.modes.region,
-        tab.tab.modes.placing,
-        tab.tab.modes.measure,
+        tab.elements.region,
+        tab.elements.placing,
+        tab.elements.measure,
     )
     tab.run(placing.toggle)
     tab.run(drawing.toggle)
@@ -69,20 +69,20 @@ def test_modes_end_each_other_and_escape_ends_the_drawing(tab: FakeTab):
     assert not drawing.is_active
     tab.run(drawing.toggle)
     assert not measure.is_active
-    tab.run(tab.tab.escape)
+    tab.run(tab.elements.escape)
     assert not drawing.is_active
-    assert tab.tab.panels.generation._where.value == AROUND_TRAFFIC
+    assert tab.elements.generation._where.value == AROUND_TRAFFIC
 
 
 def test_without_a_region_the_panel_says_what_to_do(tab: FakeTab):
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     panel._where.value = IN_REGION
     with pytest.raises(GenerationError, match="Press 'Draw a region'"):
         panel._region()
 
 
 def test_another_scene_has_no_region_yet(tab: FakeTab):
-    drawing = tab.tab.modes.region
+    drawing = tab.elements.region
     drawing.region = Region(center_m=(0.0, 0.0), half_side_m=20.0)
-    tab.run(lambda: tab.tab._workspace.open_reference("roundabout"))
+    tab.run(lambda: tab.tab.workspace.open_reference("roundabout"))
     assert drawing.region is None

@@ -18,6 +18,8 @@ from pd_editor.viewer.generation.sample_strip import (
     SampleStrip,
     card_lines,
 )
+from pd_editor.viewer.scene.viewpoint import Viewpoint
+from pd_editor.viewer.tab.tab_model import TabModel
 from pd_editor.viewer.tab.ui_context import UiContext
 from tests.analysis.findings.builders import finding
 from tests.analysis.findings.test_sample_ranking import PLAIN
@@ -54,7 +56,8 @@ def test_one_car_far_from_the_road_does_not_empty_the_picture():
 class Tab(UiContext):
     """Runs actions at once and keeps notices."""
 
-    def __init__(self):
+    def __init__(self, page):
+        self.overlay, self.model = page, TabModel(SimpleNamespace(is_dark=False))
         self.notices, self.errors = [], []
         self.session = SimpleNamespace(variant=Variant())
 
@@ -68,10 +71,14 @@ class Tab(UiContext):
         self.errors.append(error)
 
 
-class Strip(SampleStrip):
-    """Keeps the samples that were adopted."""
+class Still(Viewpoint):
+    """A viewpoint that does not move."""
 
-    adopted: list[int]
+    def __init__(self):
+        pass
+
+    def uncover(self):
+        pass
 
 
 @pytest.fixture
@@ -80,21 +87,22 @@ def page():
 
 
 @pytest.fixture
-def drawn():
-    return []
+def tab(page):
+    return Tab(page)
 
 
 @pytest.fixture
-def strip(page, drawn):
-    strip = Strip(
-        Tab(),
-        page,
-        on_preview=lambda: drawn.append(1),
-        on_opened=lambda: None,
-        star=lambda: None,
-    )
-    strip.adopted = []
-    strip.adopt = strip.adopted.append
+def drawn(tab):
+    drawn = []
+    tab.model.sample_pointed.subscribe(lambda: drawn.append(1))
+    return drawn
+
+
+@pytest.fixture
+def strip(tab, drawn):
+    strip = SampleStrip(tab, Still())
+    strip.told = []
+    strip.adopted.subscribe(strip.told.append)
     return strip
 
 
@@ -127,7 +135,6 @@ def opened(strip, page, count=3):
     while not page.shown["samples"]["isOpen"] and time.monotonic() < end:
         time.sleep(0.01)
     assert strip.is_open
-    assert not strip._ui.errors
     return page.shown["samples"]
 
 
@@ -147,24 +154,24 @@ def test_cards_are_ranked_and_marked(strip, page):
     assert len(page.shown["samples"]["cards"]) == 3
 
 
-def test_pointing_previews_and_a_click_adopts(strip, page, drawn):
+def test_pointing_previews_and_a_click_adopts(strip, page, drawn, tab):
     opened(strip, page)
     hear = partial(page.send, "samples")
     hear({"kind": "point", "value": 2})
-    assert strip.previewed is not None
+    assert tab.model.sample is not None
     assert len(drawn) == 1
     hear({"kind": "point", "value": 2})
     assert len(drawn) == 1
     hear({"kind": "leave"})
-    assert strip.previewed is None
+    assert tab.model.sample is None
     hear({"kind": "adopt", "value": 1})
     hear({"kind": "adopt", "value": 0})
-    assert strip.adopted == [1]
+    assert strip.told == [1]
     for value in (-1, 3, "1", None, 10**30, [1]):
         for kind in ("point", "adopt", "keep", "pair", "rank", "pick"):
             hear({"kind": kind, "value": value})
-    assert strip.adopted == [1]
-    assert strip.previewed is None
+    assert strip.told == [1]
+    assert tab.model.sample is None
 
 
 def test_a_sample_is_compared_with_the_one_in_use(strip, page):
@@ -177,7 +184,7 @@ def test_a_sample_is_compared_with_the_one_in_use(strip, page):
     assert left[:2] == right[:2]
     assert left != right
     page.send("sample-pair", {"kind": "use", "value": 2})
-    assert strip.adopted == [2]
+    assert strip.told == [2]
     assert not page.shown["sample-pair"]["isOpen"]
     page.send("samples", {"kind": "pair", "value": 1})
     assert strip.close(), "the comparison is closed first"
@@ -187,10 +194,10 @@ def test_a_sample_is_compared_with_the_one_in_use(strip, page):
     assert not strip.close()
 
 
-def test_the_key_compares_whatever_is_pointed_at(strip, page):
+def test_the_key_compares_whatever_is_pointed_at(strip, page, tab):
     """It worked on cards with the focus only, and not at all on the one in use."""
     strip.compare()
-    assert strip._ui.notices == ["No samples to choose among"]
+    assert tab.notices == ["No samples to choose among"]
     opened(strip, page)
     best, *_ = (one["index"] for one in page.shown["samples"]["cards"] if one["index"])
 
@@ -251,13 +258,13 @@ def test_any_two_samples_are_compared(strip, page):
     for side, value in ((0, 3), (0, -1), (2, 0), (None, 0), (1, "0"), ([0], 0)):
         hear({"kind": "choose", "side": side, "value": value})
     assert sides() == [2, 1]
-    assert not strip.adopted
+    assert not strip.told
     # The one in use is compared with the best other one.
     page.send("samples", {"kind": "pair", "value": 0})
     assert sides() == [offered[0]["index"] or offered[1]["index"], 0]
 
 
-def test_the_strip_hides_and_comes_back_with_the_state(strip, page):
+def test_the_strip_hides_and_comes_back_with_the_state(strip, page, tab):
     opened(strip, page)
     page.send("samples", {"kind": "point", "value": 1})
     strip.follow(None, is_valid=False)
@@ -270,9 +277,9 @@ def test_the_strip_hides_and_comes_back_with_the_state(strip, page):
     strip.focus()
     assert page.shown["samples"]["takesFocus"]
     strip.forget()
-    assert strip.previewed is None
+    assert tab.model.sample is None
     strip.focus()
-    assert strip._ui.notices == ["No samples to choose among"]
+    assert tab.notices == ["No samples to choose among"]
 
 
 def test_three_lines():

@@ -9,7 +9,7 @@ from tests.viewer.fake_browser import FakeTab, until
 
 
 def shown(tab: FakeTab, element: str) -> dict:
-    return json.loads(tab.tab.overlay._shown[element])
+    return json.loads(tab.ui.overlay._shown[element])
 
 
 def listed(tab: FakeTab) -> dict:
@@ -21,8 +21,7 @@ def arcs(tab: FakeTab) -> list[dict]:
 
 
 def send(tab: FakeTab, **event) -> None:
-    panel = tab.tab.modes.steering._panel
-    tab.run(lambda: panel._heard(event))
+    tab.hear("guidance_panel", **event)
 
 
 def asked(tab: FakeTab) -> dict:
@@ -69,12 +68,11 @@ def test_pointing_previews_and_a_click_makes_one_edit(tab: FakeTab):
 
 def test_an_arc_is_pointed_at_and_clicked(tab: FakeTab):
     asked(tab)
-    handles = tab.tab.modes.steering._handles
     arc = arcs(tab)[0]
-    tab.run(lambda: handles._heard({"kind": "point", "index": arc["index"]}))
+    tab.hear("guidance_marks", kind="point", index=arc["index"])
     assert arcs(tab)[0]["isChosen"]
-    tab.run(lambda: handles._heard({"kind": "grab", "index": arc["index"]}))
-    tab.run(lambda: handles._heard({"kind": "drop", "index": arc["index"]}))
+    tab.hear("guidance_marks", kind="grab", index=arc["index"])
+    tab.hear("guidance_marks", kind="drop", index=arc["index"])
     assert len(tab.session.scenario.guidance) == 1
 
 
@@ -103,7 +101,7 @@ def test_edits_of_agents_look_again_and_those_of_guidance_do_not(tab: FakeTab):
 def test_the_menu_of_a_threat_tells_which_approaches_are_infeasible(tab: FakeTab):
     asked(tab)
     send(tab, kind="make", number=0)
-    tab.run(tab.tab.modes.steering.check)
+    tab.run(tab.model.checked.emit)
     (row,) = shown(tab, "guidance_panel")["rows"]
     (approach,) = [one for one in row["inputs"] if one["name"] == "approach"]
     assert approach["value"] not in approach["notes"]

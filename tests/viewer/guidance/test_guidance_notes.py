@@ -102,7 +102,7 @@ def guided(tab: FakeTab) -> FakeTab:
         generator="ready",
         guidance=(report,),
     )
-    run = tab.tab.panels.generation._result
+    run = tab.elements.generation._result
     task = GenerationInput(
         base=scenario,
         request=GenerationRequest(scenario=scenario, agent_ids=(agent_id,)),
@@ -112,7 +112,7 @@ def guided(tab: FakeTab) -> FakeTab:
 
 
 def panel(tab: FakeTab) -> dict:
-    return json.loads(tab.tab.overlay._shown["guidance_panel"])
+    return json.loads(tab.ui.overlay._shown["guidance_panel"])
 
 
 def speed(tab: FakeTab) -> float:
@@ -144,10 +144,8 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
 
 
 def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
-    panel_ = guided.tab.modes.steering._panel
-    assert panel_ is not None
     count = len(guided.session.entries)
-    guided.run(lambda: panel_._heard({"kind": "take"}))
+    guided.hear("guidance_panel", kind="take")
     assert speed(guided) == 3.0
     assert len(guided.session.entries) == count + 1
     # (W15) In the history both runs had the same name.
@@ -197,9 +195,9 @@ def test_contradictions_are_told_beside_the_terms_and_before_a_run(
     told: list[str] = []
     monkeypatch.setattr(tab.ui, "notify", lambda _title, body="", *_: told.append(body))
     monkeypatch.setattr(
-        tab.tab.panels.generation._result, "start", lambda *_: told.append("started")
+        tab.elements.generation._result, "start", lambda *_: told.append("started")
     )
-    tab.run(tab.tab.panels.generation.regenerate)
+    tab.run(tab.elements.generation.regenerate)
     assert "above its speed limit" in told[0]
     assert told[1] == "started"
     # A term that is switched off contradicts nothing.
@@ -221,7 +219,7 @@ def test_a_goal_that_is_dragged_too_far_is_told_during_the_drag(tab: FakeTab):
     tab.run(lambda: tab.ui.preview("a drag", command))
     (note,) = panel(tab)["rows"][0]["notes"]
     assert "move it" in note["text"]
-    (mark,) = json.loads(tab.tab.overlay._shown["guidance_marks"])["marks"]
+    (mark,) = json.loads(tab.ui.overlay._shown["guidance_marks"])["marks"]
     assert mark["isBad"]
     assert note["text"] in mark["lines"]
     tab.run(tab.ui.abort_gesture)
@@ -286,7 +284,7 @@ def test_nothing_is_generated_that_could_obey_nothing(tab: FakeTab, monkeypatch)
     """A run was made for a threat that cannot be, and its result looked obeyed."""
     threat = Threaten(agent_id="100", other_id="101", approach="head-on")
     tab.run(lambda: tab.ui.apply(AddGuidance(term=threat)))
-    generation, started = tab.tab.panels.generation, []
+    generation, started = tab.elements.generation, []
     monkeypatch.setattr(generation._result, "start", lambda *_: started.append(1))
     with pytest.raises(GenerationError, match=r"head-on.*switch it off to regenerate"):
         tab.run(generation.regenerate)
@@ -317,7 +315,7 @@ def test_trajectories_of_a_live_edit_are_judged_like_those_of_a_run(guided: Fake
     assert last["tone"] == "bad"
     assert last["text"].startswith("Asked: at (")
     assert "m away" in last["text"]
-    watch = guided.tab.problems
+    watch = guided.model.findings
     guided.run(lambda: watch.check(with_future=True))
     (found,) = [one for one in watch.new if one.kind == "guidance-not-met"]
     assert found.agent_ids == (name,)

@@ -21,7 +21,7 @@ from tests.viewer.fake_browser import FakeTab
 
 def shown(tab: FakeTab, element: str) -> dict:
     """What the page shows of an element."""
-    return json.loads(tab.tab.overlay._shown[element])
+    return json.loads(tab.ui.overlay._shown[element])
 
 
 def ray_to(point) -> dict:
@@ -46,24 +46,21 @@ def guidance(tab: FakeTab) -> tuple:
 
 
 def draw(tab: FakeTab, tool: str, /, **event) -> None:
-    mode = tab.tab.modes.steering.mode
+    mode = tab.elements.steering.mode
     tab.run(lambda: mode.toggle(tool))
-    tab.run(lambda: mode._heard({"tool": tool, **event}))
+    tab.hear("guiding", tool=tool, **event)
 
 
 def test_a_goal_is_clicked_moved_and_undone(tab: FakeTab):
     agent_id, place = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
     draw(tab, "goal-point", kind="click", **ray_to(by(place, 20.0, 0.0)))
-    assert not tab.tab.modes.steering.mode.is_active
+    assert not tab.elements.steering.mode.is_active
     (term,) = guidance(tab)
     assert term.point_m == pytest.approx(tuple(by(place, 20.0, 0.0)), abs=0.01)
     # A second goal of the agent replaces the first and keeps its strength.
-    tab.run(
-        lambda: tab.tab.modes.steering._panel._heard(
-            {"kind": "weight", "index": 0, "stop": 7, "isEnd": True, "version": 1}
-        )
-    )
+    event = {"kind": "weight", "index": 0, "stop": 7, "isEnd": True, "version": 1}
+    tab.hear("guidance_panel", **event)
     draw(tab, "goal-point", kind="click", **ray_to(by(place, 30.0, 0.0)))
     (moved,) = guidance(tab)
     assert moved.point_m[0] == pytest.approx(place[0] + 30.0, abs=0.01)
@@ -84,14 +81,14 @@ def test_a_goal_off_the_map_is_refused_and_the_mode_stays(tab: FakeTab):
     before = tab.session.scenario
     draw(tab, "goal-point", kind="click", **ray_to(by(place, 0.0, 400.0)))
     assert tab.session.scenario is before
-    assert tab.tab.modes.steering.mode.is_active
-    tab.run(tab.tab.escape)
-    assert not tab.tab.modes.steering.mode.is_active
+    assert tab.elements.steering.mode.is_active
+    tab.run(tab.elements.escape)
+    assert not tab.elements.steering.mode.is_active
     assert tab.session.selection == (agent_id,)
 
 
 def test_without_one_selected_agent_nothing_is_drawn(tab: FakeTab):
-    mode = tab.tab.modes.steering.mode
+    mode = tab.elements.steering.mode
     for selection in ((), tab.session.scenario.agents.ids):
         tab.run(lambda selection=selection: tab.session.select(selection))
         with pytest.raises(EditError, match="Select one agent"):
@@ -102,13 +99,13 @@ def test_without_one_selected_agent_nothing_is_drawn(tab: FakeTab):
 def test_a_late_event_of_another_tool_changes_nothing(tab: FakeTab):
     agent_id, place = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
-    mode = tab.tab.modes.steering.mode
+    mode = tab.elements.steering.mode
     tab.run(lambda: mode.toggle("stop-at-line"))
     event = {"kind": "click", "tool": "goal-point", **ray_to(by(place, 9.0, 0.0))}
-    tab.run(lambda: mode._heard(event))
+    tab.hear("guiding", **event)
     assert guidance(tab) == ()
     tab.run(mode.stop)
-    tab.run(lambda: mode._heard({**event, "tool": "stop-at-line"}))
+    tab.hear("guiding", **{**event, "tool": "stop-at-line"})
     assert guidance(tab) == ()
 
 
@@ -119,18 +116,10 @@ def test_another_agent_is_picked_and_itself_is_not(tab: FakeTab):
     here, there = agents.position_m[:2, step]
     draw(tab, "yield-to", kind="click", **ray_to(here))
     assert guidance(tab) == ()
-    assert tab.tab.modes.steering.mode.is_active
-    tab.run(
-        lambda: tab.tab.modes.steering.mode._heard(
-            {"tool": "yield-to", "kind": "point", **ray_to(there)}
-        )
-    )
+    assert tab.elements.steering.mode.is_active
+    tab.hear("guiding", tool="yield-to", kind="point", **ray_to(there))
     assert shown(tab, "guiding")["ghost"]["text"] == f"vehicle {other}"
-    tab.run(
-        lambda: tab.tab.modes.steering.mode._heard(
-            {"tool": "yield-to", "kind": "click", **ray_to(there)}
-        )
-    )
+    tab.hear("guiding", tool="yield-to", kind="click", **ray_to(there))
     assert guidance(tab) == (YieldTo(agent_id=one, other_id=other),)
 
 
@@ -147,17 +136,16 @@ def test_a_line_is_drawn_and_garbage_of_the_page_is_left_out(tab: FakeTab):
 
 
 def drag(tab: FakeTab, index: int, *points, drop=None, kind="drop") -> None:
-    handles = tab.tab.modes.steering._handles
-    tab.run(lambda: handles._heard({"kind": "grab", "index": index}))
+    tab.hear("guidance_marks", kind="grab", index=index)
     for point in points:
-        event = {"kind": "drag", "index": index, "point": list(map(float, point))}
-        tab.run(lambda event=event: handles._heard(event))
+        place = list(map(float, point))
+        tab.hear("guidance_marks", kind="drag", index=index, point=place)
     last = {} if drop is None else {"point": list(map(float, drop))}
-    tab.run(lambda: handles._heard({"kind": kind, "index": index, **last}))
+    tab.hear("guidance_marks", kind=kind, index=index, **last)
 
 
 def test_the_flag_at_the_end_of_a_trajectory_is_dragged_as_one_edit(tab: FakeTab):
-    tab.run(tab.tab.panels.generation.live_switch.toggle)
+    tab.run(tab.elements.generation.live_switch.toggle)
     agent_id, place = focal(tab)
     assert not any(m["index"] == OFFER for m in shown(tab, "guidance_marks")["marks"])
     tab.run(lambda: tab.session.select((agent_id,)))
@@ -192,11 +180,11 @@ def test_a_drag_that_is_refused_or_cancelled_changes_nothing(tab: FakeTab, kind)
 def test_an_undo_during_a_drag_ends_it(tab: FakeTab):
     agent_id, place = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
-    handles = tab.tab.modes.steering._handles
+    handles = tab.elements.steering._handles
     tab.run(lambda: handles._heard({"kind": "grab", "index": OFFER}))
     event = {"kind": "drag", "point": list(map(float, by(place, 20.0, 0.0)))}
     tab.run(lambda: handles._heard(event))
-    tab.run(tab.tab.panels.history.undo)
+    tab.run(tab.elements.history.undo)
     before = tab.session.scenario
     tab.run(lambda: handles._heard({**event, "kind": "drop"}))
     assert tab.session.scenario is before
@@ -241,8 +229,7 @@ def test_the_list_shows_terms_of_the_selection(tab: FakeTab):
 
 def heard(tab: FakeTab, **event) -> None:
     version = shown(tab, "guidance_panel")["version"]
-    panel = tab.tab.modes.steering._panel
-    tab.run(lambda: panel._heard({"version": version, **event}))
+    tab.hear("guidance_panel", **{"version": version, **event})
 
 
 def test_terms_of_the_form_are_added_changed_switched_and_removed(tab: FakeTab):
@@ -280,11 +267,8 @@ def test_an_input_of_a_list_that_is_gone_changes_nothing(tab: FakeTab):
     tab.run(lambda: tab.session.select((agent_id,)))
     heard(tab, kind="tool", tool="target-speed")
     before = tab.session.scenario
-    panel = tab.tab.modes.steering._panel
     version = shown(tab, "guidance_panel")["version"]
-    tab.run(
-        lambda: panel._heard({"kind": "remove", "index": 0, "version": version - 1})
-    )
+    tab.hear("guidance_panel", kind="remove", index=0, version=version - 1)
     heard(tab, kind="remove", index=7)
     heard(tab, kind="remove", index="0")
     assert tab.session.scenario is before
@@ -294,7 +278,7 @@ def test_a_regeneration_carries_the_terms_of_the_scenario(tab: FakeTab, monkeypa
     agent_id, _ = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
     heard(tab, kind="tool", tool="target-speed")
-    panel = tab.tab.panels.generation
+    panel = tab.elements.generation
     requests: list[GenerationRequest] = []
     monkeypatch.setattr(
         panel._result, "start", lambda _n, _m, task: requests.append(task.request)
@@ -336,7 +320,7 @@ def test_what_a_new_term_replaces():
 def test_an_agent_is_guided_along_a_possible_trajectory(tab: FakeTab):
     agent_id, place = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
-    candidates = tab.tab.panels.candidates
+    candidates = tab.elements.candidates
     tab.run(candidates.toggle_candidates)
     options = tuple(candidates._choice.options)
     candidates._choice.value = options[1]
@@ -350,19 +334,15 @@ def test_an_agent_is_guided_along_a_possible_trajectory(tab: FakeTab):
 def test_a_row_of_the_list_is_picked_like_an_agent_of_the_picture(tab: FakeTab):
     """It was selected instead, and the mode stayed on."""
     agent_id, _ = focal(tab)
-    scenario, mode = tab.session.scenario, tab.tab.modes.steering.mode
+    scenario, mode = tab.session.scenario, tab.elements.steering.mode
     other = next(name for name in scenario.agents.ids if name != agent_id)
-    agents = tab.tab.agent_list
     tab.run(lambda: tab.session.select((agent_id,)))
-    tab.run(agents.toggle)
+    tab.hear("agents", kind="open")
 
     def choose(name: str) -> None:
         rows = [scenario.agents.row_of[name]]
-        tab.run(
-            lambda: agents._used(
-                {"kind": "select", "number": agents._number, "rows": rows}
-            )
-        )
+        number = shown(tab, "agents")["number"]
+        tab.hear("agents", kind="select", number=number, rows=rows)
 
     tab.run(lambda: mode.toggle("threaten"))
     choose(agent_id)

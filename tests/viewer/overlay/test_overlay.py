@@ -24,7 +24,7 @@ def tab(tmp_path):
 
 
 def test_events_reach_their_element_alone(tab):
-    overlay, heard = tab.tab.overlay, []
+    overlay, heard = tab.ui.overlay, []
     events = [{"kind": "tab", "title": "Road"}, {"kind": "hold"}]
     overlay.on("panel", heard.append)
     for event in events:
@@ -50,14 +50,14 @@ def test_events_reach_their_element_alone(tab):
 )
 def test_garbage_is_dropped(tab, text):
     heard = []
-    tab.tab.overlay.on("panel", heard.append)
-    tab.run(lambda: tab.tab.overlay._heard(text))
+    tab.ui.overlay.on("panel", heard.append)
+    tab.run(lambda: tab.ui.overlay._heard(text))
     assert heard == []
     assert tab.run(lambda: "still working") == "still working"
 
 
 def test_an_element_is_sent_again_only_when_it_changes(tab, monkeypatch):
-    overlay, sent = tab.tab.overlay, []
+    overlay, sent = tab.ui.overlay, []
     monkeypatch.setattr(overlay, "_run", sent.append)
     for text in ("one", "one", "other"):
         overlay.show(CompareState(text=text))

@@ -25,7 +25,7 @@ from tests.viewer.fake_browser import FakeTab, until
 
 @pytest.fixture
 def panel(tab: FakeTab):
-    return tab.tab.panels.road
+    return tab.elements.road
 
 
 def bend(tab: FakeTab, panel, power: float = 4.0, length_m: float | None = None):
@@ -34,7 +34,7 @@ def bend(tab: FakeTab, panel, power: float = 4.0, length_m: float | None = None)
         panel._length["ripple-road"].value = length_m
     tab.run(panel._changed)
     tab.run(tab.ui.commit_gesture)
-    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    tab.run(tab.model.shown.emit)
 
 
 def test_shape_follows_undo_and_redo(tab: FakeTab, panel):
@@ -42,7 +42,7 @@ def test_shape_follows_undo_and_redo(tab: FakeTab, panel):
     length = panel._length["ripple-road"]
     bend(tab, panel)
     bend(tab, panel, length_m=5.0)
-    history = tab.tab.panels.history
+    history = tab.elements.history
     tab.run(history.undo)
     assert length.value == 60.0
     tab.run(history.undo)
@@ -60,7 +60,6 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
 ):
     """A rest of a second within one drag made two; a drag of its own is one of its own."""
     power, session = panel._power["ripple-road"], tab.session
-    side_panel = tab.tab.overlay._handlers["panel"]
     num_edits = len(session.entries)
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.1)
     monkeypatch.setattr(ui_module, "LAST_VALUE_S", 60.0)
@@ -72,11 +71,11 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
 
         tab.run(moved)
 
-    tab.run(lambda: side_panel({"kind": "hold"}))
+    tab.hear("panel", kind="hold")
     slide(2.0)
     time.sleep(0.8)
     slide(3.0)
-    tab.run(lambda: side_panel({"kind": "release"}))
+    tab.hear("panel", kind="release")
     assert len(session.entries) == num_edits
     # The browser may send the last value after it has told of the end.
     slide(4.0)
@@ -87,11 +86,11 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
     # The next drag ends the former gesture, however soon it comes.
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 60.0)
     slide(5.0)
-    tab.run(lambda: side_panel({"kind": "hold"}))
+    tab.hear("panel", kind="hold")
     assert len(session.entries) == num_edits + 2
     slide(6.0)
     monkeypatch.setattr(ui_module, "LAST_VALUE_S", 0.1)
-    tab.run(lambda: side_panel({"kind": "release"}))
+    tab.hear("panel", kind="release")
     until(lambda: len(session.entries) == num_edits + 3)
 
 
@@ -104,13 +103,13 @@ def test_shape_does_not_leak_into_another_scenario(tab: FakeTab, panel):
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
     assert panel._length["ripple-road"].value == 5.0
     # ... but not another scenario.
-    tab.run(lambda: tab.tab._workspace.open_reference("merge"))
+    tab.run(lambda: tab.tab.workspace.open_reference("merge"))
     assert panel._length["ripple-road"].value == 60.0
 
 
 def test_resets_are_offered_whenever_anything_differs(tab: FakeTab, panel):
     """(D27)"""
-    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    tab.run(tab.model.shown.emit)
     assert panel._reset.disabled
     assert panel._reset_shape.disabled
     panel._length["ripple-road"].value = 5.0
@@ -133,7 +132,7 @@ def test_only_anchors_that_can_be_are_offered(tab: FakeTab, panel):
     """(D29)"""
     agents = tab.session.scenario.agents
     tab.run(lambda: tab.session.select(()))
-    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    tab.run(tab.model.shown.emit)
     assert panel._anchor.options == (FOCAL, POINT)
     assert EGO_ID not in agents.row_of
     assert "ego (there is none)" in panel._missing.text
@@ -179,7 +178,7 @@ def test_an_absurd_anchor_is_refused_in_the_words_of_the_panel(
     panel._anchor_at.value = (1e9, 3.0)
     with pytest.raises(EditError, match=r"^Anchor x is 1e\+09 m; expected"):
         tab.run(panel._pose_typed)
-    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    tab.run(tab.model.shown.emit)
     assert panel._anchor_at.value == shown
     # The heading is not refused for it.
     panel._anchor_heading.value = 30.0
@@ -217,7 +216,7 @@ def test_the_anchor_can_be_typed(tab: FakeTab, panel):
     panel._anchor_heading.value = 223.3
     tab.run(panel._pose_typed)
     tab.run(tab.ui.commit_gesture)
-    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    tab.run(tab.model.shown.emit)
     assert panel._anchor_heading.value == pytest.approx(-136.7)
     label = tab.session.entries[-2].label
     assert "anchor moved" in label
@@ -232,7 +231,7 @@ def test_agents_that_friction_slows_are_named_with_their_speeds(tab: FakeTab, pa
     panel._slows.value = True
     tab.run(panel._changed)
     tab.run(tab.ui.commit_gesture)
-    tab.run(lambda: tab.tab._show_panels(tab.session.state))
+    tab.run(tab.model.shown.emit)
     applied = tab.session.scenario.applied_warp
     now = tab.session.scenario.current_step
     text = panel._slowed.text

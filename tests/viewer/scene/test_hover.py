@@ -9,6 +9,7 @@ from pd_editor.editor.commands import SetAgentSpeed, TransformAgents
 from pd_editor.viewer.meshes.agent_poses import poses_at
 from pd_editor.viewer.scene.hover import Hover, agent_lines, lane_lines
 from pd_editor.viewer.scene.picking import lane_under
+from pd_editor.viewer.tab.tab_model import TabModel
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_page import FakePage
 
@@ -57,9 +58,10 @@ class FakeDesk:
 
 
 def test_answers_name_the_question_and_garbage_gets_none(monkeypatch):
-    page = FakePage()
-    poses = poses_at(FakeDesk.session.scenario.agents, 49.0)
-    Hover(FakeDesk, page, lambda: poses, lambda: False)
+    page = FakeDesk.overlay = FakePage()
+    FakeDesk.model = TabModel(FakeDesk.workspace)
+    FakeDesk.model.poses = poses_at(FakeDesk.session.scenario.agents, 49.0)
+    Hover(FakeDesk)
     asked = {"at": [3, 4], "ray": [[0, 0, 50], [0, 0, 0]], "ask": 7}
     page.send("tooltip", asked)
     assert page.shown["tooltip"]["asked"] == 7

@@ -14,16 +14,16 @@ def test_rings_and_pins_are_large_enough_at_any_zoom(tmp_path, half_height_m):
         running_app(tmp_path, "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        page, scenario = tab.tab, tab.session.scenario
-        marks = page.picture._marks
+        picture, scenario = tab.elements.picture, tab.session.scenario
+        marks = picture._marks
         warned = scenario.agents.ids[:3]
 
         def shown():
-            page._workspace.playback.pause()
+            tab.tab.workspace.playback.pause()
             marks.set_view(view)
-            page.picture.agents.show(scenario, float(scenario.current_step))
+            picture.agents.show(scenario, float(scenario.current_step))
             marks.show(
-                scenario, page.picture.agents.poses, (scenario.focal_id,), warned, None
+                scenario, picture.agents.poses, (scenario.focal_id,), warned, None
             )
             batches = (marks._focal, marks._ego, marks._selection, marks._warnings)
             return [np.array(batch.batched_scales) for batch in batches]

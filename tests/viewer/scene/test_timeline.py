@@ -18,15 +18,15 @@ def tab(tmp_path):
         running_app(tmp_path / "library", str(tmp_path / "scene")) as app,
         connected_tab(app) as opened,
     ):
-        opened.tab._workspace.playback.pause()
+        opened.tab.workspace.playback.pause()
         yield opened
 
 
 def test_steps_of_any_size_are_clamped_and_garbage_is_dropped(tab):
-    timeline, playback = tab.tab.timeline, tab.tab._workspace.playback
+    playback = tab.tab.workspace.playback
 
     def heard(**event):
-        tab.run(lambda: timeline._heard(event))
+        tab.hear("timeline", **event)
         return playback.step
 
     assert heard(kind="seek", value=7) == 56
@@ -42,15 +42,15 @@ def test_steps_of_any_size_are_clamped_and_garbage_is_dropped(tab):
 
 
 def test_a_seek_draws_the_picture_at_once(tab):
-    tab.run(lambda: tab.tab.timeline.seek(80.0))
+    tab.run(lambda: tab.elements.timeline.seek(80.0))
     tab.run(lambda: None)
-    agents, poses = tab.session.scenario.agents, tab.tab.picture.agents.poses
+    agents, poses = tab.session.scenario.agents, tab.elements.picture.agents.poses
     assert poses.position_m == pytest.approx(agents.position_m[:, 80])
 
 
 def test_a_finding_at_the_step_of_a_problem_is_told_by_its_mark(tab):
     """The problem's mark covered it, so that it could not be pressed."""
-    timeline = tab.tab.timeline
+    timeline = tab.elements.timeline
 
     def shown():
         problems = marks_of([(60, "A and B collide.")])

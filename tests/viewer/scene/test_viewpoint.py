@@ -8,7 +8,7 @@ from tests.viewer.fake_browser import CAMERA, FakeTab
 
 def test_an_agent_under_the_strip_of_samples_is_brought_into_sight(tab: FakeTab):
     """(W19) In low windows the samples of a run covered the very agent they are of."""
-    view, session = tab.tab._viewpoint, tab.session
+    view, session = tab.elements.viewpoint, tab.session
     scenario = session.scenario
     row = scenario.agents.row_of[scenario.focal_id]
     place = scenario.agents.position_m[row, scenario.current_step]
@@ -22,7 +22,7 @@ def test_an_agent_under_the_strip_of_samples_is_brought_into_sight(tab: FakeTab)
     assert 0.5 < height() < 1.0
     tab.run(view.uncover)
     opened = height()
-    view.covered_px = lambda: CAMERA["image_height"] // 2
+    tab.model.covered_px = CAMERA["image_height"] // 2
     tab.run(view.uncover)
     assert 0.0 < height() < 0.5
     assert opened > 0.5, "nothing was in the way before"

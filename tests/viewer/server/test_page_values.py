@@ -46,7 +46,7 @@ def test_no_forged_value_is_a_bug_and_options_stay_what_they_are(
             if isinstance(handle, viser.GuiNumberHandle | viser.GuiSliderHandle):
                 assert isinstance(handle.value, int | float)
         # The page is drawn with what has been left.
-        tab.run(lambda: tab.tab._show_panels(tab.session.state))
+        tab.run(tab.model.shown.emit)
     assert not caplog.records, caplog.text
 
 
@@ -75,8 +75,8 @@ def test_no_event_of_an_element_is_a_bug(
         running_app(tmp_path, "crosswalk") as app,
         connected_tab(app) as tab,
     ):
-        answers = tab.tab.overlay._answers
-        elements = list(tab.tab.overlay._handlers)
+        answers = tab.ui.overlay._answers
+        elements = list(tab.ui.overlay._handlers)
         deep = "[" * 60_000, '{"element":"page","event":' + '{"a":' * 9_000
         for text in (*deep, "", "7", "[]", '{"element": 5}', '{"element":"page"}'):
             tab.enter(answers, text)

@@ -1,6 +1,7 @@
-"""Draws where the road begins to bend: the anchor, and the line behind which it stays."""
+"""Where the road begins to bend: a gizmo to drag it with, and its mark on the road."""
 
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 import viser
@@ -9,13 +10,70 @@ from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
+from pd_editor.viewer.tab.ui_context import UiContext
 
+GIZMO_SIZE_M: Final = 6.0
+GIZMO_HEIGHT_M: Final = 0.3
 COLOR: Final = (130, 96, 210)
 HEIGHT_M: Final = 0.095
 HALF_WIDTH_M: Final = 9.0
 """Half the length of the line across the road."""
 LINE_M: Final = 0.35
 DASH_M: Final = 1.2
+
+
+class AnchorGizmo:
+    """A pose on the map that the user can drag and turn."""
+
+    def __init__(self, ui: UiContext, on_moved: Callable[[str], None]) -> None:
+        """Show nothing yet; ``on_moved`` hears of start, updates and end of a drag."""
+        self._ui = ui
+        self._on_moved = on_moved
+        self._handle: viser.TransformControlsHandle | None = None
+
+    @property
+    def pose(self) -> RigidMotion | None:
+        """Pose of the gizmo; None while it is not shown."""
+        if self._handle is None:
+            return None
+        w, _, _, z = self._handle.wxyz
+        return RigidMotion(
+            x_m=float(self._handle.position[0]),
+            y_m=float(self._handle.position[1]),
+            rotation_rad=float(2 * np.arctan2(z, w)),
+        )
+
+    def place(self, pose: RigidMotion) -> None:
+        """Show it at a pose."""
+        position = (pose.x_m, pose.y_m, GIZMO_HEIGHT_M)
+        half = pose.rotation_rad / 2
+        wxyz = (float(np.cos(half)), 0.0, 0.0, float(np.sin(half)))
+        if self._handle is not None:
+            self._handle.position = position
+            self._handle.wxyz = wxyz
+            return
+        self._handle = self._ui.client.scene.add_transform_controls(
+            "/warp_anchor",
+            scale=GIZMO_SIZE_M,
+            active_axes=(True, True, False),
+            depth_test=False,
+            position=position,
+            wxyz=wxyz,
+        )
+
+        @self._handle.on_update
+        async def _(event: Any) -> None:
+            phase = event.phase
+            self._ui.post(
+                lambda: self._on_moved(phase),
+                merge_key="anchor" if phase == "update" else None,
+            )
+
+    def remove(self) -> None:
+        """Remove the gizmo."""
+        if self._handle is not None:
+            self._handle.remove()
+            self._handle = None
 
 
 class AnchorView:

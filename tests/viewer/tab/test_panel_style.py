@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.viewer.state.page_text import plain
+from pd_editor.viewer.tab.panel_style import plain
 
 
 @pytest.mark.parametrize(

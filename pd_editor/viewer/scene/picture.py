@@ -1,22 +1,12 @@
 """The picture of a tab: road, agents, trajectories and marks at the playhead."""
 
-from collections.abc import Callable
-
-import numpy as np
 import viser
 
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.findings.findings_view import FindingsView
-from pd_editor.viewer.generation.candidates_view import CandidatesView
-from pd_editor.viewer.generation.sample_strip import SampleStrip
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
-from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.scene.agents_view import AgentsView, OnNewBody
+from pd_editor.viewer.scene.agents_view import AgentsView
 from pd_editor.viewer.scene.comparison import Comparison
-from pd_editor.viewer.scene.labels_view import LabelsView
+from pd_editor.viewer.scene.labels_view import LabelsView, LocksView
 from pd_editor.viewer.scene.legend import Legend
-from pd_editor.viewer.scene.locks_view import LocksView
 from pd_editor.viewer.scene.map_view import MapView
 from pd_editor.viewer.scene.marks_view import MarksView
 from pd_editor.viewer.scene.ribbons_view import RibbonsView
@@ -26,55 +16,23 @@ from pd_editor.viewer.tab.ui_context import UiContext
 
 
 class Picture:
-    """All views of one tab, drawn from the scenario or from a sample pointed at."""
+    """Road, agents and their marks, of the scenario or of a sample pointed at."""
 
-    def __init__(
-        self,
-        ui: UiContext,
-        overlay: Overlay,
-        *,
-        warned_at: Callable[[float], frozenset[str]],
-        on_new_body: OnNewBody,
-        show_terms: Callable[[AgentPoses], None],
-        on_compare: Callable[[], None],
-        on_fan: Callable[[bool], None],
-        on_preview: Callable[[bool], None],
-        on_samples: Callable[[], None],
-        star: Callable[[], None],
-    ) -> None:
-        """Make the views, without a scenario.
-
-        ``warned_at`` are agents with a problem at a step; ``on_new_body`` is called
-        with every new node of agents, to make it clickable; ``on_preview`` with whether
-        a sample is drawn instead of the scenario; ``star`` puts the scenario into the
-        basket.
-        """
+    def __init__(self, ui: UiContext) -> None:
+        """Make the views, without a scenario."""
         self._ui = ui
-        self._warned_at = warned_at
-        self._on_preview = on_preview
-        self._show_terms = show_terms
-        self._on_compare = on_compare
+        self._model = model = ui.model
         self._drawn_step = -1.0
-        self._pointed_id: str | None = None
-        client, palette = ui.client, self._palette
+        client, palette = ui.client, model.palette
         self.map = MapView(client, palette)
         self._signals = SignalsView(client, palette)
-        self.agents = AgentsView(client, palette, on_new_body)
+        self.agents = AgentsView(client, palette)
         self.ribbons = RibbonsView(client, palette)
         self._marks = MarksView(client, palette)
-        self._labels = LabelsView(overlay)
-        self._locks = LocksView(overlay)
-        self._legend = Legend(overlay)
-        self.comparison = Comparison(ui, overlay, palette, self._compared)
-        self.samples = SampleStrip(
-            ui,
-            overlay,
-            on_preview=self._sample_pointed,
-            on_opened=on_samples,
-            star=star,
-        )
-        self.findings = FindingsView(client, palette)
-        self.candidates = CandidatesView(client, palette, on_fan)
+        self._labels = LabelsView(ui.overlay)
+        self._locks = LocksView(ui.overlay)
+        self._legend = Legend(ui.overlay)
+        self.comparison = Comparison(ui)
         self._themed = (
             self.map,
             self._signals,
@@ -82,14 +40,15 @@ class Picture:
             self.ribbons,
             self._marks,
             self.comparison,
-            self.candidates,
-            self.findings,
         )
-
-    @property
-    def poses(self) -> AgentPoses | None:
-        """Agents as drawn now."""
-        return self.agents.poses
+        model.theme_changed.subscribe(self._follow_theme)
+        model.playhead_moved.subscribe(self.request_frame)
+        model.marks_changed.subscribe(self._mark)
+        model.checked.subscribe(self._mark)
+        model.compared.subscribe(self._compared)
+        model.sample_pointed.subscribe(self._sample_pointed)
+        model.fan_shown.subscribe(self.ribbons.set_muted)
+        model.shown.subscribe(self.show_legend)
 
     @property
     def is_behind(self) -> bool:
@@ -101,7 +60,6 @@ class Picture:
         scenario = self._scenario
         self.map.show(scenario)
         self.ribbons.show(scenario)
-        self._on_preview(scenario is not self._ui.session.scenario)
         self.draw_frame()
 
     def draw_frame(self) -> None:
@@ -109,6 +67,7 @@ class Picture:
         self._drawn_step = self._ui.workspace.playback.step
         self._signals.show(self._scenario, self._drawn_step)
         self.agents.show(self._scenario, self._drawn_step)
+        self._model.poses = self.agents.poses
         self.show_marks()
 
     def request_frame(self) -> None:
@@ -118,7 +77,7 @@ class Picture:
     def show_marks(self) -> None:
         """Draw what marks agents: selection, problems, names, locks, terms."""
         session, step = self._ui.session, self._ui.workspace.playback.step
-        poses = self.poses
+        poses = self._model.poses
         assert poses is not None
         scenario, selection = self._scenario, session.selection
         if scenario is not session.scenario:
@@ -128,9 +87,9 @@ class Picture:
             self._labels.show(scenario, poses, step, selection, {})
             self._locks.show(scenario, poses)
             return
-        warned = self._warned_at(step)
-        self._marks.show(scenario, poses, selection, warned, self._pointed_id)
-        self._show_terms(poses)
+        warned, pointed_id = self._model.warned_at(step), self._model.pointed_id
+        self._marks.show(scenario, poses, selection, warned, pointed_id)
+        self._model.poses_drawn.emit()
         self.comparison.show()
         notes = self.comparison.notes()
         self._labels.show(scenario, poses, step, selection, notes)
@@ -141,7 +100,7 @@ class Picture:
         scenario = self._ui.session.scenario
         self._legend.show(
             scenario,
-            self._palette,
+            self._model.palette,
             has_original_road=self.map.shows_original,
             has_original_agents=self.comparison.is_on,
         )
@@ -151,19 +110,16 @@ class Picture:
         self.map.set_ghost_wanted(is_shown)
         self.show_legend()
 
-    def point_at(self, agent_id: str | None) -> None:
-        """Mark the agent that is pointed at in a list."""
-        self._pointed_id = agent_id
+    def _mark(self) -> None:
         with self._ui.client.atomic():
             self.show_marks()
 
-    def follow_theme(self) -> None:
+    def _follow_theme(self) -> None:
         """Draw in the colours of the workspace's theme."""
         for view in self._themed:
-            view.set_palette(self._palette)
+            view.set_palette(self._model.palette)
         self._signals.show(self._scenario, self._drawn_step)
         self.show_marks()
-        self.show_legend()
 
     def follow_camera(self) -> None:
         """Keep elements with a least size on the screen at that size."""
@@ -179,18 +135,9 @@ class Picture:
             view.set_view(self._view)
 
     @property
-    def look_at_m(self) -> np.ndarray:
-        """The point of the ground that the camera looks at."""
-        return np.asarray(self._ui.client.camera.look_at)[:2]
-
-    @property
-    def _palette(self) -> Palette:
-        return DARK if self._ui.workspace.is_dark else LIGHT
-
-    @property
     def _scenario(self) -> Scenario:
         """The session's scenario, or the sample that is pointed at."""
-        return self.samples.previewed or self._ui.session.scenario
+        return self._model.sample or self._ui.session.scenario
 
     def _draw_moved_frame(self) -> None:
         if self.is_behind:
@@ -208,7 +155,6 @@ class Picture:
             self.map.set_compared(self.comparison.is_on)
             self.show_marks()
             self.show_legend()
-        self._on_compare()
 
     def _sample_pointed(self) -> None:
         with self._ui.client.atomic():

@@ -1,0 +1,100 @@
+"""What the page's script looks after: viser's panel, the order of presses, hints."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from pd_editor.editor.commands import ReplaceTraffic, TransformAgents
+from pd_editor.viewer.overlay.messages import (
+    HintsDone,
+    HintsState,
+    OrderState,
+    PanelState,
+)
+from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.tab.ui_context import UiContext
+
+
+class Hints:
+    """One small card over the picture; the browser remembers what was done."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Show nothing yet."""
+        self._ui = ui
+        ui.model.shown.subscribe(self.show)
+
+    def show(self) -> None:
+        """Send which hints the session has fulfilled, and whether there is no agent."""
+        session = self._ui.session
+        commands = [part for one in session.entries for part in one.command.parts]
+        done = HintsDone(
+            select=bool(session.selection),
+            drag=any(isinstance(one, TransformAgents) for one in commands),
+            bend=session.scenario.applied_warp is not None,
+            regenerate=any(isinstance(one, ReplaceTraffic) for one in commands),
+        )
+        is_empty = not len(session.scenario.agents)
+        self._ui.overlay.show(HintsState(is_empty=is_empty, done=done))
+
+
+class PressOrder:
+    """Answers the page when a button or key that may arm a mode has been processed.
+
+    A press on the picture that the user makes meanwhile waits in the page, so that it is
+    the mode's even over a slow connection.
+    """
+
+    def __init__(
+        self, overlay: Overlay, *, keys: Sequence[str], labels: Sequence[str]
+    ) -> None:
+        """Tell the page which keys, and which buttons of the panel, may arm a mode."""
+        self._overlay = overlay
+        self._arming = tuple(keys), tuple(labels)
+        overlay.on("order", self._heard)
+        self._answer(0)
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        number = event.get("number")
+        if isinstance(number, int):
+            self._answer(number)
+
+    def _answer(self, number: int) -> None:
+        keys, labels = self._arming
+        self._overlay.show(OrderState(keys=keys, labels=labels, answered=number))
+
+
+MAX_TITLE: Final = 60
+SCENE: Final = "Scene"
+AGENTS: Final = "Agents"
+
+
+class SidePanel:
+    """Keeps the tab that is open, and opens it again after a reload.
+
+    It also tells when the pointer takes a slider and lets it go, which viser does not;
+    without the page's script a slider's gesture is over when it rests.
+    """
+
+    def __init__(self, ui: UiContext, *, is_debug: bool) -> None:
+        """Open the tab that was open; viser's own settings are offered to debug only."""
+        self._ui = ui
+        self._overlay = ui.overlay
+        self._state = PanelState(tab=ui.workspace.view.panel_tab, is_debug=is_debug)
+        self._overlay.on("panel", self._heard)
+        self._overlay.show(self._state)
+        ui.model.agent_clicked.subscribe(self._agent_clicked)
+
+    def _agent_clicked(self) -> None:
+        """Show the agent in the place of the scene, once: later the user chooses."""
+        state = PanelState(tab=AGENTS, instead=SCENE, is_debug=self._state.is_debug)
+        self._overlay.show(state)
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        kind, title = event.get("kind"), event.get("title")
+        if kind == "hold":
+            self._ui.hold_slider()
+        elif kind == "release":
+            self._ui.release_slider()
+        elif kind == "tab" and isinstance(title, str):
+            workspace = self._ui.workspace
+            workspace.view = replace(workspace.view, panel_tab=title[:MAX_TITLE])

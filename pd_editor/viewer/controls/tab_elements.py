@@ -1,0 +1,132 @@
+"""All elements of a tab; they know the model, and hardly one another."""
+
+from pd_editor.generation.generators import GeneratorCatalogue
+from pd_editor.viewer.agents.agent_list import AgentList
+from pd_editor.viewer.agents.agent_panel import AgentPanel
+from pd_editor.viewer.agents.placing import PlacingMode
+from pd_editor.viewer.agents.pointer import Pointer
+from pd_editor.viewer.agents.selecting import Selecting
+from pd_editor.viewer.controls.history_panel import HistoryPanel
+from pd_editor.viewer.controls.key_sheet import KeySheet
+from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, Hints, SidePanel
+from pd_editor.viewer.controls.view_panel import ViewPanel
+from pd_editor.viewer.files.basket_panel import BasketPanel
+from pd_editor.viewer.files.dataset_panel import DatasetPanel
+from pd_editor.viewer.files.export_panel import ExportPanel
+from pd_editor.viewer.files.scenario_panel import ScenarioPanel
+from pd_editor.viewer.files.unfinished_panel import UnfinishedPanel
+from pd_editor.viewer.findings.scorecard_drawer import ScorecardDrawer
+from pd_editor.viewer.findings.status_chip import StatusChip
+from pd_editor.viewer.generation.candidates_panel import CandidatesPanel
+from pd_editor.viewer.generation.generation_panel import GenerationPanel
+from pd_editor.viewer.generation.region_drawing import RegionDrawing
+from pd_editor.viewer.generation.sample_strip import SampleStrip
+from pd_editor.viewer.guidance.guidance_panel import GuidancePanel
+from pd_editor.viewer.guidance.steering import Steering
+from pd_editor.viewer.road.road_panel import RoadPanel
+from pd_editor.viewer.scene.hover import Hover
+from pd_editor.viewer.scene.measure import Measure
+from pd_editor.viewer.scene.picture import Picture
+from pd_editor.viewer.scene.timeline import Timeline
+from pd_editor.viewer.scene.viewpoint import Viewpoint
+from pd_editor.viewer.study.study_panel import StudyPanel
+from pd_editor.viewer.tab.panel_style import PanelStyle
+from pd_editor.viewer.tab.ui_context import UiContext
+
+
+class TabElements:
+    """Elements over the picture, and the panels beside it.
+
+    They hear of a change in the order in which they are made.
+    """
+
+    def __init__(
+        self, ui: UiContext, generators: GeneratorCatalogue, *, is_debug: bool
+    ) -> None:
+        """Build the picture with what is over it, send it, and build the panels."""
+        self._ui = ui
+        with ui.client.atomic():
+            self._add_picture(is_debug)
+        ui.send_now()
+        with ui.client.atomic():
+            self._add_panels(generators)
+            ui.model.shown.emit()
+
+    def _add_picture(self, is_debug: bool) -> None:
+        ui = self._ui
+        self.timeline = Timeline(ui)
+        self.viewpoint = Viewpoint(ui)
+        SidePanel(ui, is_debug=is_debug)
+        self.measure = Measure(ui)
+        self.placing = PlacingMode(ui)
+        self.region = RegionDrawing(ui)
+        self.steering = Steering(ui)
+        self.picture = Picture(ui)
+        self.pointer = Pointer(ui, self.picture.agents)
+        self.samples = SampleStrip(ui, self.viewpoint)
+        self.scorecard = ScorecardDrawer(ui, self.timeline, self.viewpoint)
+        self.selecting = Selecting(ui)
+        Hover(ui)
+        Hints(ui)
+        self.key_sheet = KeySheet(ui.overlay)
+        self.viewpoint.restore()
+        self.picture.size_for_view()
+        self.picture.draw()
+        self.viewpoint.hold_picture(self.picture.map.road_nodes)
+
+    def _add_panels(self, generators: GeneratorCatalogue) -> None:
+        ui, gui = self._ui, self._ui.client.gui
+        style = PanelStyle(gui)
+        self.agent_list = AgentList(ui)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab(SCENE):
+            self.scenario = ScenarioPanel(ui)
+            self.export = ExportPanel(ui)
+            self.unfinished = UnfinishedPanel(ui)
+            self.dataset = DatasetPanel(ui)
+            self.basket = BasketPanel(ui, self.export)
+        with tabs.add_tab("Road"):
+            self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
+        with tabs.add_tab(AGENTS):
+            self.agent = AgentPanel(ui, self.placing)
+        with tabs.add_tab("Guide"):
+            steering = self.steering
+            self.guidance = GuidancePanel(
+                ui, steering.mode, steering.notes, steering.encounters
+            )
+        with tabs.add_tab("Drive"):
+            self.candidates = CandidatesPanel(ui, self.steering.mode)
+            self.generation = GenerationPanel(ui, generators, self.region, self.samples)
+            style.in_sight(self.generation.run_buttons)
+        with tabs.add_tab("Study"):
+            self.study = StudyPanel(ui, generators.offers)
+        with tabs.add_tab("History"):
+            self.history = HistoryPanel(ui, style)
+        with tabs.add_tab("View"):
+            self.view = ViewPanel(ui, self.viewpoint, self.picture)
+        self.chip = StatusChip(
+            ui, self.timeline, self.viewpoint, self.generation, self.export
+        )
+
+    def escape(self) -> None:
+        """Leave what is innermost: a gesture, a mode, a list; else clear the selection."""
+        ui = self._ui
+        if ui.gesture is not None:
+            ui.abort_gesture()
+        elif ui.model.mode is not None:
+            ui.model.mode.stop()
+        elif self.candidates.shows_candidates:
+            self.candidates.hide_candidates()
+        elif not (
+            self.chip.close_list()
+            or self.samples.close()
+            or self.agent.locks.withdraw()
+            or self.steering.encounters.close()
+        ):
+            ui.session.select(())
+
+    def close(self) -> None:
+        """End what panels run."""
+        self.generation.close()
+        self.study.close()
+        self.viewpoint.remember()
