@@ -7,8 +7,8 @@ import viser
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
-from pd_editor.viewer.state.page_text import plain
 from pd_editor.viewer.state.workspace import DatasetSearch
+from pd_editor.viewer.tab.panel_style import plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 ANY_CITY: Final[str] = "Any city"
