@@ -143,8 +143,10 @@ class BrowserSession:
         model, tab, playback = self.ui.model, self.elements, self.workspace.playback
         model.sample = None
         is_other_scene = before.base is not after.base
-        if is_other_scene:
-            playback.open(after.scenario.time_axis)
+        axis = after.scenario.time_axis
+        # A roll-out makes the scene longer.
+        if is_other_scene or axis != before.scenario.time_axis:
+            playback.open(axis)
         playback.limit(after.scenario.first_step, after.scenario.last_step)
         with self._client.atomic():
             if is_other_scene:

@@ -2,6 +2,8 @@
 
 import pytest
 
+from pd_editor.editor.commands import ContinueScene
+from pd_editor.editor.commands.roll_out import RolledMotion
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.viewer.scene.timeline import marks_of
@@ -66,3 +68,20 @@ def test_a_finding_at_the_step_of_a_problem_is_told_by_its_mark(tab):
         ("finding", 70, "C brakes\nD brakes"),
         ("problem", 60, "A and B collide.\nA collides"),
     ]
+
+
+def test_a_roll_out_makes_the_timeline_longer_and_undo_shorter(tab):
+    session, playback = tab.session, tab.tab.workspace.playback
+    agents = session.scenario.agents.cut_to(slice(49, 110))
+    longer = agents.without_future(0, 201, agents.is_valid.any(axis=1))
+    command = ContinueScene(motion=RolledMotion.of(longer), generator="test")
+    tab.run(lambda: session.apply(command))
+    tab.run(lambda: None)
+    assert session.scenario.time_axis.num_steps == 250
+    assert playback.axis == session.scenario.time_axis
+    tab.hear("timeline", kind="seek", value=150)
+    assert playback.step == 199
+    tab.run(session.undo)
+    tab.run(lambda: None)
+    assert playback.axis.num_steps == 110
+    assert playback.step == 49
