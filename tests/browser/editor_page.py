@@ -1,7 +1,7 @@
 """Drives the editor in a real browser, as a person would."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +59,12 @@ class EditorPage:
     def tab(self) -> Any:
         entry = self.app._tabs.get(self.client.client_id)
         return None if entry is None else entry[1]
+
+    def select(self, agent_ids: Iterable[str]) -> None:
+        """Select agents, on the tab's own thread."""
+        wanted = tuple(agent_ids)
+        self.tab().ui.post(lambda: self.session.select(wanted))
+        self.until(lambda: self.session.selection == wanted, "the selection")
 
     @property
     def session(self) -> EditorSession:

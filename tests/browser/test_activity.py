@@ -21,17 +21,17 @@ def test_standing_agents_are_parked_and_moving_ones_stay_driving(open_editor):
     moving = before.agents.ids[np.flatnonzero(there & (speed > 3.0))[0]]
     field = editor.row("Activity").locator("input:not([type=hidden])").first
     editor.open_tab("Agents")
-    session.select(standing[:2])
+    editor.select(standing[:2])
     editor.until(lambda: field.input_value() == "not known", "what is recorded")
     editor.choose("Activity", "parked")
     editor.until(lambda: len(session.entries) == 1, "an edit")
     rows = before.agents.rows(standing[:2])
     assert session.scenario.activity()[rows].tolist() == [Activity.PARKED] * 2
-    session.select((standing[0], moving))
+    editor.select((standing[0], moving))
     editor.until(lambda: field.input_value() == "mixed", "mixed values")
 
     # What contradicts the speed is refused in a sentence, and the field shows it.
-    session.select((moving,))
+    editor.select((moving,))
     editor.until(lambda: field.input_value() == "moving", "what moves")
     editor.choose("Activity", "waiting")
     editor.page.get_by_text("cannot be waiting at").first.wait_for()

@@ -86,7 +86,7 @@ def test_as_many_as_suit_the_road_on_the_road_only(editor):
 def test_only_the_selected_agent_is_drawn_anew(editor):
     session = editor.session
     one = session.scenario.focal_id
-    session.select((one,))
+    editor.select((one,))
     before = session.scenario.agents
     editor.open_tab("Drive")
     editor.choose("Replace", REDRAW_SELECTION)

@@ -130,7 +130,7 @@ def test_holding_o_shows_the_original(editor):
     """Outlines, dashed trajectories and the difference of the selected agent."""
     session, focal = editor.session, editor.session.scenario.focal_id
     x, y = centre(editor, focal)
-    session.select((focal,))
+    editor.select((focal,))
     editor.tab().ui.post(
         lambda: session.apply(
             TransformAgents(agent_ids=(focal,), dx_m=6.0, dy_m=0.0, rotation_rad=0.0)
@@ -162,7 +162,7 @@ def test_holding_o_shows_the_original(editor):
 def test_the_sheet_lists_every_registered_key_and_escape_only_closes_it(editor):
     """`?` did nothing (D34)."""
     session = editor.session
-    session.select((session.scenario.focal_id,))
+    editor.select((session.scenario.focal_id,))
     sheet = editor.page.get_by_role("dialog", name="Keys and mouse")
     editor.page.set_viewport_size({"width": 1280, "height": 720})
     editor.tab().ui.notify("A notice", "It stays.", stays=True)

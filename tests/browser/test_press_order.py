@@ -52,7 +52,7 @@ def hasty(open_editor):
         lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
     )
     editor.close_notifications()
-    editor.session.select((AGENT,))
+    editor.select((AGENT,))
     editor.settle()
     return Hasty(editor)
 

@@ -399,7 +399,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
 def test_a_report_leaves_with_its_result(editor):
     """(D31) A report that is stale."""
     editor.open_tab("Drive")
-    editor.session.select((editor.session.scenario.focal_id,))
+    editor.select((editor.session.scenario.focal_id,))
     editor.press("Regenerate the selection")
     editor.until(lambda: len(editor.session.entries) == 1, "a future")
     report = editor.tab().elements.generation._result._report
