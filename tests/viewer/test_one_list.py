@@ -199,7 +199,7 @@ def card(tab: FakeTab, num_problems: int) -> list[str]:
     cards = SampleCards.of(samples)
     ignored = tab.session.variant.ignored
     told = [one for one in cards.findings[0] if one.ignored_key not in ignored]
-    text = card_lines(told, cards.numbers[0], "realism")[0]["text"]
+    text = card_lines(told, cards.numbers[0], "realism")[0].text
     found = count_in(text)
     return [] if found == num_problems else [f"card, list: {found}, {num_problems}"]
 
