@@ -34,7 +34,7 @@ define("page", (api) => {
     { capture: true },
   );
 
-  const lack = make("div", "pd-solid pd-banner-bar pd-connection-bar", { role: "alert" });
+  const lack = make("div", "pd-solid pd-banner-bar pd-lack-bar", { role: "alert" });
   lack.hidden = true;
   api.box.append(lack);
   // Told when it was so twice: a busy browser builds its page late.

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (e7421f72ef5bdd51); not to be edited. */
+/* Built by .ci/client.py from client/ (5d66e9d75c4d21de); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2237,7 +2237,7 @@
       },
       { capture: true }
     );
-    const lack = make("div", "pd-solid pd-banner-bar pd-connection-bar", { role: "alert" });
+    const lack = make("div", "pd-solid pd-banner-bar pd-lack-bar", { role: "alert" });
     lack.hidden = true;
     api.box.append(lack);
     let before = [];
