@@ -15,6 +15,7 @@ from pd_editor.editor.commands import (
     AdoptTrajectory,
     ChangeGuidance,
     Command,
+    ContinueScene,
     DeleteAgents,
     DuplicateAgents,
     PlaceAgent,
@@ -40,6 +41,7 @@ from pd_editor.editor.commands import (
     new_agent_id,
     new_agent_ids,
 )
+from pd_editor.editor.commands.roll_out import RolledMotion
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
 from pd_editor.scene.generation import GuidanceSetting, TrafficSample
@@ -203,6 +205,24 @@ def replacements(draw: st.DrawFn, scenario: Scenario) -> ReplaceTraffic:
 
 
 @on_scenario
+def continuations(draw: st.DrawFn, scenario: Scenario) -> ContinueScene:
+    """Some agents go on, some of them only later or not to the end; one may enter."""
+    agents, now = scenario.agents, scenario.current_step
+    ids = draw(present(scenario))
+    count = draw(st.integers(1, agents.num_steps - now + 5))
+    part = agents.cut_to(slice(now, now + count)).taken(agents.rows(ids))
+    left = part.without_future(draw(st.integers(0, count - 1)), count)
+    added = new_agent_ids(scenario, draw(st.integers(0, 1)), "entering")
+    enters = replace(left.taken(range(len(added))), ids=added)
+    return ContinueScene(
+        motion=RolledMotion.of(left.joined(enters)),
+        generator="test",
+        seed=draw(st.integers(0, 2**31)),
+        policies=dict.fromkeys(ids[:1], "idm"),
+    )
+
+
+@on_scenario
 def activities(draw: st.DrawFn, scenario: Scenario) -> SetAgentActivity:
     ids = draw(present(scenario))
     now = scenario.current_step
@@ -328,12 +348,13 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
         SetLocks, agent_ids=present(scenario), lock=st.none() | locks()
     ),
     ReplaceTraffic: replacements,
+    ContinueScene: continuations,
 }
 """How to draw each command on a scenario; most of them apply, some do not."""
 
 
-ON_TRAFFIC = sorted(set(STRATEGIES) - {RemoveAllAgents}, key=str)
-"""Commands after which there is somebody left to apply others to."""
+ON_TRAFFIC = sorted(set(STRATEGIES) - {RemoveAllAgents, ContinueScene}, key=str)
+"""Commands after which there is somebody left, and time, to apply others to."""
 
 
 def any_command(scenario: Scenario) -> st.SearchStrategy[Command]:

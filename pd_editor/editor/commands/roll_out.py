@@ -150,11 +150,16 @@ class ContinueScene(Command):
                 heading_rad=motion.heading_rad[some, first:],
                 velocity_mps=motion.velocity_mps[some, first:],
             )
-        is_valid = agents.is_valid.copy()
-        is_valid[rows, now:] &= (
-            motion.exists | (np.arange(count - now) == 0) & (goes_on[:, None])
+        kept = np.ones((len(rows), count), bool)
+        kept[:, now:] = motion.exists
+        kept[:, now] |= goes_on
+        agents = agents.with_rows(
+            rows,
+            position_m=agents.position_m[rows] * kept[..., None],
+            heading_rad=agents.heading_rad[rows] * kept,
+            velocity_mps=agents.velocity_mps[rows] * kept[..., None],
+            is_valid=agents.is_valid[rows] & kept,
         )
-        agents = replace(agents, is_valid=is_valid)
         note = (
             f"{agents_in_words(motion.ids)} were rolled out by {self.generator}, seed "
             f"{self.seed}."

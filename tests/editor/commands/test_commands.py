@@ -12,6 +12,7 @@ from pd_editor.base.errors import EditError, RecipeError
 from pd_editor.editor.commands import (
     COMMANDS,
     Command,
+    ContinueScene,
     ReplaceTraffic,
     SetRoadWarp,
     command_from_json,
@@ -113,7 +114,7 @@ def test_agents_that_are_not_named_stay_untouched(
     for part in command.parts:
         named |= set(getattr(part, "agent_ids", ()))
         named |= {getattr(part, "agent_id", ""), *getattr(part, "new_ids", ())}
-        if isinstance(part, SetRoadWarp):
+        if isinstance(part, SetRoadWarp | ContinueScene):
             return
         if isinstance(part, ReplaceTraffic):
             named |= set(part.sample.ids)
