@@ -42,7 +42,7 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.close_notifications()
     editor.fill("Sums of warps", "smooth-turn:6+ripple-road:2")
     editor.press("Run the study")
-    editor.page.get_by_text("Done in").wait_for(timeout=120_000)
+    editor.page.get_by_text("Done in").wait_for(timeout=300_000)
     assert (out / "report.html").exists()
     panel = editor.tab().elements.study
     chart = editor.page.get_by_role("img", name="SOR, % by power")
@@ -106,7 +106,7 @@ def test_a_study_and_its_settings_outlive_a_reload_of_the_page(
     editor.reload()
     editor.open_tab("Study")
     assert editor.tab().elements.study._study is study
-    editor.page.get_by_text("Done in").wait_for(timeout=120_000)
+    editor.page.get_by_text("Done in").wait_for(timeout=300_000)
     assert (out / "report.html").exists()
     expect(
         editor.page.get_by_role("button", name="Download the report")
