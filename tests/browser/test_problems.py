@@ -3,6 +3,7 @@
 import json
 import time
 
+import msgspec
 import numpy as np
 import pytest
 from playwright.sync_api import expect
@@ -12,6 +13,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from pd_editor.viewer.overlay.messages import StatusState
 
 pytestmark = pytest.mark.browser
 TABS = ("Scene", "Road", "Agents", "Drive", "History", "View")
@@ -272,8 +274,11 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     assert session.selection
     expect(hint).to_be_hidden()
     overlay = editor.tab().ui.overlay
+    show = overlay.show
     # What is shown here stays until the end.
-    monkeypatch.setattr(editor.tab().elements.chip, "show", lambda: None)
+    monkeypatch.setattr(
+        overlay, "show", lambda one: None if isinstance(one, StatusState) else show(one)
+    )
     state = json.loads(overlay._shown["status"])
     state["active"]["cures"] = [
         "Regenerate 131326",
@@ -283,7 +288,8 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
         "Remove 131326",
         "Remove 131600",
     ]
-    editor.tab().ui.post(lambda: overlay.show("status", state))
+    shown = msgspec.convert(state, StatusState)
+    editor.tab().ui.post(lambda: show(shown))
     page.get_by_role("button", name="Remove 131600").wait_for()
     box = page.locator(".pd-problems").bounding_box()
     for name in (*state["active"]["cures"], "Ignore"):

@@ -125,7 +125,8 @@ class TrajectoryTask:
         names = ("road_map", "agents", "time_axis", "applied_warp", "locks")
         is_same = all(getattr(mine, one) is getattr(scenario, one) for one in names)
         is_same = is_same and mine.focal_id == scenario.focal_id
-        is_same &= bool(np.isin(also, self.also).all())
+        prepared = np.concatenate([self.also, self.features.agent_row])
+        is_same &= bool(np.isin(also, prepared).all())
         sampled = self.features.agent_row[self.is_sampled]
         if not is_same or not np.array_equal(sampled, np.sort(rows)):
             return None

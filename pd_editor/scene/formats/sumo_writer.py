@@ -64,9 +64,9 @@ def write(scenario: Scenario) -> WrittenScene:
     if scenario.signals:
         lights = {light for light, _ in network.light_of.values()}
         nowhere = len(scenario.signals) - len(lights)
-        losses.append(
-            f"{nowhere} signals of lanes that lead nowhere, and stop lines within lanes."
-        )
+        losses.append("Places of stop lines within lanes.")
+        if nowhere:
+            losses.append(f"{nowhere} signals of lanes that lead nowhere.")
     config = [
         f'<input><net-file value="{name}.net.xml"/><route-files value="{name}.rou.xml"/>'
         f'<additional-files value="{name}.add.xml"/></input>',
