@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.road.off_road import map_ends
+from pd_editor.analysis.metrics.road.off_road import map_ends, offsets_from
 from pd_editor.experiments.closed_loop.world import World
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.generation import Region
@@ -48,7 +48,7 @@ class Entrances:
         agents, step = world.scenario.agents, world.step
         there = world.is_present() & agents.kind_mask(LANE_FOLLOWER_KINDS)
         places = agents.position_m[there, step]
-        ahead, aside = self._offsets(places)
+        ahead, aside = offsets_from(self.point_m, self.way, places)
         is_near = (np.abs(aside) < _LANE_M) & (np.abs(ahead) < _FREE_M)
         free = np.flatnonzero(~is_near.any(axis=0))
         if not len(free):
@@ -72,19 +72,10 @@ class Entrances:
         return sample.without(gone) if gone else sample
 
     def _comes_in(self, position_m: Float[np.ndarray, "2"], heading_rad: float) -> bool:
-        (ahead,), (aside,) = self._offsets(position_m[None])
+        (ahead,), (aside,) = offsets_from(self.point_m, self.way, position_m[None])
         along = self.way @ np.array([np.cos(heading_rad), np.sin(heading_rad)])
         fits = (np.abs(aside) < _ASIDE_M) & (along > _COSINE)
         return bool((fits & (ahead > -2.0) & (ahead < 2 * _HALF_SIDE_M)).any())
-
-    def _offsets(
-        self, position_m: Float[np.ndarray, "A 2"]
-    ) -> tuple[Float[np.ndarray, "A N"], Float[np.ndarray, "A N"]]:
-        """Of each point ahead of, and beside, each entrance."""
-        offset = position_m[:, None] - self.point_m
-        ahead = (offset * self.way).sum(-1)
-        aside = offset[..., 0] * self.way[:, 1] - offset[..., 1] * self.way[:, 0]
-        return ahead, aside
 
 
 def _num_vehicles(world: World) -> int:

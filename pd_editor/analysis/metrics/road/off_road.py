@@ -112,9 +112,7 @@ def is_past_lanes(
     ``way`` are the directions of who is there. Drivable areas go on where lanes end.
     """
     points, ways = map_ends(road_map, 1)
-    offset = position_m[:, None] - points
-    ahead = (offset * ways).sum(-1)
-    aside = offset[..., 0] * ways[:, 1] - offset[..., 1] * ways[:, 0]
+    ahead, aside = offsets_from(points, ways, position_m)
     is_past = (
         (ahead > _PAST_END_M)
         & (ahead < _EXIT_AHEAD_M)
@@ -140,9 +138,7 @@ def _through(
     path = np.stack([position_m[row, at], position_m[row, at + 1]], axis=1)
     points, ways = ends
     moved = path[:, 1] - path[:, 0]
-    offset = path[:, 1, None] - points
-    ahead = (offset * ways).sum(-1)
-    aside = offset[..., 0] * ways[:, 1] - offset[..., 1] * ways[:, 0]
+    ahead, aside = offsets_from(points, ways, path[:, 1])
     along = moved @ ways.T
     is_through = (
         (ahead > -_EXIT_BEHIND_M)
@@ -156,6 +152,17 @@ def _through(
     step = np.arange(outside.shape[1])
     start = np.maximum.accumulate(np.where(starts, step, 0), axis=1)
     return outside & np.take_along_axis(through, start, axis=1)
+
+
+def offsets_from(
+    points_m: Float[np.ndarray, "N 2"],
+    ways: Float[np.ndarray, "N 2"],
+    position_m: Float[np.ndarray, "A 2"],
+) -> tuple[Float[np.ndarray, "A N"], Float[np.ndarray, "A N"]]:
+    """Of each position, how far ahead of points it is along their ways, and how far aside."""
+    offset = position_m[:, None] - points_m
+    ahead = (offset * ways).sum(-1)
+    return ahead, offset[..., 0] * ways[:, 1] - offset[..., 1] * ways[:, 0]
 
 
 @lru_cache(maxsize=32)
