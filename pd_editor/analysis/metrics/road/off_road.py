@@ -113,12 +113,13 @@ def is_past_lanes(
     """
     points, ways = map_ends(road_map, 1)
     ahead, aside = offsets_from(points, ways, position_m)
-    is_past = (
+    ends_here = (
         (ahead > _PAST_END_M)
         & (ahead < _EXIT_AHEAD_M)
         & (np.abs(aside) < _EXIT_HALF_WIDTH_M)
         & (way @ ways.T > _EXIT_COSINE)
-    ).any(axis=1)
+    )
+    is_past = np.array(ends_here.any(axis=1))
     is_past[is_past] = (
         nearest_lanes(road_map, position_m[is_past]).distance_m > _PAST_END_M
     )
