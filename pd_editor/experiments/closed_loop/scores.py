@@ -13,7 +13,7 @@ from jaxtyping import Float
 from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.metrics.collisions.safety import least_times_s
 from pd_editor.analysis.metrics.motion.kinematics import kinematics
-from pd_editor.analysis.metrics.road.off_road import outside_m
+from pd_editor.analysis.metrics.road.off_road import is_past_lanes, outside_m
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
@@ -83,15 +83,19 @@ def drive_scores(
     (least,), _ = least_times_s(view, np.zeros((count, count), bool))
     moves = kinematics(view)
     corners = agents.boxes[row, steps].corners_m()
+    off = outside_m(rolled, corners) > MOST_OUTSIDE_M
+    # Who leaves by the end of the mapped road is not off it.
+    way = np.broadcast_to(
+        unit_vector(agents.heading_rad[row, steps])[:, None], corners.shape
+    )
+    off[off] = ~is_past_lanes(rolled.road_map, corners[off], way[off], least_m=0.0)
     return DriveScores(
         driven_s=float((steps[-1] - now) * rolled.time_axis.step_s),
         ego_progress_along_route_m=place[1] - place[0],
         no_ego_at_fault_collisions=not fault,
         num_collisions=hit,
         time_to_collision_within_bound=bool(least >= LEAST_TTC_S),
-        drivable_area_compliance=bool(
-            (outside_m(rolled, corners) <= MOST_OUTSIDE_M).all()
-        ),
+        drivable_area_compliance=not off.any(),
         driving_direction_compliance=_wrong_way_m(rolled, row, steps) < _WRONG_WAY_M,
         ego_is_comfortable=not (moves.is_uncomfortable() & moves.is_valid).any(),
     )

@@ -103,6 +103,23 @@ def test_traffic_answers_an_agent_that_brakes(junction):
     )
 
 
+def test_an_agent_that_leaves_by_the_end_of_the_road_was_never_off_it(junction):
+    """Its front counted as off the drivable area."""
+    policy = {"AV": policy_of("idm")}
+    found = rolled(junction, duration_s=12.0, replan_s=3.0, policies=policy)
+    assert found.ended["AV"] == "It left the mapped road."
+    scores = drive_scores(found.scenario, "AV", route_of(junction, "AV"))
+    assert scores.drivable_area_compliance
+    aside = found.scenario.agents.position_m.copy()
+    row, now = found.scenario.agents.row_of["AV"], junction.current_step
+    aside[row, now : now + 5] += (60.0, 60.0)
+    beside = found.scenario.with_agents(
+        replace(found.scenario.agents, position_m=aside)
+    )
+    scores = drive_scores(beside, "AV", route_of(junction, "AV"))
+    assert not scores.drivable_area_compliance
+
+
 @pytest.mark.parametrize(
     ("answer", "message"),
     [

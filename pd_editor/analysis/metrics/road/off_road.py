@@ -106,23 +106,23 @@ def is_past_lanes(
     road_map: RoadMap,
     position_m: Float[np.ndarray, "N 2"],
     way: Float[np.ndarray, "N 2"],
+    least_m: float = _PAST_END_M,
 ) -> Bool[np.ndarray, "N"]:
     """Whether points lie past the end of a lane without a successor, and on no lane.
 
-    ``way`` are the directions of who is there. Drivable areas go on where lanes end.
+    ``way`` are the directions of who is there; they are past the end by more than
+    ``least_m``. Drivable areas go on where lanes end.
     """
     points, ways = map_ends(road_map, 1)
     ahead, aside = offsets_from(points, ways, position_m)
     ends_here = (
-        (ahead > _PAST_END_M)
+        (ahead > least_m)
         & (ahead < _EXIT_AHEAD_M)
         & (np.abs(aside) < _EXIT_HALF_WIDTH_M)
         & (way @ ways.T > _EXIT_COSINE)
     )
     is_past = np.array(ends_here.any(axis=1))
-    is_past[is_past] = (
-        nearest_lanes(road_map, position_m[is_past]).distance_m > _PAST_END_M
-    )
+    is_past[is_past] = nearest_lanes(road_map, position_m[is_past]).distance_m > least_m
     return is_past
 
 
