@@ -44,7 +44,7 @@ CHROMIUM_ARGUMENTS: Final = (
 def stamp() -> str:
     """Version of the editor, with what catches the eye when it changes: the tabs."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    panel = ROOT / "pd_editor" / "viewer" / "tab" / "control_panel.py"
+    panel = ROOT / "pd_editor" / "viewer" / "controls" / "tab_elements.py"
     tabs = re.findall(r"add_tab\(\"?(\w+)", panel.read_text())
     return f"pd-editor {project['version']}: {' '.join(tabs).lower()}"
 

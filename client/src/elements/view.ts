@@ -200,7 +200,11 @@ define("view", () => {
     // A new pose comes in parts, in the messages after this one. Half way there the
     // camera may be anywhere; it is kept above the ground when it has arrived.
     const found = viser.controls();
-    if (found) found.maxPolarAngle = Math.PI;
+    if (found) {
+      found.maxPolarAngle = Math.PI;
+      // At once: a drag that has begun, or begins before that, must not tilt the top view.
+      viser.keepGestures(found, !isTop);
+    }
     known = null;
     requestAnimationFrame(() => requestAnimationFrame(configure));
   };

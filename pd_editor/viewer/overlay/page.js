@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (5d66e9d75c4d21de); not to be edited. */
+/* Built by .ci/client.py from client/ (c951b3dd429b120e); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3639,7 +3639,10 @@
     return (state) => {
       isTop = state.isTop;
       const found = controls();
-      if (found) found.maxPolarAngle = Math.PI;
+      if (found) {
+        found.maxPolarAngle = Math.PI;
+        keepGestures(found, !isTop);
+      }
       known = null;
       requestAnimationFrame(() => requestAnimationFrame(configure));
     };
