@@ -137,7 +137,11 @@ def test_the_top_view_cannot_be_tilted_and_keys_do_not_push_the_camera(editor):
         editor.drag_pixels((60, 300), (210, 420), modifier)
         camera_rests(editor)
         camera = editor.client.camera
-        assert looks_north_from_above(editor), (modifier, camera.position, camera.look_at)
+        assert looks_north_from_above(editor), (
+            modifier,
+            camera.position,
+            camera.look_at,
+        )
 
 
 @pytest.mark.parametrize("view", ["3-D view", "Top view"])
