@@ -20,7 +20,10 @@ from pd_editor.scene.scenario import Scenario
 LEAST_PLAN_S: Final = 0.5
 """Shortest plan: the time between two questions to a policy."""
 _MOST_JUMP_MPS: Final = 4.0
-"""Largest change of velocity in a step; recorded tracks are noisy, and none has more."""
+_MOST_ACCELERATION_MPS2: Final = 30.0
+_MOST_YAW_RATE_RADPS: Final = 4.0
+"""Largest change of velocity in a step, and mean rates over ``LEAST_PLAN_S``; recorded
+tracks are noisy, and none has more."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,17 +111,37 @@ def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
         plan = Plan(position_m=arrays[0].astype(float), heading_rad=arrays[1] * 1.0)
     else:
         plan = _driven(arrays[0] * 1.0, arrays[1] * 1.0, observation)
-    ego = observation.ego
+    _check_possible(plan, observation, name)
+    return plan
+
+
+def _check_possible(plan: Plan, observation: Observation, name: str) -> None:
+    """Raise if a plan jumps, or exceeds what any vehicle can do."""
+    ego, step_s = observation.ego, observation.step_s
     path = np.concatenate([ego.position_m[:1, -1], plan.position_m])
-    velocity = np.diff(path, axis=0) / step_s
-    change = np.diff(np.concatenate([ego.velocity_mps[:1, -1], velocity]), axis=0)
-    jump = float(np.linalg.norm(change, axis=-1).max())
+    velocity = np.concatenate(
+        [ego.velocity_mps[:1, -1], np.diff(path, axis=0) / step_s]
+    )
+    jump = float(np.linalg.norm(np.diff(velocity, axis=0), axis=-1).max())
     if jump > _MOST_JUMP_MPS:
         raise GenerationError(
             f"The policy {name} planned a motion whose velocity changes by {jump:.1f} m/s "
             f"in a step of {step_s:g} s; expected at most {_MOST_JUMP_MPS:g} m/s."
         )
-    return plan
+    apart = round(LEAST_PLAN_S / step_s)
+    heading = np.append(ego.heading_rad[:1, -1], plan.heading_rad)
+    turned = np.cumsum(wrap_angle(np.diff(heading, prepend=heading[0])))
+    for what, values, most, unit in (
+        ("an acceleration", velocity, _MOST_ACCELERATION_MPS2, "m/s2"),
+        ("a yaw rate", turned[:, None], _MOST_YAW_RATE_RADPS, "rad/s"),
+    ):
+        change = np.linalg.norm(values[apart:] - values[:-apart], axis=-1)
+        rate = float(change.max()) / LEAST_PLAN_S
+        if rate > most:
+            raise GenerationError(
+                f"The policy {name} planned {what} of {rate:.1f} {unit} over "
+                f"{LEAST_PLAN_S:g} s; expected at most {most:g} {unit}."
+            )
 
 
 def _driven(

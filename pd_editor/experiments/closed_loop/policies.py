@@ -1,8 +1,10 @@
 """Policies that ship, and those of one's own by name."""
 
+import os
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +13,10 @@ from jaxtyping import Float
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked
 from pd_editor.base.plain_text import nearest_or_all
-from pd_editor.generation.generators.plugins import object_of_reference
+from pd_editor.generation.generators.plugins import (
+    object_of_folder,
+    object_of_reference,
+)
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.generation import is_reference
 from pd_editor.scene.geometry.angles import unit_vector
@@ -21,6 +26,8 @@ from pd_editor.scene.policy import Controls, Observation, Plan, Policy
 from pd_editor.scene.scenario import Scenario
 
 ENTRY_POINTS: Final = "pd_editor.policies"
+FOLDER_MODULE: Final = "policy.py"
+_FOLDER_FUNCTION: Final = "make_policy"
 _PLAN_S: Final = 3.0
 _LOOKAHEAD_S: Final = 0.8
 _LEAST_LOOKAHEAD_M: Final = 4.0
@@ -158,7 +165,10 @@ def installed_policies() -> dict[str, EntryPoint]:
 
 
 def policy_of(name: str) -> Policy:
-    """The policy of a name: a shipped or installed one, or package.module:attribute.
+    """The policy of a name: a shipped or installed one, a folder, or a reference.
+
+    A folder has ``policy.py``, which defines ``make_policy(folder)`` and is run as a
+    module: name only folders that you trust.
 
     Raises:
         GenerationError: there is none, or it cannot be made.
@@ -167,13 +177,16 @@ def policy_of(name: str) -> Policy:
         return _SHIPPED[name]()
     if name in installed_policies():
         found: Any = asked(installed_policies()[name].load, name, ": cannot be loaded")
+    elif os.path.isfile(Path(name) / FOLDER_MODULE):
+        folder = Path(os.path.realpath(name))
+        found = object_of_folder(folder, FOLDER_MODULE, _FOLDER_FUNCTION)
     elif is_reference(name):
         found = object_of_reference(name)
     else:
         known = [*_SHIPPED, *installed_policies()]
         raise GenerationError(
             f"There is no policy {name!r}; {nearest_or_all(name, known)} "
-            "(package.module:attribute is taken as well)."
+            "(a folder with policy.py and package.module:attribute are taken as well)."
         )
     if isinstance(found, type) or (callable(found) and not isinstance(found, Policy)):
         found = asked(found, name, ": making the policy failed")

@@ -4,7 +4,7 @@ In each window the traffic is generated from where it is, given the plans of dri
 agents; its first second or so becomes what has happened.
 """
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
@@ -17,6 +17,7 @@ from pd_editor.base.foreign_code import asked
 from pd_editor.editor.commands import ContinueScene
 from pd_editor.experiments.closed_loop.entrances import Entrances
 from pd_editor.experiments.closed_loop.world import HORIZON, World
+from pd_editor.experiments.work_engine.time_limit import time_limit
 from pd_editor.scene.generation import (
     GenerationProgress,
     GenerationRequest,
@@ -55,9 +56,15 @@ class RollOutRequest:
     """Who drives which agent."""
     keeps_density: bool = True
     """Whether vehicles enter for those that leave the map."""
+    answer_s: float | None = 20.0
+    """Most time that a policy may take for one answer; None: as long as it likes."""
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if not self.scenario.road_map.lanes:
+            raise GenerationError(
+                "The scene has no lanes; traffic needs some to be rolled out on."
+            )
         step_s = self.scenario.time_axis.step_s
         for what, value, least, most in (
             ("duration", self.duration_s, LEAST_PLAN_S, MAX_DURATION_S),
@@ -106,43 +113,99 @@ def roll_out(
         GenerationError: a window cannot be generated.
         ModelError: the weights cannot be used.
     """
-    step_s = request.scenario.time_axis.step_s
-    num_steps = round(request.duration_s / step_s)
-    replan, replans = (round(s / step_s) for s in (LEAST_PLAN_S, request.replan_s))
-    world = World.beginning(request.scenario, num_steps)
-    drivers = _Drivers.started(request, world)
-    enters = request.keeps_density and "new-agents" in supported_by(generator)
-    entrances = Entrances.of(world)
-    random = np.random.default_rng([request.seed, request.scenario.current_step])
-    first, last = world.step, world.step + num_steps
-    num_entered = 0
-    while world.step < last:
-        world = drivers.planned(world)
-        if (world.step - first) % replans == 0:
-            wanted = entrances.wanted(world, random) if enters else None
-            sample = yield from _generated(request, generator, world, drivers, wanted)
-            if sample is not None:
-                sample = entrances.entering(sample, world)
-                known = world.scenario.agents.row_of
-                num_entered += sum(name not in known for name in sample.ids)
-                world = world.planned(sample)
-        to_replan = replans - (world.step - first) % replans
-        steps = min(replan if drivers.policies else replans, to_replan)
-        world = world.after(min(steps, last - world.step))
-        drivers.leave(world)
-    command = ContinueScene(
-        motion=world.motion_from(first),
-        generator=generator.name,
-        seed=request.seed,
-        replan_s=request.replan_s,
-        policies={name: one.name for name, one in request.policies.items()},
-    )
-    return RollOut(
-        command=command,
-        scenario=command.apply(request.scenario),
-        ended=drivers.ended,
-        num_entered=num_entered,
-    )
+    rolling = Rolling.started(request, generator)
+    while not rolling.is_over:
+        yield from rolling.next_steps()
+    return rolling.result()
+
+
+@dataclass(kw_only=True, eq=False)
+class Rolling:
+    """A roll-out on its way; ``next_steps`` takes it to the next question to policies."""
+
+    request: RollOutRequest
+    generator: ScenarioGenerator
+    world: World
+    drivers: "_Drivers"
+    entrances: Entrances
+    random: np.random.Generator
+    num_entered: int = 0
+
+    @classmethod
+    def started(
+        cls, request: RollOutRequest, generator: ScenarioGenerator
+    ) -> "Rolling":
+        """At the current step, with policies that have been reset."""
+        num_steps = round(request.duration_s / request.scenario.time_axis.step_s)
+        world = World.beginning(request.scenario, num_steps)
+        drivers = _Drivers.started(request, world)
+        return cls(
+            request=request,
+            generator=generator,
+            world=world.without(drivers.ended),
+            drivers=drivers,
+            entrances=Entrances.of(world),
+            random=np.random.default_rng([request.seed, request.scenario.current_step]),
+        )
+
+    @property
+    def _last(self) -> int:
+        return self.world.scenario.time_axis.num_steps - 1 - HORIZON
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is over."""
+        return self.world.step >= self._last
+
+    def next_steps(self) -> Generator[GenerationProgress, None, None]:
+        """Ask the policies, generate the traffic if it is time to, and step on.
+
+        Raises:
+            GenerationError: the window cannot be generated.
+            ModelError: the weights cannot be used.
+        """
+        request, axis = self.request, self.request.scenario.time_axis
+        replan, replans = (
+            round(seconds / axis.step_s) for seconds in (LEAST_PLAN_S, request.replan_s)
+        )
+        begun = self.world.step - axis.current_step
+        self.world = self.drivers.planned(self.world)
+        if begun % replans == 0:
+            yield from self._generate()
+        to_replan = replans - begun % replans
+        steps = min(replan if self.drivers.policies else replans, to_replan)
+        self.world = self.world.after(min(steps, self._last - self.world.step))
+        self.drivers.leave(self.world)
+
+    def _generate(self) -> Generator[GenerationProgress, None, None]:
+        """Plan the traffic anew; vehicles enter where there is room."""
+        request, world = self.request, self.world
+        enters = request.keeps_density and "new-agents" in supported_by(self.generator)
+        wanted = self.entrances.wanted(world, self.random) if enters else None
+        drivers = self.drivers
+        sample = yield from _generated(request, self.generator, world, drivers, wanted)
+        if sample is not None:
+            sample = self.entrances.entering(sample, world)
+            known = world.scenario.agents.row_of
+            self.num_entered += sum(name not in known for name in sample.ids)
+            self.world = world.planned(sample)
+
+    def result(self) -> RollOut:
+        """What has happened up to now."""
+        request = self.request
+        command = ContinueScene(
+            motion=self.world.motion_from(request.scenario.current_step),
+            generator=self.generator.name,
+            seed=request.seed,
+            replan_s=request.replan_s,
+            policies={name: one.name for name, one in request.policies.items()},
+        )
+        return RollOut(
+            command=command,
+            scenario=command.apply(request.scenario),
+            ended=self.drivers.ended,
+            num_entered=self.num_entered,
+        )
 
 
 def _generated(
@@ -191,19 +254,25 @@ class _Drivers:
     policies: dict[str, Policy]
     routes_m: dict[str, Float[np.ndarray, "N 2"]]
     first_step: int
+    answer_s: float | None
     ended: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def started(cls, request: RollOutRequest, world: World) -> "_Drivers":
         """Policies that have been reset."""
         scenario = request.scenario
-        drivers = cls(policies={}, routes_m={}, first_step=world.step)
+        drivers = cls(
+            policies={},
+            routes_m={},
+            first_step=world.step,
+            answer_s=request.answer_s,
+        )
         for name, policy in request.policies.items():
             route = route_of(scenario, name)
             drivers.routes_m[name] = route
             reset = partial(policy.reset, scenario, name, route, request.seed)
             try:
-                asked(reset, f"The policy {policy.name}", " could not be reset")
+                drivers.asked_in_time(reset, policy, " could not be reset")
             except GenerationError as error:
                 drivers.ended[name] = str(error)
             else:
@@ -214,10 +283,10 @@ class _Drivers:
         """With new plans of all of them; those that fail leave the scene."""
         samples: list[TrafficSample] = []
         for name, policy in list(self.policies.items()):
-            seen = self._observation(world, name)
-            place = f"The policy {policy.name}"
+            seen = self.observation(world, name)
+            ask = partial(policy.plan, seen)
             try:
-                answer = asked(partial(policy.plan, seen), place, " failed")
+                answer = self.asked_in_time(ask, policy, " failed")
                 plan = checked_plan(answer, seen, policy.name)
             except GenerationError as error:
                 self.ended[name] = str(error)
@@ -250,7 +319,23 @@ class _Drivers:
                 del self.policies[name]
                 self.ended[name] = "It left the mapped road."
 
-    def _observation(self, world: World, name: str) -> Observation:
+    def asked_in_time(
+        self, ask: Callable[[], object], policy: Policy, failed: str
+    ) -> object:
+        """What a policy answers.
+
+        Raises:
+            GenerationError: it failed, or took too long.
+        """
+
+        def answer() -> object:
+            with time_limit(self.answer_s):
+                return ask()
+
+        return asked(answer, f"The policy {policy.name}", failed)
+
+    def observation(self, world: World, name: str) -> Observation:
+        """What the policy of an agent may know now."""
         scenario = world.scenario
         agents, count = scenario.agents, world.step + 1
         row = agents.row_of[name]

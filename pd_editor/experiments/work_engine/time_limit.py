@@ -1,10 +1,11 @@
 """A time limit for code that is not ours, in a worker process."""
 
+import ctypes
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
@@ -25,19 +26,24 @@ def time_limit(limit_s: float | None) -> Iterator[None]:
     """Stop what runs in the block after a time.
 
     Python code is stopped by an exception. Code of a library that does not come back
-    to Python in time ends the worker process, whose other items run again elsewhere.
-    Outside a main thread, and where the system has no timers, there is no limit.
+    to Python in time ends the worker process, whose other items run again elsewhere;
+    outside a main thread, and where the system has no timers, it is waited for.
 
     Raises:
         TimeLimitError: the time is over.
     """
     is_main = threading.current_thread() is threading.main_thread()
-    if limit_s is None or not is_main or not hasattr(signal, "setitimer"):
+    if limit_s is None:
         yield
         return
 
     def stop(*_: object) -> None:
         raise TimeLimitError(f"It gave no answer within {limit_s:g} s.")
+
+    if not is_main or not hasattr(signal, "setitimer"):
+        with _raised_in_this_thread(limit_s, stop):
+            yield
+        return
 
     before = signal.signal(signal.SIGALRM, stop)
     watchdog = threading.Timer(
@@ -53,3 +59,32 @@ def time_limit(limit_s: float | None) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
         watchdog.cancel()
+
+
+@contextmanager
+def _raised_in_this_thread(limit_s: float, stop: Callable[[], None]) -> Iterator[None]:
+    """Raise what ``stop`` raises in the block, once Python code runs after a time."""
+    thread, lock, is_over = ctypes.c_ulong(threading.get_ident()), threading.Lock(), []
+
+    def interrupt() -> None:
+        with lock:
+            if not is_over:
+                error = ctypes.py_object(_Interrupted)
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, error)
+
+    timer = threading.Timer(limit_s, interrupt)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    except _Interrupted:
+        stop()
+    finally:
+        timer.cancel()
+        with lock:
+            is_over.append(True)
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(thread, None)
+
+
+class _Interrupted(BaseException):
+    """Raised in a thread by another one."""

@@ -247,11 +247,21 @@ def generator_of_folder(folder: Path) -> ScenarioGenerator:
     Raises:
         GenerationError: the file cannot be run, or makes no generator.
     """
-    path = folder / FOLDER_MODULE
+    found = object_of_folder(folder, FOLDER_MODULE, _FOLDER_FUNCTION)
+    return _as_generator(found, str(folder / FOLDER_MODULE))
+
+
+def object_of_folder(folder: Path, file: str, function: str) -> Any:
+    """What a function of a Python file in a folder makes, given the folder.
+
+    Raises:
+        GenerationError: the file cannot be run, or has no such function, or it fails.
+    """
+    path = folder / file
 
     def load() -> ModuleType:
         spec = importlib.util.spec_from_file_location(
-            f"pd_editor_plugin_{folder.name}", path
+            f"pd_editor_plugin_{path.stem}_{folder.name}", path
         )
         assert spec is not None
         assert spec.loader is not None
@@ -260,13 +270,12 @@ def generator_of_folder(folder: Path) -> ScenarioGenerator:
         spec.loader.exec_module(module)
         return module
 
-    make = getattr(_imported(load, str(path)), _FOLDER_FUNCTION, None)
+    make = getattr(_imported(load, str(path)), function, None)
     if not callable(make):
         raise GenerationError(
-            f"{path}: has no function {_FOLDER_FUNCTION}(folder), which makes the "
-            "generator."
+            f"{path}: has no function {function}(folder), which makes the {path.stem}."
         )
-    return _as_generator(_made(lambda: make(folder), str(path)), str(path))
+    return asked(lambda: make(folder), str(path), f": making the {path.stem} failed")
 
 
 def _imported(load: Callable[[], Any], place: str) -> Any:

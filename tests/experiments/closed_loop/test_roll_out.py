@@ -1,6 +1,7 @@
 """Roll-outs: the world steps on, traffic answers, policies drive, faults end one drive."""
 
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -21,6 +22,8 @@ from pd_editor.experiments.closed_loop.scores import drive_scores
 from pd_editor.generation.generators import make_generator
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.policy import Controls, Plan
+from pd_editor.scene.road_map import RoadMap
+from tests.builders import scenario_with, straight_drivers
 
 JUNCTION = "signalised-junction"
 
@@ -135,6 +138,14 @@ def test_an_agent_that_leaves_by_the_end_of_the_road_was_never_off_it(junction):
         ),
         (Plan(position_m=np.zeros((0, 2)), heading_rad=np.zeros(0)), "no further plan"),
         (ZeroDivisionError("oh"), "failed (ZeroDivisionError: oh"),
+        (
+            Controls(acceleration_mps2=np.full(9, 35.0), curvature_1pm=np.zeros(9)),
+            "an acceleration of 35.0 m/s2 over 0.5 s; expected at most 30 m/s2",
+        ),
+        (
+            Controls(acceleration_mps2=np.zeros(9), curvature_1pm=np.full(9, 5.0)),
+            "a yaw rate of",
+        ),
     ],
 )
 def test_a_policy_that_fails_ends_its_own_drive_alone(junction, answer, message):
@@ -155,6 +166,86 @@ def test_a_policy_that_fails_ends_its_own_drive_alone(junction, answer, message)
     assert there[:10].all()
     assert not there[10:].any()
     assert agents.is_valid[:, -1].sum() >= agents.is_valid[:, now].sum() - 4
+
+
+@pytest.mark.parametrize("hangs_in", ["reset", "plan"])
+@pytest.mark.parametrize("is_main", [True, False])
+def test_a_policy_that_hangs_ends_its_own_drive_alone(junction, hangs_in, is_main):
+    def hang(*_):
+        while True:
+            pass
+
+    odd = type("Hangs", (Brakes,), {"name": "hangs", hangs_in: hang})()
+    found = []
+
+    def run():
+        policies = {"AV": odd}
+        found.append(rolled(junction, duration_s=1.0, policies=policies, answer_s=0.05))
+
+    if is_main:
+        run()
+    else:
+        thread = Thread(target=run)
+        thread.start()
+        thread.join()
+    (one,) = found
+    told = "The policy hangs: It gave no answer within 0.05 s."
+    assert one.ended == {"AV": told}
+    agents, now = one.scenario.agents, junction.current_step
+    assert not agents.is_valid[agents.row_of["AV"], now + 1 :].any()
+    assert agents.is_valid[:, -1].sum() >= agents.is_valid[:, now].sum() - 4
+
+
+def test_several_policies_drive_at_once(junction):
+    agents, now = junction.agents, junction.current_step
+    speed = np.where(agents.is_valid[:, now], agents.speed_mps()[:, now], 0)
+    names = [agents.ids[row] for row in np.argsort(-speed)[:2]]
+    policies = {
+        names[0]: Brakes(),
+        names[1]: policy_of("constant-velocity"),
+    }
+    found = rolled(junction, duration_s=2.0, policies=policies)
+    assert dict(found.command.policies) == {
+        names[0]: "brakes",
+        names[1]: "constant-velocity",
+    }
+    end, rows = found.scenario.agents, found.scenario.agents.row_of
+    braked, kept = (end.speed_mps()[rows[name], -1] for name in names)
+    first, second = (speed[agents.row_of[name]] for name in names)
+    assert braked == pytest.approx(max(first - 8.0, 0.0), abs=0.1)
+    assert kept == pytest.approx(second, abs=0.1)
+
+
+def test_a_folder_is_a_policy(tmp_path):
+    (tmp_path / "policy.py").write_text(
+        "from pd_editor.experiments.closed_loop.policies import IdmOnRoute\n"
+        "def make_policy(folder):\n    return IdmOnRoute()\n"
+    )
+    assert policy_of(str(tmp_path)).name == "idm"
+    (tmp_path / "policy.py").write_text("def make_policy(folder):\n    1 / 0\n")
+    with pytest.raises(GenerationError, match=r"making the policy failed \(Zero"):
+        policy_of(str(tmp_path))
+    (tmp_path / "policy.py").write_text("")
+    with pytest.raises(GenerationError, match=r"has no function make_policy\(folder\)"):
+        policy_of(str(tmp_path))
+
+
+def test_a_scene_without_a_road_is_refused():
+    bare = scenario_with(straight_drivers([(0, 0, 0, 5)]), RoadMap(lanes=()))
+    with pytest.raises(GenerationError, match="The scene has no lanes"):
+        RollOutRequest(scenario=bare)
+
+
+@pytest.mark.parametrize("place", [(0, 300, 1, 5), (0, 60, 0, 0), (195, 0, 0, 0)])
+def test_an_agent_without_a_lane_gets_a_route_of_its_own(place):
+    scene = scenario_with(straight_drivers([place, (30, 0, 0, 5)]))
+    ego = scene.agents.ids[0]
+    route = route_of(scene, ego)
+    assert len(route) > 1
+    for name in ("idm", "constant-velocity"):
+        found = rolled(scene, duration_s=1.0, policies={ego: policy_of(name)})
+        assert set(found.ended.values()) <= {"It left the mapped road."}
+        assert drive_scores(found.scenario, ego, route).driven_s > 0
 
 
 @pytest.mark.parametrize(

@@ -31,20 +31,27 @@ def test_what_is_done_in_time_goes_on():
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_other_threads_and_no_limit_run_as_they_are():
+def test_a_loop_in_another_thread_is_stopped_and_what_follows_goes_on():
     found = []
 
     def run() -> None:
-        with time_limit(0.01):
-            time.sleep(0.05)
+        try:
+            with time_limit(0.05):
+                loop_for_ever()
+        except TimeLimitError as error:
+            found.append(str(error))
+        with time_limit(30.0):
             found.append("done")
 
     thread = threading.Thread(target=run)
     thread.start()
     thread.join()
+    assert found == ["It gave no answer within 0.05 s.", "done"]
+
+
+def test_without_a_limit_all_runs_as_it_is():
     with time_limit(None):
         time.sleep(0.02)
-    assert found == ["done"]
 
 
 def deaf(seconds: float) -> str:
