@@ -23,8 +23,8 @@ class Heard:
 
     def job(self, generator) -> GenerationJob:
         return GenerationJob(
-            generator=generator,
-            request=REQUEST,
+            generator.name,
+            lambda: generator.generate(REQUEST),
             on_progress=lambda one: self.note(self.progress, one),
             on_done=lambda one: self.note(self.done, one),
             on_error=lambda one: self.note(self.errors, one),

@@ -37,6 +37,8 @@ from pd_editor.scene.scene_limits import MAX_STATES, MAX_STEPS
 from pd_editor.scene.traffic_sample import TrafficSample
 
 MAX_DURATION_S: Final = 90.0
+LEFT_MAP: Final = "It left the mapped road."
+"""Why a drive ends that nothing is wrong with."""
 _NEW_NOISE_S: Final = 4.0
 """Time after which the noise of an agent is independent of what it was."""
 _ROUTE_S: Final = 12.0
@@ -317,7 +319,7 @@ class _Drivers:
         for name in list(self.policies):
             if not agents.is_valid[agents.row_of[name], world.step]:
                 del self.policies[name]
-                self.ended[name] = "It left the mapped road."
+                self.ended[name] = LEFT_MAP
 
     def asked_in_time(
         self, ask: Callable[[], object], policy: Policy, failed: str

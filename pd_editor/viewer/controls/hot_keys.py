@@ -52,6 +52,7 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
         "R",
         "shift",
     )
+    key("Roll out in closed loop", tab.generation.closed_loop.roll_out)
     key("Choose among the samples of the last run", tab.samples.focus, "J")
     key("Compare two samples of the last run", tab.samples.compare, "C")
     key("Cancel the generation", tab.generation.cancel)

@@ -39,9 +39,11 @@ from pd_editor.viewer.generation.generation_run import (
     GenerationInput,
     GenerationRun,
     LazyGenerator,
+    RunInput,
 )
 from pd_editor.viewer.generation.live_switch import LiveSwitch, nearest_to_edit
 from pd_editor.viewer.generation.region_drawing import RegionDrawing
+from pd_editor.viewer.generation.roll_out_panel import RollOutInput, RollOutPanel
 from pd_editor.viewer.generation.sample_strip import SampleStrip
 from pd_editor.viewer.tab.panel_style import WITH_PAST, KeptSettings, plain
 from pd_editor.viewer.tab.tab_model import RunState
@@ -158,6 +160,7 @@ class GenerationPanel:
                 "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
             )
             self.live_switch = LiveSwitch(ui)
+        self.closed_loop = RollOutPanel(ui, self._roll_out)
         self._build_resample(gui)
         # Last, since its report is of any length.
         with gui.add_folder("Last run"):
@@ -254,6 +257,7 @@ class GenerationPanel:
             "keeps_ego": self._keeps_ego,
             "where": self._where,
             "quality": self._quality,
+            **self.closed_loop.inputs,
             **{kind.value: count for kind, count in self._counts.items()},
         }
         return KeptSettings(self._ui.workspace.drive_settings, inputs)
@@ -289,6 +293,7 @@ class GenerationPanel:
         """Follow the session."""
         scenario = self._ui.session.scenario
         self._result.show()
+        self.closed_loop.show()
         self._tab.run = self.run_state
         if self._which.value == REPLACE_ALL and self._counted is not scenario:
             self._count_present(scenario)
@@ -522,9 +527,25 @@ class GenerationPanel:
             base=base, request=request, removed_ids=removed_ids, is_cure=is_cure
         )
         self._check_guidance(request)
-        self._result.start(self._model.value, offer.make, task)
+        self._start_run(task)
+
+    def _start_run(self, task: RunInput) -> None:
+        name = self._model.value
+        self._result.start(name, self._generators[name].make, task)
         if self._renews.value:
             set_value(self._seed, int(self._seed.value) + 1)
+
+    def _roll_out(self, duration_s: float, policy: str) -> None:
+        """Let the scene go on in closed loop; an empty name lets no policy drive."""
+        self._ui.commit_gesture()
+        task = RollOutInput(
+            base=self._ui.session.scenario,
+            duration_s=duration_s,
+            seed=int(self._seed.value),
+            policy=policy,
+            driven_ids=self.closed_loop.driven_ids() if policy else (),
+        )
+        self._start_run(task)
 
     def _check_guidance(self, request: GenerationRequest) -> None:
         """Say before the run which guidance cannot be met, and what could be done.
@@ -699,6 +720,7 @@ class GenerationPanel:
         """Show and tell the state of the run."""
         is_running = self._result.is_running
         set_property(self._run, "disabled", is_running)
+        self.closed_loop.set_running(is_running)
         set_property(self._resample, "disabled", is_running or not self._may_resample())
         self._tab.run = self.run_state
         self._tab.run_changed.emit()

@@ -1,9 +1,10 @@
 """Runs one generation at a time: progress, samples, and their application."""
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -31,27 +32,6 @@ CLOSE_WAIT_S: Final = 2.0
 """Time in which a cancelled generator finishes its step when its page is gone."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GenerationInput:
-    """Input of a generation: the request and the state of the session."""
-
-    base: Scenario
-    """The session's scenario, which still contains the agents to be removed."""
-    request: GenerationRequest
-    removed_ids: tuple[str, ...] = ()
-    is_cure: bool = False
-    """Whether it mends the sample that is applied: the others can still be chosen."""
-
-    def command(
-        self, traffic: GeneratedTraffic, index: int, edited: Scenario
-    ) -> ReplaceTraffic:
-        """The edit that applies a sample to a scenario."""
-        removed = self.removed_ids
-        return traffic_command(
-            self.request, traffic, index, removed_ids=removed, edited=edited
-        )
-
-
 @dataclass(frozen=True, kw_only=True)
 class LazyGenerator:
     """A generator that is made in the thread that runs it."""
@@ -71,6 +51,107 @@ class LazyGenerator:
         return (yield from self.make().generate(request))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunInput(ABC):
+    """What a run is to do for a state of the session, and how its result is applied."""
+
+    base: Scenario
+    """The session's scenario, which still contains the agents to be removed."""
+    is_cure: bool = False
+    """Whether it mends the sample that is applied: the others can still be chosen."""
+
+    @abstractmethod
+    def steps(
+        self, generator: LazyGenerator
+    ) -> Generator[GenerationProgress, None, Any]:
+        """Do the work; ends with the result."""
+
+    @abstractmethod
+    def in_words(self, progress: GenerationProgress) -> str:
+        """What is being done."""
+
+    @abstractmethod
+    def command(self, result: Any, index: int, edited: Scenario) -> Command:
+        """The edit that applies the result, or one of its samples, to a scenario."""
+
+    @abstractmethod
+    def applied(
+        self, ui: UiContext, result: Any, index: int, command: Command, took_s: float
+    ) -> str:
+        """Report on what has been applied."""
+
+    def check(self, result: Any) -> None:  # noqa: B027
+        """Refuse a result that is not to be applied.
+
+        Raises:
+            GenerationError: it would change nothing, for example.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GenerationInput(RunInput):
+    """Input of a generation: the request and the state of the session."""
+
+    request: GenerationRequest
+    removed_ids: tuple[str, ...] = ()
+
+    def steps(
+        self, generator: LazyGenerator
+    ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
+        """Generate."""
+        return generator.generate(self.request)
+
+    def in_words(self, progress: GenerationProgress) -> str:
+        """What is being done, and for which sample."""
+        request = self.request
+        text = "Resampling" if request.samples_states else "Regenerating"
+        has_several = request.num_samples > 1
+        is_told = progress.fraction == 0 or (has_several and request.samples_states)
+        if is_told and progress.message:
+            text = progress.message
+        elif has_several:
+            number = int(progress.fraction * request.num_samples + 1e-6) + 1
+            number = min(number, request.num_samples)
+            text = f"Sample {number} of {request.num_samples}"
+        return text
+
+    def check(self, result: GeneratedTraffic) -> None:
+        """Refuse a result that would only remove agents."""
+        check_placed(result, len(self.removed_ids))
+
+    def command(
+        self, result: GeneratedTraffic, index: int, edited: Scenario
+    ) -> ReplaceTraffic:
+        """The edit that applies a sample to a scenario."""
+        removed = self.removed_ids
+        return traffic_command(
+            self.request, result, index, removed_ids=removed, edited=edited
+        )
+
+    def applied(
+        self,
+        ui: UiContext,
+        result: GeneratedTraffic,
+        index: int,
+        command: Command,
+        took_s: float,
+    ) -> str:
+        """Report on a sample, and keep what guidance did."""
+        run = GuidedRun(
+            request=self.request,
+            traffic=result,
+            index=index,
+            removed_ids=self.removed_ids,
+        )
+        ui.workspace.guided_runs.keep(ui.session.scenario.agents, run)
+        assert isinstance(command, ReplaceTraffic)
+        count = len(result.samples[index].ids)
+        return (
+            f"{count} agent{'s' if count != 1 else ''} in {took_s:.1f} s, seed"
+            f" {self.request.seed}. {' '.join((*result.notes, *command.notes))}"
+        )
+
+
 class GenerationRun:
     """Runs a generator in a background thread and applies its samples.
 
@@ -86,9 +167,9 @@ class GenerationRun:
         strip.adopted.subscribe(self.adopt)
         self.changed = Signal[()]()
         """``state`` has changed."""
-        self._job: GenerationJob | None = None
+        self._job: GenerationJob[Any] | None = None
         self._state: RunState | None = None
-        self._generated: tuple[GenerationInput, GeneratedTraffic] | None = None
+        self._generated: tuple[RunInput, Any] | None = None
         self._waits = False
         self._before: Scenario | None = None
         """The scenario to which a sample of the last run was applied."""
@@ -141,7 +222,7 @@ class GenerationRun:
         )
 
     def start(
-        self, name: str, make: Callable[[], ScenarioGenerator], task: GenerationInput
+        self, name: str, make: Callable[[], ScenarioGenerator], task: RunInput
     ) -> None:
         """Start a generation; the generator is made and loaded in the background.
 
@@ -154,14 +235,14 @@ class GenerationRun:
             self.forget()
         self._set_running(True)
         started = time.monotonic()
-        post = self._ui.post
+        post, generator = self._ui.post, LazyGenerator(name=name, make=make)
 
         def only_if_current(action: Callable[[], None]) -> Callable[[], None]:
             return lambda: action() if self._job is job else None
 
         job = GenerationJob(
-            generator=LazyGenerator(name=name, make=make),
-            request=task.request,
+            name,
+            lambda: task.steps(generator),
             on_progress=lambda p: post(
                 only_if_current(lambda: self._progressed(task, p)), "progress"
             ),
@@ -178,7 +259,7 @@ class GenerationRun:
         """Follow the session: remove texts about another state."""
         now = self._ui.session.scenario
         is_shown = self._applied is not None and now is self._applied
-        samples = () if self._generated is None else self._generated[1].samples
+        samples = self._samples()
         count = len(samples) if _differ(samples) else 1
         has_choice = is_shown and count > 1
         set_property(self._sample, "disabled", not has_choice)
@@ -274,40 +355,36 @@ class GenerationRun:
                     return position
         return None
 
-    def _progressed(self, task: GenerationInput, progress: GenerationProgress) -> None:
-        request = task.request
-        text = "Resampling" if request.samples_states else "Regenerating"
-        has_several = request.num_samples > 1
-        is_told = progress.fraction == 0 or (has_several and request.samples_states)
-        if is_told and progress.message:
-            text = progress.message
-        elif has_several:
-            number = int(progress.fraction * request.num_samples + 1e-6) + 1
-            number = min(number, request.num_samples)
-            text = f"Sample {number} of {request.num_samples}"
+    def _samples(self) -> tuple[TrafficSample, ...]:
+        """What there is to choose among."""
+        if self._generated is None:
+            return ()
+        task, result = self._generated
+        return result.samples if isinstance(task, GenerationInput) else ()
+
+    def _progressed(self, task: RunInput, progress: GenerationProgress) -> None:
+        text = task.in_words(progress)
         self._set_state(RunState(text=text, fraction=round(progress.fraction, 3)))
         self._say(f"{text} ...")
 
-    def _finished(
-        self, task: GenerationInput, traffic: GeneratedTraffic, started: float
-    ) -> None:
+    def _finished(self, task: RunInput, result: Any, started: float) -> None:
         self._job = None
         self._set_running(False)
         try:
-            check_placed(traffic, len(task.removed_ids))
+            task.check(result)
         except GenerationError as error:
             self._failed(error)
             return
         self._took_s = time.monotonic() - started
         if task.is_cure and self._ui.session.scenario is task.base:
-            self._put(task, traffic, 0)
+            self._put(task, result, 0)
             self._cured.append(self._ui.session.scenario)
             self.show()
             self.changed.emit()
             return
         if task.is_cure:
             self.forget()
-        self._generated = task, traffic
+        self._generated = task, result
         if self._ui.session.scenario is task.base:
             self._apply(0)
         else:
@@ -317,11 +394,11 @@ class GenerationRun:
 
     def _apply(self, index: int) -> None:
         assert self._generated is not None
-        task, traffic = self._generated
+        task, result = self._generated
         self._applied = None
         self._ui.commit_gesture()
         before, done = self._ui.session.scenario, self._ui.session.commands_in_force
-        self._put(task, traffic, index)
+        self._put(task, result, index)
         self._applied, self._index = self._ui.session.scenario, index
         self._cured = []
         if before is not self._before:
@@ -329,40 +406,25 @@ class GenerationRun:
             self._offer_samples(before, done)
         self.show()
 
-    def _put(
-        self, task: GenerationInput, traffic: GeneratedTraffic, index: int
-    ) -> None:
+    def _put(self, task: RunInput, result: Any, index: int) -> None:
         """Apply a sample, and report on it."""
-        command = task.command(traffic, index, self._ui.session.scenario)
+        command = task.command(result, index, self._ui.session.scenario)
         self._ui.apply(command)
-        self._ui.workspace.guided_runs.keep(
-            self._ui.session.scenario.agents,
-            GuidedRun(
-                request=task.request,
-                traffic=traffic,
-                index=index,
-                removed_ids=task.removed_ids,
-            ),
-        )
-        count = len(traffic.samples[index].ids)
-        self._say(
-            f"{count} agent{'s' if count != 1 else ''} in {self._took_s:.1f} s, seed"
-            f" {task.request.seed}. {' '.join((*traffic.notes, *command.notes))}"
-        )
+        self._say(task.applied(self._ui, result, index, command, self._took_s))
 
     def _offer_samples(self, before: Scenario, done: tuple[Command, ...]) -> None:
         assert self._generated is not None
-        task, traffic = self._generated
-        if not _differ(traffic.samples):
+        (task, result), samples = self._generated, self._samples()
+        if not isinstance(task, GenerationInput) or not _differ(samples):
             return
-        indices = range(len(traffic.samples))
-        commands = tuple(task.command(traffic, index, before) for index in indices)
+        indices = range(len(samples))
+        commands = tuple(task.command(result, index, before) for index in indices)
         self._strip.open(
             SampleSet(
                 before=before,
                 base=self._ui.session.base,
                 done=done,
-                samples=traffic.samples,
+                samples=samples,
                 commands=commands,
             )
         )
