@@ -103,11 +103,12 @@ export interface HintsState {
 export interface BannerState {
   readonly owner: string | null;
   readonly text: string;
-  readonly button: string | null;
+  readonly buttons: readonly (string)[];
 }
 
 export interface BannerEvent {
   readonly owner: string | null;
+  readonly button: string;
 }
 
 export interface TooltipState {

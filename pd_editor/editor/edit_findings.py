@@ -16,6 +16,7 @@ from pd_editor.analysis.guidance.report import term_outcomes
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.guidance import AddGuidance, ChangeGuidance
 from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
+from pd_editor.editor.commands.roll_out import BeginAt, begun_like
 from pd_editor.editor.commands.traffic import ReplaceTraffic
 from pd_editor.scene.generation import GuidanceSetting, TrafficSample
 from pd_editor.scene.guidance_outcome import TermOutcome
@@ -33,11 +34,13 @@ def edit_findings(
 ) -> SceneCheck:
     """Findings of a scenario that commands made from ``base``, each with its source.
 
-    ``recorded`` are the findings of ``base``; they are looked for if not given.
+    ``recorded`` are the findings of ``base``, from the moment on that is the current one
+    by now; they are looked for if not given.
     """
+    original = begun_like(base, commands)
     if recorded is None:
-        recorded = scene_findings(base)
-    found = checked(scenario, base, recorded, with_future=with_future)
+        recorded = scene_findings(original)
+    found = checked(scenario, original, recorded, with_future=with_future)
     origin = _origins(scenario, commands)
     new = [replace(one, source=_source(one, origin)) for one in found.new]
     new += _not_run(scenario, commands)
@@ -83,6 +86,8 @@ def scene_outcomes(
     generated: set[str] = set()
     own: list[GuidanceTerm] = []
     for part in _parts(commands)[::-1]:
+        if isinstance(part, BeginAt):
+            break
         if isinstance(part, ReplaceTraffic):
             own += [
                 term

@@ -1,7 +1,7 @@
 """Editing session: the open scenario, its selection and its history."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC
 from operator import is_
@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 from pd_editor.base.errors import EditError, PdEditorError, RecipeError
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.commands.roll_out import BeginAt, begun_like
 from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, checked_base, moment
@@ -110,6 +111,7 @@ class EditorSession:
         self._base = scenario
         self._now = Snapshot(scenario=scenario, selection=())
         self._history = History(max_undo)
+        self._original: tuple[tuple[object, ...], Scenario] | None = None
         self._gesture_start: Snapshot | None = None
         self._previewed: Command | None = None
         self._variant = Variant()
@@ -167,6 +169,17 @@ class EditorSession:
     def base(self) -> Scenario:
         """The opened scenario."""
         return self._base
+
+    @property
+    def original(self) -> Scenario:
+        """The opened scenario, from the moment on that is the current one by now."""
+        moments = [one for one in self.commands_in_force if isinstance(one, BeginAt)]
+        known = (self._base, *moments)
+        if not moments:
+            return self._base
+        if self._original is None or not _same(self._original[0], known):
+            self._original = known, begun_like(self._base, moments)
+        return self._original[1]
 
     @property
     def scenario(self) -> Scenario:
@@ -381,7 +394,7 @@ class EditorSession:
     def _proposed_name(self) -> str:
         commands = self.commands_in_force
         name, replayed = self._replayed
-        if len(commands) == len(replayed) and all(map(is_, commands, replayed)):
+        if _same(commands, replayed):
             return name
         return proposed_name(self._base.scenario_id, commands, self.committed_scenario)
 
@@ -463,3 +476,8 @@ class EditorSession:
         after = self.state
         for listener in tuple(self._listeners):
             listener(before, after)
+
+
+def _same(some: Sequence[object], others: Sequence[object]) -> bool:
+    """Whether these are the same objects."""
+    return len(some) == len(others) and all(map(is_, some, others))

@@ -10,6 +10,7 @@ from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import is_note, is_plain
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.road import SetRoadWarp
+from pd_editor.editor.commands.roll_out import BeginAt, ContinueScene
 from pd_editor.editor.commands.traffic import ReplaceTraffic
 from pd_editor.scene.scenario import Scenario
 
@@ -88,7 +89,7 @@ def tags_from_text(text: str) -> tuple[str, ...]:
 def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario) -> str:
     """Name that describes the edits, such as ``000c4929-double-turn-p6-s3``.
 
-    Their number is told if road and generated traffic do not say all. Empty without
+    Their number is told if road, traffic and time do not say all. Empty without
     commands: the scenario keeps the base's id.
     """
     if not commands:
@@ -101,7 +102,14 @@ def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario)
     generated = [one for one in done if isinstance(one, ReplaceTraffic)]
     if generated:
         parts.append(f"s{generated[-1].seed}")
-    if not all(isinstance(one, SetRoadWarp | ReplaceTraffic) for one in done):
+    for one in done:
+        if isinstance(one, BeginAt):
+            parts.append(f"from-{power_name(one.time_s).lstrip('p')}s")
+        elif isinstance(one, ContinueScene):
+            driven = dict.fromkeys(one.policies.values())
+            parts += ["rolled-out", *driven, f"s{one.seed}"]
+    told = SetRoadWarp | ReplaceTraffic | BeginAt | ContinueScene
+    if not all(isinstance(one, told) for one in done):
         count = len(commands)
         parts.append(f"{count}-edit{'s' if count > 1 else ''}")
     if len(parts) == 1:

@@ -49,6 +49,19 @@ def test_roll_out_cancel_undo_and_redo(editor):
     editor.until(lambda: playback.axis == opened.time_axis, "the former time")
     editor.key("Control+Shift+z")
     editor.until(lambda: editor.session.scenario is rolled, "redo")
+
+    editor.seek(4.0)
+    editor.press("Start from here")
+    editor.until(lambda: editor.session.scenario is not rolled, "a branch")
+    begun = editor.session.scenario
+    assert editor.session.entries[-1].label == "Start from t = 4 s"
+    assert begun.time_axis.num_future_steps == 60
+    editor.until(lambda: playback.axis == begun.time_axis, "its time")
+    assert playback.step == begun.current_step
+    editor.key("Control+z")
+    editor.until(lambda: editor.session.scenario is rolled, "undo of the branch")
+    editor.until(lambda: playback.axis == rolled.time_axis, "the former time")
+
     editor.key("Space")
     editor.until(lambda: playback.is_playing, "playback")
     editor.until(lambda: playback.step > opened.current_step + 5, "its time")

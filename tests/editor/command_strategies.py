@@ -13,6 +13,7 @@ from pd_editor.analysis.guidance.kinds.speed import SpeedLimit
 from pd_editor.editor.commands import (
     AddGuidance,
     AdoptTrajectory,
+    BeginAt,
     ChangeGuidance,
     Command,
     ContinueScene,
@@ -349,11 +350,19 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
     ),
     ReplaceTraffic: replacements,
     ContinueScene: continuations,
+    BeginAt: lambda scenario: st.builds(
+        BeginAt,
+        time_s=st.integers(
+            -scenario.current_step, scenario.time_axis.num_future_steps
+        ).map(lambda steps: steps * scenario.time_axis.step_s),
+    ),
 }
 """How to draw each command on a scenario; most of them apply, some do not."""
 
 
-ON_TRAFFIC = sorted(set(STRATEGIES) - {RemoveAllAgents, ContinueScene}, key=str)
+ON_TRAFFIC = sorted(
+    set(STRATEGIES) - {RemoveAllAgents, ContinueScene, BeginAt}, key=str
+)
 """Commands after which there is somebody left, and time, to apply others to."""
 
 

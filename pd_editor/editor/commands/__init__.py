@@ -38,7 +38,7 @@ from pd_editor.editor.commands.poses import (
 )
 from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
 from pd_editor.editor.commands.road import SetRoadWarp
-from pd_editor.editor.commands.roll_out import ContinueScene
+from pd_editor.editor.commands.roll_out import BeginAt, ContinueScene
 from pd_editor.editor.commands.traffic import (
     ReplaceTraffic,
     RequestSummary,
@@ -73,6 +73,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         ReplaceTraffic,
         RegeneratedEdit,
         ContinueScene,
+        BeginAt,
     )
 }
 """All commands by their names in recipes."""
@@ -82,6 +83,7 @@ __all__ = [
     "COMMANDS",
     "AddGuidance",
     "AdoptTrajectory",
+    "BeginAt",
     "ChangeGuidance",
     "Command",
     "ContinueScene",

@@ -29,8 +29,8 @@ class Command(ABC):
         return False
 
     @property
-    def moves_road(self) -> bool:
-        """Whether the road moves with all agents on it, locked ones included."""
+    def is_beyond_locks(self) -> bool:
+        """Whether it moves agents with the road alone, or none, so that locks permit it."""
         return False
 
     @property

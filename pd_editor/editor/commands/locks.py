@@ -70,7 +70,7 @@ def apply_within_locks(command: Command, scenario: Scenario) -> Scenario:
         return scenario
     after = command.apply(scenario)
     check_opens_again(scenario, after)
-    if after.agents is scenario.agents or command.moves_road or not scenario.locks:
+    if after.agents is scenario.agents or command.is_beyond_locks or not scenario.locks:
         return after
     changed = _changed_locked_ids(scenario, after)
     if changed:
@@ -101,7 +101,9 @@ def _changed_locked_ids(before: Scenario, after: Scenario) -> tuple[str, ...]:
     if not ids:
         return ()
     rows, others = old.rows(ids), new.rows(ids)
-    is_kept = before.kept_steps()[rows]
+    # A roll-out makes tracks longer.
+    count = min(old.num_steps, new.num_steps)
+    is_kept = before.kept_steps()[rows, :count]
     differs = np.array(
         [old.kinds[a] != new.kinds[b] for a, b in zip(rows, others, strict=True)], bool
     )
@@ -113,7 +115,7 @@ def _changed_locked_ids(before: Scenario, after: Scenario) -> tuple[str, ...]:
     for name in _MOTION:
         one, other = getattr(old, name), getattr(new, name)
         if one is not other:
-            unequal = one[rows] != other[others]
+            unequal = one[rows, :count] != other[others, :count]
             unequal = unequal.reshape(*is_kept.shape, -1).any(axis=-1)
             differs |= (unequal & is_kept).any(axis=1)
     return tuple(name for name, one in zip(ids, differs, strict=True) if one)

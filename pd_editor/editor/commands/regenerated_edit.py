@@ -37,9 +37,9 @@ class RegeneratedEdit(Command):
         return self.edit.edits_current_state
 
     @property
-    def moves_road(self) -> bool:
+    def is_beyond_locks(self) -> bool:
         """Whether the edit moves the road with all agents on it."""
-        return self.edit.moves_road
+        return self.edit.is_beyond_locks
 
     @property
     def selects(self) -> tuple[str, ...] | None:

@@ -34,8 +34,8 @@ class SetRoadWarp(Command):
             check_anchor(self.warp.anchor)
 
     @property
-    def moves_road(self) -> bool:
-        """It does, and all agents on it."""
+    def is_beyond_locks(self) -> bool:
+        """It is: all agents move with the road."""
         return True
 
     @property

@@ -1,6 +1,7 @@
-"""Command that continues a scene by a roll-out."""
+"""Commands that continue a scene by a roll-out, and that begin it at another moment."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,8 +21,10 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
+from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STEPS
+from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.scene.traffic_sample import TrafficSample
 
 
@@ -84,7 +87,7 @@ class RolledMotion:
 class ContinueScene(Command):
     """Replace all that comes after the current step by a roll-out.
 
-    Current states stay; the motion is stored, so that a replay needs neither the generator
+    Current states and locked tracks stay; the motion is stored, so that a replay needs neither the generator
     nor the policies. The scene ends with the roll-out.
     """
 
@@ -125,7 +128,9 @@ class ContinueScene(Command):
                 f"The scene would have {count} steps; at most {MAX_STEPS} are possible."
             )
         place, there = focal_place_m(scenario), scenario.agents.row_of
-        agents = scenario.agents.without_future(now, count)
+        locked = trajectory_locked_ids(scenario)
+        keeps = np.isin(scenario.agents.ids, list(locked))
+        agents = scenario.agents.without_future(now, count, keeps)
         new = [row for row, name in enumerate(motion.ids) if name not in there]
         for row in new:
             check_new_id(scenario, motion.ids[row])
@@ -141,7 +146,8 @@ class ContinueScene(Command):
             agents = agents.joined(blank_tracks(sample, np.array(new), count))
         rows = agents.rows(motion.ids)
         goes_on = agents.is_valid[rows, now]
-        for some, first in ((goes_on, 1), (~goes_on, 0)):
+        is_free = ~np.isin(motion.ids, list(locked))
+        for some, first in ((goes_on & is_free, 1), (~goes_on & is_free, 0)):
             agents = agents_with_trajectory(
                 agents,
                 rows[some],
@@ -153,6 +159,7 @@ class ContinueScene(Command):
         kept = np.ones((len(rows), count), bool)
         kept[:, now:] = motion.exists
         kept[:, now] |= goes_on
+        kept[~is_free] = True
         agents = agents.with_rows(
             rows,
             position_m=agents.position_m[rows] * kept[..., None],
@@ -164,10 +171,128 @@ class ContinueScene(Command):
             f"{agents_in_words(motion.ids)} were rolled out by {self.generator}, seed "
             f"{self.seed}."
         )
-        signals = tuple(
-            replace(one, states=np.pad(one.states, (0, count), "edge")[:count])
-            for one in scenario.signals
-        )
-        axis = scenario.time_axis.lasting(count)
-        longer = replace(scenario, time_axis=axis, agents=agents, signals=signals)
+        longer = _lasting(scenario, agents)
         return with_focal_agent(longer.with_agents(agents, note), place)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeginAt(Command):
+    """Make another moment of the scene its current step.
+
+    What was up to 5 s before it stays as the past, what comes later as the future.
+    Guidance is left out, for its times count from the former current step.
+    """
+
+    time_s: float
+    """Seconds after the current step; negative: before it."""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.time_s):
+            raise EditError(f"t = {self.time_s} s is no time; expected a number.")
+
+    @property
+    def label(self) -> str:
+        """Label with the time."""
+        return f"Start from t = {self.time_s:g} s"
+
+    @property
+    def is_beyond_locks(self) -> bool:
+        """It is: nobody moves."""
+        return True
+
+    def step_in(self, axis: TimeAxis) -> int:
+        """The moment on the scene's time axis."""
+        return axis.current_step + round(self.time_s / axis.step_s)
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """Scenario that begins then."""
+        axis, now = scenario.time_axis, self.step_in(scenario.time_axis)
+        if now == axis.current_step:
+            return scenario
+        times = axis.times_s()
+        if not 0 <= now < axis.num_steps:
+            raise EditError(
+                f"t = {self.time_s:g} s is not in the scene; expected {times[0]:.1f} to "
+                f"{times[-1]:.1f} s."
+            )
+        if not scenario.agents.is_valid[:, now].any():
+            raise EditError(f"Nobody is there at t = {self.time_s:g} s.")
+        begun = _begun(scenario, now)
+        is_there = begun.agents.is_valid[:, begun.current_step]
+        row = begun.agents.row_of.get(begun.focal_id)
+        if row is None or not is_there[row]:
+            begun = replace(begun, focal_id="")
+        note = f"The scene begins at t = {self.time_s:g} s of what it was made from."
+        begun = begun.with_agents(begun.agents, note)
+        return with_focal_agent(begun, focal_place_m(scenario))
+
+
+def begun_like(base: Scenario, commands: Iterable[Command]) -> Scenario:
+    """A scenario from the moment on that commands made the current one of another."""
+    for command in commands:
+        for part in command.parts:
+            if isinstance(part, BeginAt):
+                now = max(part.step_in(base.time_axis), 0)
+                if now >= base.time_axis.num_steps:
+                    # A roll-out reached further than what was recorded.
+                    last = base.time_axis.num_steps - 1
+                    base = _lasting(base, base.agents.without_future(last, now + 1))
+                base = _begun(base, now)
+    return base
+
+
+def _lasting(scenario: Scenario, agents: AgentTracks) -> Scenario:
+    """The scenario with tracks of another length."""
+    count = agents.num_steps
+    signals = tuple(
+        replace(one, states=np.pad(one.states, (0, count), "edge")[:count])
+        for one in scenario.signals
+    )
+    axis = scenario.time_axis.lasting(count)
+    return replace(scenario, time_axis=axis, agents=agents, signals=signals)
+
+
+def _begun(scenario: Scenario, now: int) -> Scenario:
+    """The scenario with another current step, and as much of its past as is usual."""
+    axis, usual = scenario.time_axis, TimeAxis()
+    past = round((usual.current_step + 1) * usual.step_s / axis.step_s)
+    first = max(now + 1 - past, 0)
+
+    def cut(agents: AgentTracks) -> AgentTracks:
+        is_seen = np.arange(agents.num_steps) <= now
+        made_up = agents.has_made_up_past & (first < axis.current_step)
+        agents = replace(
+            agents, observed=agents.is_valid & is_seen, has_made_up_past=made_up
+        ).cut_to(slice(first, None))
+        return agents.taken(agents.is_valid.any(axis=1))
+
+    agents, applied = cut(scenario.agents), scenario.applied_warp
+    if applied is not None:
+        is_unedited = scenario.agents is applied.warped_agents
+        applied = replace(
+            applied,
+            original_agents=cut(applied.original_agents),
+            warped_agents=agents if is_unedited else cut(applied.warped_agents),
+            original_guidance=(),
+            warped_guidance=(),
+        )
+    start, end = axis.start_timestamp_ns, axis.end_timestamp_ns
+    share = first / max(axis.num_steps - 1, 1)
+    names = set(agents.ids)
+    return replace(
+        scenario,
+        agents=agents,
+        applied_warp=applied,
+        guidance=(),
+        locks={name: one for name, one in scenario.locks.items() if name in names},
+        retired_ids=scenario.retired_ids.union(scenario.agents.ids) - names,
+        signals=tuple(
+            replace(one, states=one.states[first:]) for one in scenario.signals
+        ),
+        time_axis=replace(
+            axis,
+            num_steps=axis.num_steps - first,
+            current_step=now - first,
+            start_timestamp_ns=start + type(start)((end - start) * share),
+        ),
+    )

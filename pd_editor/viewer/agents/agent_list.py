@@ -55,7 +55,7 @@ class AgentList:
         problems, later = self._model.findings.problem_ids()
         listed = (
             scenario,
-            session.base,
+            session.original,
             frozenset(problems),
             frozenset(later),
             palette,
@@ -69,7 +69,7 @@ class AgentList:
             self._ids = scenario.agents.ids
             kinds, rows = listed_agents(
                 scenario,
-                session.base,
+                session.original,
                 palette,
                 problems=problems,
                 stale=self._model.findings.stale_ids(),

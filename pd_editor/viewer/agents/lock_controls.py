@@ -84,7 +84,7 @@ class LockControls:
                 self._ui.apply(SetLocks(agent_ids=names, lock=None))
 
         self._banner.show(
-            "locks", str(error), button="Unlock", on_press=unlock, priority=OFFER
+            "locks", str(error), buttons={"Unlock": unlock}, priority=OFFER
         )
 
     def show(self, scenario: Scenario, selection: tuple[str, ...]) -> None:

@@ -3,16 +3,14 @@
 from functools import partial
 
 from pd_editor.viewer.controls.tab_elements import TabElements
+from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.tab.ui_context import UiContext
 
 
 def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     """Register the hot keys of a tab."""
+    _add_time_keys(ui, tab.timeline)
     key = ui.hotkey
-    key("Play or pause", tab.timeline.toggle_play, "space")
-    key("Go to t = 0", tab.timeline.go_to_current)
-    key("Next frame (right arrow)", lambda: tab.timeline.step_by(1))
-    key("Previous frame (left arrow)", lambda: tab.timeline.step_by(-1))
     key("Undo", tab.history.undo, "Z", "cmd/ctrl")
     key("Redo", tab.history.redo, "Z", "cmd/ctrl+shift")
     key("Redo (Ctrl+Y)", tab.history.redo, "Y", "cmd/ctrl")
@@ -67,3 +65,11 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Star: into the basket", tab.basket.star, "S")
     key("Next scenario", lambda: tab.dataset.go(+1), "pagedown")
     key("Previous scenario", lambda: tab.dataset.go(-1), "pageup")
+
+
+def _add_time_keys(ui: UiContext, timeline: Timeline) -> None:
+    ui.hotkey("Play or pause", timeline.toggle_play, "space")
+    ui.hotkey("Go to t = 0", timeline.go_to_current)
+    ui.hotkey("Start from here", timeline.start_here)
+    ui.hotkey("Next frame (right arrow)", lambda: timeline.step_by(1))
+    ui.hotkey("Previous frame (left arrow)", lambda: timeline.step_by(-1))

@@ -170,8 +170,7 @@ class CandidatesPanel:
         self._ui.banner.show(
             "candidates",
             f"Possible trajectories of {kind} {agent_id}: click one to use it.",
-            button="Done (Esc)",
-            on_press=self.hide_candidates,
+            buttons={"Done (Esc)": self.hide_candidates},
             priority=OFFER,
         )
 

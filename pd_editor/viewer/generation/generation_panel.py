@@ -12,6 +12,7 @@ from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
 from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.base.plain_text import one_line
 from pd_editor.editor.commands import RemoveAllAgents
+from pd_editor.editor.commands.locks import locked_agents_error
 from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
@@ -536,14 +537,27 @@ class GenerationPanel:
             set_value(self._seed, int(self._seed.value) + 1)
 
     def _roll_out(self, duration_s: float, policy: str) -> None:
-        """Let the scene go on in closed loop; an empty name lets no policy drive."""
+        """Let the scene go on in closed loop; an empty name lets no policy drive.
+
+        Raises:
+            LockedAgentError: what is locked could not be kept.
+        """
         self._ui.commit_gesture()
+        scenario = self._ui.session.scenario
+        driven = self.closed_loop.driven_ids() if policy else ()
+        held = tuple(
+            name
+            for name, lock in scenario.locks.items()
+            if lock.keeps_beginning or (name in driven and lock.keeps_trajectory)
+        )
+        if held:
+            raise locked_agents_error(scenario, held)
         task = RollOutInput(
-            base=self._ui.session.scenario,
+            base=scenario,
             duration_s=duration_s,
             seed=int(self._seed.value),
             policy=policy,
-            driven_ids=self.closed_loop.driven_ids() if policy else (),
+            driven_ids=driven,
         )
         self._start_run(task)
 

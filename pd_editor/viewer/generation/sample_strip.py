@@ -23,6 +23,7 @@ from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.basket.thumbnail import PictureFrame, thumbnail
 from pd_editor.editor.commands import Command, ReplaceTraffic
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.commands.roll_out import begun_like
 from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
@@ -98,7 +99,7 @@ class SampleCards:
         scenarios = tuple(
             apply_within_locks(command, samples.before) for command in samples.commands
         )
-        recorded = scene_findings(samples.base)
+        recorded = scene_findings(begun_like(samples.base, samples.done))
         checks = [
             edit_findings(one, samples.base, (*samples.done, command), recorded)
             for one, command in zip(scenarios, samples.commands, strict=True)

@@ -18,8 +18,7 @@ STATE: Final = 0
 @dataclass(frozen=True, kw_only=True)
 class _Claim:
     text: str
-    button: str | None
-    on_press: Callable[[], None] | None
+    buttons: Mapping[str, Callable[[], None]]
     priority: int
 
 
@@ -44,20 +43,19 @@ class Banner:
         owner: str,
         text: str,
         *,
-        button: str | None = None,
-        on_press: Callable[[], None] | None = None,
+        buttons: Mapping[str, Callable[[], None]] | None = None,
         priority: int = MODE,
     ) -> None:
         """Show a sentence until ``hide``; replaces the owner's earlier one.
 
-        A button may follow, with an action on the session's worker. The text with the
+        Buttons may follow, with actions on the session's worker. The text with the
         highest priority is shown, the latest of equals.
         """
         former = self._claims.get(owner)
         if former is None or former.priority != priority:
             self._claims.pop(owner, None)
         self._claims[owner] = _Claim(
-            text=text, button=button, on_press=on_press, priority=priority
+            text=text, buttons=buttons or {}, priority=priority
         )
         self._draw()
 
@@ -76,11 +74,12 @@ class Banner:
             self._overlay.show(BannerState())
             return
         claim = self._claims[owner]
-        state = BannerState(owner=owner, text=claim.text, button=claim.button)
-        self._overlay.show(state)
+        buttons = tuple(claim.buttons)
+        self._overlay.show(BannerState(owner=owner, text=claim.text, buttons=buttons))
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Run the action of an owner's button."""
         claim = self._claims.get(str(event.get("owner")))
-        if claim is not None and claim.on_press is not None:
-            claim.on_press()
+        press = None if claim is None else claim.buttons.get(str(event.get("button")))
+        if press is not None:
+            press()

@@ -144,11 +144,12 @@ class HintsState(Message, frozen=True):
 class BannerState(Message, frozen=True):
     owner: str | None = None
     text: str = ""
-    button: str | None = None
+    buttons: tuple[str, ...] = ()
 
 
 class BannerEvent(Message, frozen=True):
     owner: str | None
+    button: str
 
 
 class TooltipState(Message, frozen=True):

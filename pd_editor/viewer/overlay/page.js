@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (c951b3dd429b120e); not to be edited. */
+/* Built by .ci/client.py from client/ (33bceef9d601909d); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -797,17 +797,21 @@
   define("banner", (api) => {
     const bar = make("div", "pd-solid pd-banner-bar", { role: "status", "aria-live": "polite", "aria-label": "Mode" });
     const words = make("span", "pd-banner-text");
-    const end = button("", "", () => api.send({ owner }));
-    bar.append(words, end);
+    bar.append(words);
     api.box.append(bar);
     bar.hidden = true;
     let owner = null;
+    let names = "";
     return (state) => {
       owner = state.owner;
       bar.hidden = owner === null;
       words.textContent = state.text;
-      end.hidden = state.button === null;
-      end.textContent = state.button ?? "";
+      if (names === state.buttons.join()) return;
+      names = state.buttons.join();
+      bar.replaceChildren(
+        words,
+        ...state.buttons.map((name) => button("", name, () => api.send({ owner, button: name })))
+      );
     };
   });
 

@@ -49,7 +49,7 @@ class Comparison:
             return
         session = self._ui.session
         step = self._ui.workspace.playback.step
-        self._view.show(session.base, session.scenario, step)
+        self._view.show(session.original, session.scenario, step)
         self._overlay.show(CompareState(text=self._summary()))
 
     def notes(self) -> dict[str, str]:
@@ -57,11 +57,11 @@ class Comparison:
         if not self.is_on:
             return {}
         session = self._ui.session
-        return difference_notes(session.base, session.scenario, session.selection)
+        return difference_notes(session.original, session.scenario, session.selection)
 
     def _summary(self) -> str:
         session, count = self._ui.session, self._view.num_changed
-        original = set(session.base.agents.ids)
+        original = set(session.original.agents.ids)
         added = sum(agent not in original for agent in session.scenario.agents.ids)
         parts = []
         if session.scenario.applied_warp != session.base.applied_warp:

@@ -59,7 +59,7 @@ class Hover:
         scenario = session.scenario
         if row is not None:
             step = self._ui.workspace.playback.step
-            return agent_lines(scenario, session.base, row, step)
+            return agent_lines(scenario, session.original, row, step)
         lane = (
             None
             if ray.ground_m is None

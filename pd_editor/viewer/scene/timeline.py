@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
+from pd_editor.editor.commands import BeginAt
 from pd_editor.viewer.overlay.banner import STATE
 from pd_editor.viewer.overlay.messages import PlayheadState, TimelineMark, TimelineState
 from pd_editor.viewer.state.playback import Playback
@@ -49,7 +50,7 @@ class Timeline:
 
     def __init__(self, ui: UiContext) -> None:
         """Show it; the banner shows the picture's time while it differs from t = 0."""
-        self._overlay, self._banner = ui.overlay, ui.banner
+        self._ui, self._overlay, self._banner = ui, ui.overlay, ui.banner
         self._playback = ui.workspace.playback
         self._moved = ui.model.playhead_moved
         self._marks: dict[MarkKind, tuple[Mark, ...]] = {}
@@ -73,6 +74,12 @@ class Timeline:
     def go_to_current(self) -> None:
         """Stop at the current step, where edits act."""
         self.seek(float(self._playback.axis.current_step))
+
+    def start_here(self) -> None:
+        """Make the moment that is shown the current step."""
+        axis = self._playback.axis
+        steps = round(self._playback.step) - axis.current_step
+        self._ui.apply(BeginAt(time_s=round(steps * axis.step_s, 6)))
 
     def seek(self, step: float) -> None:
         """Stop at a step."""
@@ -136,8 +143,10 @@ class Timeline:
         self._banner.show(
             "time",
             f"You see t = {in_seconds(time_s)}; edits act at t = 0 s.",
-            button="Go to t = 0",
-            on_press=self.go_to_current,
+            buttons={
+                "Go to t = 0": self.go_to_current,
+                "Start from here": self.start_here,
+            },
             priority=STATE,
         )
 

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (c951b3dd429b120e); not to be edited. */
+/* Built by .ci/client.py from client/ (33bceef9d601909d); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

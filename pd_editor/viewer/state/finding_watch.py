@@ -30,9 +30,9 @@ class FindingWatch:
         """
         session = self._workspace.session
         scenario = session.scenario
-        if self._base is not session.base:
-            self._base = session.base
-            self._recorded = scene_findings(session.base)
+        if self._base is not session.original:
+            self._base = session.original
+            self._recorded = scene_findings(session.original)
             self._check = SceneCheck()
         found = edit_findings(
             scenario,
@@ -112,7 +112,7 @@ class FindingWatch:
     def untouched(self) -> frozenset[str]:
         """Ids of agents that move as recorded."""
         session = self._workspace.session
-        return untouched_agent_ids(session.scenario, session.base)
+        return untouched_agent_ids(session.scenario, session.original)
 
 
 def _kept(

@@ -52,8 +52,7 @@ class Mode:
             banner.show(
                 self.name,
                 self._sentence(),
-                button=self.button,
-                on_press=self.stop,
+                buttons={self.button: self.stop},
                 priority=MODE,
             )
             self._model.mode = self

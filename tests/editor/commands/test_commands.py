@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pd_editor.base.errors import EditError, RecipeError
 from pd_editor.editor.commands import (
     COMMANDS,
+    BeginAt,
     Command,
     ContinueScene,
     ReplaceTraffic,
@@ -114,7 +115,7 @@ def test_agents_that_are_not_named_stay_untouched(
     for part in command.parts:
         named |= set(getattr(part, "agent_ids", ()))
         named |= {getattr(part, "agent_id", ""), *getattr(part, "new_ids", ())}
-        if isinstance(part, SetRoadWarp | ContinueScene):
+        if isinstance(part, SetRoadWarp | ContinueScene | BeginAt):
             return
         if isinstance(part, ReplaceTraffic):
             named |= set(part.sample.ids)

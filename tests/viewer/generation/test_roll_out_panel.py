@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.editor.commands import SetAgentKind
+from pd_editor.editor.commands import SetAgentKind, SetLocks
 from pd_editor.experiments.closed_loop.policies import IdmOnRoute
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.viewer.generation import roll_out_panel
 from pd_editor.viewer.generation.roll_out_panel import NOBODY
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
@@ -91,6 +92,21 @@ def test_traffic_alone_and_the_selection(tab):
     tab.run(lambda: tab.session.select(("car-0012",)))
     rolled(tab)
     assert tab.session.entries[-1].command.policies == {"car-0012": "constant-velocity"}
+
+
+def test_locks_are_kept_or_told_before(tab):
+    lock = SetLocks(agent_ids=("AV",), lock=TRAJECTORY_LOCK)
+    tab.run(lambda: tab.session.apply(lock))
+    with mock.patch.object(tab.elements.agent.locks, "offer") as told:
+        press(tab, "Roll out")
+    assert told.call_args.args[0].agent_ids == ("AV",)
+    assert not tab.model.is_running
+    before = tab.session.scenario.agents
+    tab.run(lambda: tab.session.select(("car-0012",)))
+    rolled(tab)
+    after = tab.session.scenario.agents
+    kept = after.position_m[after.row_of["AV"], : before.num_steps]
+    np.testing.assert_array_equal(kept, before.position_m[before.row_of["AV"]])
 
 
 def test_cancel_at_any_moment_changes_nothing(tab):

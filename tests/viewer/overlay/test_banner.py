@@ -25,7 +25,7 @@ def test_the_highest_priority_is_shown_and_the_rest_waits(banner, page):
     assert page.shown["banner"]["text"] == "fan"
     banner.hide("candidates")
     banner.hide("time")
-    assert page.shown["banner"] == {"owner": None, "text": "", "button": None}
+    assert page.shown["banner"] == {"owner": None, "text": "", "buttons": []}
     assert banner.text is None
 
 
@@ -39,8 +39,8 @@ def test_of_equals_the_latest_is_shown(banner):
 
 def test_the_button_acts_for_its_owner_and_garbage_is_dropped(banner, page):
     pressed = []
-    banner.show("time", "t", button="Go", on_press=lambda: pressed.append("time"))
-    page.send("banner", {"owner": "time"})
+    banner.show("time", "t", buttons={"Go": lambda: pressed.append("time")})
+    page.send("banner", {"owner": "time", "button": "Go"})
     for owner in (None, 3, "missing", ["time"]):
-        page.send("banner", {"owner": owner})
+        page.send("banner", {"owner": owner, "button": "Go"})
     assert pressed == ["time"]
