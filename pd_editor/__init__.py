@@ -20,6 +20,11 @@ So does ``study``, which returns a ``Study``::
 
     pd_editor.study(data="argoverse/val", search=54, out="study")
 
+``index`` reads what happens in scenes, ``find`` looks them up::
+
+    pd_editor.index("argoverse/val", out="val.index.parquet")
+    pd_editor.find("val.index.parquet", "cut-in and density > 20").scenes
+
 ``synth`` takes none; it makes scenarios of simulated traffic, and returns a ``Synthesis``::
 
     pd_editor.synth(num=100, seed=1, out="synthetic")
@@ -46,7 +51,9 @@ if TYPE_CHECKING:
     from pd_editor.cli.edit import edit
     from pd_editor.cli.evaluate import evaluate
     from pd_editor.cli.export import export
+    from pd_editor.cli.find import find
     from pd_editor.cli.generate import generate
+    from pd_editor.cli.index import index
     from pd_editor.cli.model import model
     from pd_editor.cli.output.outcome import Outcome
     from pd_editor.cli.replay import replay
@@ -74,7 +81,9 @@ __all__ = [
     "edit",
     "evaluate",
     "export",
+    "find",
     "generate",
+    "index",
     "model",
     "open_scenario",
     "replay",
@@ -103,7 +112,9 @@ _HOMES = {
     "edit": "pd_editor.cli.edit",
     "evaluate": "pd_editor.cli.evaluate",
     "export": "pd_editor.cli.export",
+    "find": "pd_editor.cli.find",
     "generate": "pd_editor.cli.generate",
+    "index": "pd_editor.cli.index",
     "model": "pd_editor.cli.model",
     "open_scenario": "pd_editor.editor.scenario_store",
     "replay": "pd_editor.cli.replay",

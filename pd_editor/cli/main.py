@@ -43,6 +43,8 @@ _COMMANDS: Final = (
     "drive",
     "evaluate",
     "study",
+    "index",
+    "find",
     "synth",
     "train",
     "model",

@@ -73,7 +73,7 @@ def over_scenes(
                 dict.fromkeys(
                     scene
                     for one in several
-                    for scene in _scenes_of(str(one), files, out)
+                    for scene in scenes_of(str(one), files, out)
                 )
             )
             if not found:
@@ -102,7 +102,7 @@ def over_scenes(
     return of_many
 
 
-def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
+def scenes_of(reference: str, files: str, out: Path) -> list[str]:
     """Scenes of a pattern, of all demos or of a folder, without results; else itself."""
     if reference == ALL_DEMOS:
         return list(demo_names())

@@ -75,6 +75,40 @@ def least_times_s(
     return least[: len(view)], step[: len(view)]
 
 
+def encroachments(
+    agents: AgentStates,
+) -> tuple[Int[np.ndarray, "N"], ...]:
+    """Rows and steps of two agents, N each, whose boxes are at one place then.
+
+    Pairs are left out that ``safety_values`` leaves out.
+
+    Returns:
+        row and step of the one, row and step of the other.
+    """
+    pairs = _Pairs.of_everyone(agents)
+    pair, at, other = _encroachments(pairs)
+    return pairs.a[pair], at, pairs.b[pair], other
+
+
+def times_to_touch(
+    agents: AgentStates, within_s: float
+) -> tuple[
+    Int[np.ndarray, "N"],
+    Int[np.ndarray, "N"],
+    Int[np.ndarray, "N"],
+    Float[np.ndarray, "N"],
+]:
+    """Rows of two agents, steps, and times after which their boxes would touch.
+
+    Velocities stay as they are at these steps; longer times are left out.
+    """
+    pairs = _Pairs.of_everyone(agents, within_s=within_s)
+    pair, time, at = _times_to_collision_s(pairs)
+    soon = time < within_s
+    pair, time, at = pair[soon], time[soon], at[soon]
+    return pairs.a[pair], pairs.b[pair], at, time
+
+
 def _finite(
     name: str, value: Float[np.ndarray, "A"], is_valid: Bool[np.ndarray, "A"]
 ) -> MetricValues:
@@ -99,7 +133,16 @@ class _Pairs:
 
     @classmethod
     def of(cls, view: TrafficView, within_s: float = np.inf) -> "_Pairs":
-        agents, num_evaluated = view.everyone, len(view)
+        return cls.of_everyone(view.everyone, len(view), within_s)
+
+    @classmethod
+    def of_everyone(
+        cls,
+        agents: AgentStates,
+        num_evaluated: int | None = None,
+        within_s: float = np.inf,
+    ) -> "_Pairs":
+        num_evaluated = len(agents) if num_evaluated is None else num_evaluated
         pairs = np.argwhere(np.triu(np.ones((len(agents), len(agents)), bool), 1))
         if np.isfinite(within_s):
             later = agents.position_m + within_s * agents.velocity_mps
@@ -195,6 +238,14 @@ def _post_encroachment_s(
     pairs: _Pairs, step_s: float
 ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N"]]:
     """Pairs, and times between the presence of their boxes at the same place."""
+    pair, at, other = _encroachments(pairs)
+    return pair, np.abs(at - other) * step_s
+
+
+def _encroachments(
+    pairs: _Pairs,
+) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+    """Pairs, and steps of a and of b at which their boxes are at the same place."""
     agents = pairs.agents
     position, is_valid = agents.position_m, agents.is_valid
     offset = position - position[:, :1]
@@ -205,11 +256,11 @@ def _post_encroachment_s(
     chosen = meet[pairs.a, pairs.b] & moves[pairs.a] & moves[pairs.b]
     chosen = np.flatnonzero(chosen & ~pairs.touches_at_state)
     if not len(chosen):
-        return np.zeros(0, int), np.zeros(0)
+        return np.zeros(0, int), np.zeros(0, int), np.zeros(0, int)
     row, at, other = _steps_nearby(pairs, chosen)
     a, b = pairs.a[chosen[row]], pairs.b[chosen[row]]
     touches = boxes_touch(agents.at(a, at), agents.at(b, other))
-    return chosen[row[touches]], np.abs(at - other)[touches] * step_s
+    return chosen[row[touches]], at[touches], other[touches]
 
 
 def _steps_nearby(

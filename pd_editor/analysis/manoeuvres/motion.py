@@ -1,0 +1,126 @@
+"""Tracks without gaps and noise, at the steps that manoeuvres are read at."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.lib.stride_tricks import sliding_window_view
+
+from pd_editor.analysis.manoeuvres.limits import LIMITS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
+from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """A road users at S steps; where one is absent, its nearest earlier state."""
+
+    agents: AgentStates
+    """Road users at these steps; the states fill gaps, ``is_valid`` has them."""
+    speed_mps: Float[np.ndarray, "A S"]
+    """Without outliers."""
+    time_s: Float[np.ndarray, "S"]
+    """Seconds after the current step."""
+    step_s: float
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> "Motion":
+        """Motion of a scenario's road users that are there at two steps or more."""
+        axis, tracks = scenario.time_axis, scenario.agents
+        stride = max(1, round(LIMITS.sampling_s / axis.step_s))
+        steps = np.arange(axis.current_step % stride, axis.num_steps, stride)
+        is_valid = tracks.is_valid[:, steps]
+        rows = tracks.kind_mask(ROAD_USER_KINDS) & (is_valid.sum(axis=1) > 1)
+        rows = np.flatnonzero(rows)
+        is_valid = is_valid[rows]
+        filled = _nearest_step(is_valid)
+        at = rows[:, None], steps[filled]
+        velocity = tracks.velocity_mps[at]
+        states = AgentStates(
+            ids=tuple(tracks.ids[row] for row in rows),
+            kinds=tuple(tracks.kinds[row] for row in rows),
+            size_m=tracks.size_m[rows],
+            position_m=tracks.position_m[at],
+            heading_rad=tracks.heading_rad[at],
+            velocity_mps=velocity,
+            is_valid=is_valid,
+        )
+        speed = np.hypot(velocity[..., 0], velocity[..., 1])
+        wide = np.pad(speed, ((0, 0), (2, 2)), mode="edge")
+        return cls(
+            agents=states,
+            speed_mps=np.median(sliding_window_view(wide, 5, axis=1), axis=-1),
+            time_s=axis.times_s()[steps],
+            step_s=stride * axis.step_s,
+        )
+
+    def __len__(self) -> int:
+        return len(self.agents)
+
+    @cached_property
+    def is_follower(self) -> Bool[np.ndarray, "A"]:
+        """Whether each follows lanes."""
+        return self.agents.kind_mask(LANE_FOLLOWER_KINDS)
+
+    @cached_property
+    def has_moved(self) -> Bool[np.ndarray, "A"]:
+        """Whether each leaves its place."""
+        place = self.agents.position_m
+        middle = (place.max(axis=1) + place.min(axis=1)) / 2
+        far = np.linalg.norm(place - middle[:, None], axis=-1).max(axis=1, initial=0.0)
+        return far > LIMITS.parked_m
+
+    @cached_property
+    def way_m(self) -> Float[np.ndarray, "A S"]:
+        """Way up to each step, without what standing agents jitter."""
+        step = np.linalg.norm(np.diff(self.agents.position_m, axis=1), axis=-1)
+        step = np.where(self.speed_mps[:, 1:] >= STANDING_MPS, step, 0.0)
+        return np.pad(step.cumsum(axis=1), ((0, 0), (1, 0)))
+
+    @cached_property
+    def yaw_rad(self) -> Float[np.ndarray, "A S"]:
+        """Turn since the step before, without those of agents that stand."""
+        turn = wrap_angle(np.diff(self.agents.heading_rad, axis=1))
+        moves = self.speed_mps[:, 1:] >= STANDING_MPS
+        turn = np.where(moves & (np.abs(turn) < LIMITS.jump_rad), turn, 0.0)
+        return np.pad(turn, ((0, 0), (1, 0)))
+
+    @cached_property
+    def forward(self) -> Float[np.ndarray, "A S 2"]:
+        """Unit vectors along the headings."""
+        return unit_vector(self.agents.heading_rad)
+
+    def runs(
+        self, holds: Bool[np.ndarray, "R S"], least_s: float, pause_s: float = 0.0
+    ) -> Int[np.ndarray, "N 3"]:
+        """Rows, first and last steps of times for which something holds.
+
+        Shorter pauses are filled, then shorter times left out.
+        """
+        if pause_s:
+            gaps = _runs(~holds)
+            inner = (gaps[:, 1] > 0) & (gaps[:, 2] < holds.shape[1] - 1)
+            short = (gaps[:, 2] - gaps[:, 1] + 1) * self.step_s <= pause_s
+            holds = holds.copy()
+            for row, first, last in gaps[inner & short].tolist():
+                holds[row, first : last + 1] = True
+        found = _runs(holds)
+        lasts = (found[:, 2] - found[:, 1] + 1) * self.step_s
+        return found[lasts >= least_s - 1e-9]
+
+
+def _runs(holds: Bool[np.ndarray, "R S"]) -> Int[np.ndarray, "N 3"]:
+    edges = np.diff(holds.astype(np.int8), axis=1, prepend=0, append=0)
+    row, first = np.nonzero(edges == 1)
+    return np.stack([row, first, np.nonzero(edges == -1)[1] - 1], axis=1)
+
+
+def _nearest_step(is_valid: Bool[np.ndarray, "A S"]) -> Int[np.ndarray, "A S"]:
+    """The last step up to each at which an agent is there; before its first, that one."""
+    steps = np.where(is_valid, np.arange(is_valid.shape[1]), -1)
+    last = np.maximum.accumulate(steps, axis=1)
+    return np.where(last < 0, is_valid.argmax(axis=1)[:, None], last)

@@ -1,0 +1,219 @@
+"""What pairs of agents do towards one another."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from pd_editor.analysis.manoeuvres.agent_events import entered_lanes, event, steps_of
+from pd_editor.analysis.manoeuvres.lane_tracks import LaneTracks
+from pd_editor.analysis.manoeuvres.limits import LIMITS
+from pd_editor.analysis.manoeuvres.motion import Motion
+from pd_editor.analysis.manoeuvres.scene_event import SceneEvent
+from pd_editor.analysis.metrics.collisions.safety import encroachments, times_to_touch
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pairs:
+    """P ordered pairs of agents that come near, seen from the first of them."""
+
+    motion: Motion
+    lanes: LaneTracks
+    a: Int[np.ndarray, "P"]
+    b: Int[np.ndarray, "P"]
+
+    @classmethod
+    def of(cls, motion: Motion, lanes: LaneTracks) -> "Pairs":
+        """Pairs of a moving follower of lanes and any agent that moves."""
+        place = motion.agents.position_m
+        rows = np.flatnonzero(motion.has_moved)
+        low, high = place[rows].min(axis=1), place[rows].max(axis=1)
+        apart = np.maximum(low[:, None] - high, low - high[:, None]).max(axis=-1)
+        near = (apart < LIMITS.pairs_m) & motion.is_follower[rows][:, None]
+        np.fill_diagonal(near, False)
+        one, two = np.nonzero(near)
+        return cls(motion=motion, lanes=lanes, a=rows[one], b=rows[two])
+
+    @cached_property
+    def exist(self) -> Bool[np.ndarray, "P S"]:
+        """Whether both are there."""
+        is_valid = self.motion.agents.is_valid
+        return is_valid[self.a] & is_valid[self.b]
+
+    @cached_property
+    def ahead_m(self) -> Float[np.ndarray, "P S"]:
+        """How far the second is ahead of the first's centre."""
+        return np.einsum("psd,psd->ps", self._offset_m, self.motion.forward[self.a])
+
+    @cached_property
+    def aside_m(self) -> Float[np.ndarray, "P S"]:
+        """How far it is to the left."""
+        x, y = np.moveaxis(self.motion.forward[self.a], -1, 0)
+        return x * self._offset_m[..., 1] - y * self._offset_m[..., 0]
+
+    @cached_property
+    def _offset_m(self) -> Float[np.ndarray, "P S 2"]:
+        place = self.motion.agents.position_m
+        return place[self.b] - place[self.a]
+
+    @cached_property
+    def is_along(self) -> Bool[np.ndarray, "P S"]:
+        """Whether both go in one direction."""
+        cosine = np.einsum(
+            "psd,psd->ps", self.motion.forward[self.a], self.motion.forward[self.b]
+        )
+        return cosine > np.cos(LIMITS.crossing_rad)
+
+    @cached_property
+    def headway_s(self) -> Float[np.ndarray, "P S"]:
+        """Time that the first, who moves, takes to the second's rear, its leader."""
+        motion, lanes = self.motion, self.lanes
+        length = motion.agents.size_m[:, 0]
+        gap = self.ahead_m - (length[self.a] + length[self.b])[:, None] / 2
+        mine, theirs = lanes.lane[self.a], lanes.lane[self.b]
+        known = (mine >= 0) & (theirs >= 0)
+        beside = np.abs(lanes.offset_m[self.a] - lanes.offset_m[self.b])
+        in_lane = lanes.leads_to[mine, theirs] & (beside < LIMITS.lane_shift_m)
+        in_front = np.abs(self.aside_m) < LIMITS.apart_m
+        leads = np.where(known, in_lane, in_front) & self.is_along & (self.ahead_m > 0)
+        leads &= self.exist & motion.is_follower[self.b][:, None]
+        speed = motion.speed_mps[self.a]
+        leads &= speed > 2 * MOVING_MPS
+        headway = np.where(leads, np.maximum(gap, 0.0) / np.maximum(speed, 1.0), np.inf)
+        nearest = np.full(motion.speed_mps.shape, np.inf)
+        np.minimum.at(nearest, self.a, headway)
+        return np.where(headway <= nearest[self.a], headway, np.inf)
+
+
+def followings(pairs: Pairs) -> Iterator[SceneEvent]:
+    """Who keeps behind whom."""
+    motion = pairs.motion
+    near = (pairs.headway_s < LIMITS.headway_s) & (
+        motion.speed_mps[pairs.b] > MOVING_MPS
+    )
+    for pair, first, last in motion.runs(near, LIMITS.follow_s, 0.4).tolist():
+        least = pairs.headway_s[pair, first : last + 1].min()
+        a, b = pairs.a[pair], pairs.b[pair]
+        yield event(motion, "following", a, (first, last), least, b)
+
+
+def cut_ins(pairs: Pairs, changes: Iterable[SceneEvent]) -> Iterator[SceneEvent]:
+    """Changes of lane, or into it, close in front of somebody who had the lane."""
+    motion, after = pairs.motion, round(1.0 / pairs.motion.step_s)
+    for change in changes:
+        row, first, last = steps_of(motion, change)
+        for pair in np.flatnonzero(pairs.b == row).tolist():
+            led = pairs.headway_s[pair] < np.inf
+            then = pairs.headway_s[pair, first : last + 1 + after]
+            if led[max(first - 1, 0)] or not then.min() < LIMITS.cut_in_s:
+                continue
+            at = first + int(np.argmax(then < np.inf))
+            begin, end = (first, max(at, first + 1))
+            a = pairs.a[pair]
+            yield event(motion, "cut-in", row, (begin, end), then.min(), a)
+
+
+def merges(motion: Motion, lanes: LaneTracks) -> Iterator[SceneEvent]:
+    """Pairs that come into one lane from two, one shortly after the other."""
+    found = entered_lanes(lanes)
+    lag = LIMITS.crossing_pet_s / motion.step_s
+    for lane in np.unique(found[:, 3]).tolist():
+        into = found[found[:, 3] == lane]
+        into = into[np.argsort(into[:, 1], kind="stable")]
+        for one, two in combinations(into.tolist(), 2):
+            a, b = one[2], two[2]
+            linked = lanes.leads_to[a, b] or lanes.leads_to[b, a]
+            if one[0] != two[0] and not linked and two[1] - one[1] <= lag:
+                wait = (two[1] - one[1]) * motion.step_s
+                yield event(motion, "merge", two[0], (one[1], two[1]), wait, one[0])
+
+
+def crossings(motion: Motion) -> Iterator[SceneEvent]:
+    """Who crosses another's path after it; who slows for that yields; who is close."""
+    moves = np.flatnonzero(motion.has_moved)
+    agents = motion.agents.taken(moves)
+    a, at, b, other = encroachments(agents)
+    turn = agents.heading_rad[a, at] - agents.heading_rad[b, other]
+    sine = np.abs(np.sin(turn))
+    late = np.abs(at - other)
+    good = (sine > np.sin(LIMITS.crossing_rad)) & (at != other)
+    good &= late * motion.step_s <= LIMITS.crossing_pet_s
+    a, at, b, other, late = (one[good] for one in (a, at, b, other, late))
+    order = np.lexsort((late, b, a))
+    pair = a[order] * len(agents) + b[order]
+    for one in order[np.diff(pair, prepend=-1) != 0].tolist():
+        first, second = (a[one], at[one]), (b[one], other[one])
+        if first[1] > second[1]:
+            first, second = second, first
+        pet = late[one] * motion.step_s
+        steps = int(first[1]), int(second[1])
+        rows = moves[second[0]], moves[first[0]]
+        yield event(motion, "crossing", rows[0], steps, pet, rows[1])
+        if (slow := _yields_at(motion, int(rows[0]), *steps)) is not None:
+            steps = min(slow, steps[0]), steps[1]
+            yield event(motion, "yielding", rows[0], steps, pet, rows[1])
+
+
+def _yields_at(motion: Motion, row: int, passed: int, crosses: int) -> int | None:
+    """Step at which an agent slows for one that passes before it crosses, or None."""
+    if not motion.is_follower[row]:
+        return None
+    since = max(passed - round(4.0 / motion.step_s), 0)
+    speed = motion.speed_mps[row, since : crosses + 1]
+    slowest = int(speed.argmin())
+    way = motion.way_m[row]
+    is_near = way[crosses] - way[since + slowest] <= LIMITS.yield_m
+    came = motion.speed_mps[row, max(since - 5, 0) : since + slowest + 1].max()
+    slowed = speed[slowest] <= max(LIMITS.yield_share * came, STANDING_MPS)
+    return since + slowest if is_near and slowed and slowest < len(speed) - 1 else None
+
+
+def passings(pairs: Pairs) -> Iterator[SceneEvent]:
+    """Overtaking of who moves, and cyclists beside vehicles."""
+    motion, agents = pairs.motion, pairs.motion.agents
+    length, width = agents.size_m.T
+    reach = (length[pairs.a] + length[pairs.b])[:, None] / 2
+    moving = np.minimum(motion.speed_mps[pairs.a], motion.speed_mps[pairs.b])
+    aside = np.abs(pairs.aside_m)
+    beside = pairs.exist & pairs.is_along & (aside < LIMITS.passing_m)
+    beside &= (moving > 2 * MOVING_MPS) & (np.abs(pairs.ahead_m) < reach)
+    pedals = agents.kind_mask({AgentKind.CYCLIST})
+    for pair, first, last in motion.runs(beside, LIMITS.beside_s, 0.4).tolist():
+        a, b = pairs.a[pair], pairs.b[pair]
+        before, after = max(first - 1, 0), min(last + 1, len(motion.time_s) - 1)
+        was, gets = pairs.ahead_m[pair, before], pairs.ahead_m[pair, after]
+        if was >= reach[pair, 0] and gets <= -reach[pair, 0]:
+            yield event(motion, "overtaking", a, (first, last), None, b)
+        gap = aside[pair, first : last + 1].min() - (width[a] + width[b]) / 2
+        if pedals[b] and not pedals[a] and 0 < gap < LIMITS.beside_m:
+            yield event(motion, "cyclist-beside", a, (first, last), gap, b)
+
+
+def near_misses(motion: Motion, met: Iterable[SceneEvent]) -> Iterator[SceneEvent]:
+    """Pairs about to collide at the present velocities, or one right after the other."""
+    moves = np.flatnonzero(motion.has_moved)
+    agents = motion.agents.taken(moves)
+    a, b, at, time = times_to_touch(agents, LIMITS.near_ttc_s)
+    closing = np.linalg.norm(
+        agents.velocity_mps[a, at] - agents.velocity_mps[b, at], axis=-1
+    )
+    # Boxes that touch already are mostly too large: tracks have no true sizes.
+    good = (closing > LIMITS.closing_mps) & (time > 0)
+    a, b, at, time = (one[good] for one in (a, b, at, time))
+    pairs, index = np.unique(a * len(agents) + b, return_inverse=True)
+    soon = np.full((len(pairs), len(motion.time_s)), np.inf)
+    np.minimum.at(soon, (index, at), time)
+    for pair, first, last in motion.runs(soon < np.inf, LIMITS.near_s).tolist():
+        one, two = moves[list(divmod(int(pairs[pair]), len(agents)))].tolist()
+        least = soon[pair, first : last + 1].min()
+        yield event(motion, "near-miss", one, (first, last), least, two)
+    for one in met:
+        if one.kind == "crossing" and (one.value or 0.0) < LIMITS.near_pet_s:
+            row, first, last = steps_of(motion, one)
+            other = motion.agents.row_of[one.other_id]
+            yield event(motion, "near-miss", row, (first, last), None, other)

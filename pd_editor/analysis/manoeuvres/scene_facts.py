@@ -1,0 +1,136 @@
+"""Facts of a whole scene: who is in it, how dense and fast, on what road, from where."""
+
+from typing import Final
+
+import numpy as np
+
+from pd_editor.analysis.manoeuvres.lane_tracks import LaneTracks
+from pd_editor.analysis.manoeuvres.limits import LIMITS
+from pd_editor.analysis.manoeuvres.motion import Motion
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
+from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVING_MPS
+
+FACTS: Final[dict[str, type[float] | type[str]]] = {
+    "agents": float,
+    "vehicles": float,
+    "buses": float,
+    "motorcyclists": float,
+    "cyclists": float,
+    "pedestrians": float,
+    "density": float,
+    "speed": float,
+    "speed-p85": float,
+    "curvature": float,
+    "duration": float,
+    "city": str,
+    "junction": str,
+    "format": str,
+    "origin": str,
+    "edited": str,
+    "warped": str,
+}
+"""Facts of scenes by name.
+
+density: motor vehicles that move or stand on lanes, at the current step, per km of lane;
+speed: m/s of those who move, mean and 85th percentile; curvature: degrees that lanes outside
+junctions turn in 100 m; junction: roundabout, signalised, plain or none; origin: id of the
+scenario that an edited one was made from.
+"""
+
+
+def scene_facts(
+    scenario: Scenario, motion: Motion, lanes: LaneTracks
+) -> dict[str, float | str]:
+    """The values of ``FACTS``, from a scenario's motion and the lanes that it follows."""
+    kinds, graph = motion.agents.kinds, lane_graph(scenario.road_map)
+    driving = graph.allowed(DRIVING_LANES)
+    km = float(graph.lengths_m[driving].sum()) / 1000 if driving.any() else 0.0
+    step = int(np.abs(motion.time_s).argmin()) if len(motion.time_s) else 0
+    on_lane = (lanes.lane >= 0) & (np.abs(lanes.offset_m) <= LIMITS.off_lane_m)
+    # Who has not moved has its lane at its first step alone.
+    on_lane = np.where(motion.has_moved, on_lane[:, step], on_lane.any(axis=1))
+    cars = motion.is_follower & ~motion.agents.kind_mask({AgentKind.CYCLIST})
+    counts = motion.agents.is_valid[:, step] & on_lane & cars
+    is_moving = motion.agents.is_valid & (motion.speed_mps > MOVING_MPS)
+    speed = motion.speed_mps[is_moving & cars[:, None]]
+    provenance = scenario.provenance
+    made = bool(provenance.base or provenance.edited_ids)
+    numbers = {
+        "agents": len(kinds),
+        "vehicles": kinds.count(AgentKind.VEHICLE),
+        "buses": kinds.count(AgentKind.BUS),
+        "motorcyclists": kinds.count(AgentKind.MOTORCYCLIST),
+        "cyclists": kinds.count(AgentKind.CYCLIST),
+        "pedestrians": kinds.count(AgentKind.PEDESTRIAN),
+        "density": counts.sum() / km if km else 0.0,
+        "speed": speed.mean() if len(speed) else 0.0,
+        "speed-p85": np.percentile(speed, 85) if len(speed) else 0.0,
+        "curvature": _curvature(graph, scenario),
+        "duration": scenario.time_axis.duration_s,
+    }
+    return {
+        **{name: round(float(value), 2) for name, value in numbers.items()},
+        "city": scenario.city,
+        "junction": _junction(graph, scenario),
+        "format": provenance.file_format or "Argoverse 2",
+        "origin": provenance.base.root.scenario_id if provenance.base else "",
+        "edited": "yes" if made or scenario.is_warped else "no",
+        "warped": "yes" if scenario.is_warped else "no",
+    }
+
+
+def _turns(graph: LaneGraph) -> np.ndarray:
+    """Total turn of each lane in radians, to the left."""
+    search = graph.search
+    if not len(search.lane):
+        return np.zeros(len(graph.lane_ids))
+    turn = wrap_angle(np.diff(search.heading_rad, append=0.0))
+    turn[search.last_of_lane] = 0.0
+    return np.bincount(search.lane, weights=turn, minlength=len(graph.lane_ids))
+
+
+def _curvature(graph: LaneGraph, scenario: Scenario) -> float:
+    plain = [
+        row
+        for row, one in enumerate(graph.lane_ids)
+        if not scenario.road_map.lane_of[one].is_intersection
+    ]
+    length = graph.lengths_m[plain].sum() if plain else 0.0
+    return (
+        float(np.degrees(np.abs(_turns(graph)[plain]).sum()) / length * 100)
+        if length
+        else 0.0
+    )
+
+
+def _junction(graph: LaneGraph, scenario: Scenario) -> str:
+    if _has_roundabout(graph):
+        return "roundabout"
+    if scenario.signals:
+        return "signalised"
+    lanes = scenario.road_map.lanes
+    return "plain" if any(one.is_intersection for one in lanes) else "none"
+
+
+def _has_roundabout(graph: LaneGraph) -> bool:
+    """Whether lanes that all bend one way lead around in a short circle."""
+    if not graph.lane_ids:
+        return False
+    turns, lengths = _turns(graph), graph.lengths_m
+    for sign in (1, -1):
+        bends = sign * turns / np.maximum(lengths, 1.0) > 1 / LIMITS.roundabout_m
+        for start in np.flatnonzero(bends).tolist():
+            ways = [(start, 0.0, frozenset({start}))]
+            while ways:
+                one, angle, seen = ways.pop()
+                angle += abs(turns[one])
+                for after in graph.successors[one]:
+                    if after == start and abs(angle - 2 * np.pi) < np.pi / 2:
+                        return True
+                    if bends[after] and after not in seen and angle < 2 * np.pi:
+                        ways.append((after, angle, seen | {after}))
+    return False

@@ -1,0 +1,59 @@
+"""``pd-editor find``: look up scenes by what happens in them."""
+
+import json as json_text
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from pd_editor.analysis.manoeuvres import EVENT_KINDS
+from pd_editor.cli.options.arguments import Switch
+from pd_editor.experiments.scene_index.find import FoundScene, find_scenes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """Scenes that a query describes."""
+
+    scenes: tuple[FoundScene, ...]
+    is_json: bool = False
+
+    def __str__(self) -> str:
+        """A line per event, or per scene without one; or JSON."""
+        if self.is_json:
+            return json_text.dumps([asdict(one) for one in self.scenes], indent=1)
+        count = len(self.scenes)
+        lines = [line for one in self.scenes for line in _lines(one)]
+        return "\n".join([*lines, f"{count} scene{'s' * (count != 1)}."])
+
+
+def find(
+    index: Annotated[str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="INDEX")],
+    query: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="QUERY")],
+    /,
+    *,
+    json: Switch = False,
+) -> Found:
+    """Find scenes by what happens in them, such as 'cut-in by bus and density > 20'.
+
+    Words are joined by and, or, not and brackets. Events may be followed by kinds of
+    agents and their quantity: 'crossing with pedestrian pet < 1.5'. Times are seconds
+    after the current step. pd-editor edit opens a scene.
+
+    Args:
+        index: File of pd-editor index, or the folder that it is in.
+        query: Events (lane-change-left, left-turn, cut-in, yielding, near-miss ...), quantities (pet, ttc, headway, gap, braking, turn, lag) and facts (agents, density, speed, city, junction, format, edited ...).
+        json: Print JSON, with all facts.
+    """
+    return Found(scenes=find_scenes(index, query), is_json=json)
+
+
+def _lines(scene: FoundScene) -> list[str]:
+    lines = []
+    for one in scene.events:
+        who = f"{one.agent_id} > {one.other_id}" if one.other_id else one.agent_id
+        value = "" if one.value is None else f"  {EVENT_KINDS[one.kind]} {one.value:g}"
+        time = f"{one.begin_s:6.1f} to {one.end_s:.1f} s"
+        lines.append(f"{scene.path}  {one.kind:<18}{who:<20}{time}{value}")
+    return lines or [scene.path]

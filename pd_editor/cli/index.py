@@ -1,0 +1,114 @@
+"""``pd-editor index``: read what happens in many scenes into one file."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from pd_editor.base.errors import InputError
+from pd_editor.base.regular_file import user_path
+from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
+from pd_editor.cli.options.arguments import AddressOption, WorkersOption, several
+from pd_editor.cli.output.progress import work_shown
+from pd_editor.experiments.scene_index.index_file import (
+    INDEX_NAME,
+    IndexWriter,
+    row_of,
+)
+from pd_editor.experiments.work_engine import EngineChoice, EngineName, run_items
+from pd_editor.experiments.work_engine.work_engine import WorkFailure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Indexed:
+    """What an indexing did."""
+
+    file: Path
+    num_scenes: int
+    num_read: int
+    failures: Mapping[str, WorkFailure] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """The file, and what was read for it."""
+        return (
+            f"{self.file}\n{self.num_scenes} scenes, {self.num_read} of them read now."
+        )
+
+
+def index(
+    root: Annotated[
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="ROOT [...]", help_behavior_hint="(required)"),
+    ],
+    /,
+    *,
+    out: Annotated[
+        str | Path | None,
+        tyro.conf.arg(
+            metavar="FILE", help_behavior_hint=f"(default: ROOT/{INDEX_NAME})"
+        ),
+    ] = None,
+    engine: EngineName = "local",
+    address: AddressOption = None,
+    workers: WorkersOption = None,
+) -> Indexed:
+    """Read manoeuvres, interactions and facts of scenes into a file for pd-editor find.
+
+    Only new and changed scenes are read again; an interrupted run goes on where it was.
+
+    Args:
+        root: Folders of scenes of any format that is read, scenes, or patterns.
+        out: Parquet file of the index.
+        engine: Processes of this machine, or Ray (extra "cluster").
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Scenes at a time, each in a process of its own.
+    """
+    roots = several(root)
+    if not roots:
+        raise InputError("Missing ROOT; see pd-editor index --help.")
+    file = _file(roots, out)
+    choice = EngineChoice(name=engine, address=address, num_workers=workers)
+    scenes = [one for each in roots for one in scenes_of(str(each), SCENE_FILES, file)]
+    writer = IndexWriter(file, dict.fromkeys(scenes))
+    earlier, saved = len(writer.done), time.monotonic()
+
+    def take(scene: str, row: dict[str, Any]) -> None:
+        nonlocal saved
+        writer.add(scene, row)
+        if time.monotonic() - saved > 30:
+            writer.write()
+            saved = time.monotonic()
+
+    items = {one: one for one in scenes}
+    with choice.engine() as runner:
+        try:
+            failures = run_items(
+                runner,
+                row_of,
+                items,
+                on_value=take,
+                on_progress=work_shown("scenes"),
+                done=writer.done,
+            )
+        finally:
+            num_scenes = writer.write()
+    return Indexed(
+        file=file,
+        num_scenes=num_scenes,
+        num_read=num_scenes - earlier,
+        failures=failures,
+    )
+
+
+def _file(roots: tuple[str | Path, ...], out: str | Path | None) -> Path:
+    if out is not None:
+        file = user_path(str(out)).absolute()
+        return file / INDEX_NAME if file.is_dir() else file
+    first = user_path(str(roots[0])).absolute()
+    if len(roots) > 1 or not first.is_dir():
+        raise InputError("--out FILE is needed unless ROOT is one folder.")
+    return first / INDEX_NAME

@@ -1,0 +1,1 @@
+"""An index of scenes by what happens in them, and its queries."""

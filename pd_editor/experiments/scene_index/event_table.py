@@ -1,0 +1,74 @@
+"""The columns of an index, compared as a whole: an event is a row of the flattened lists.
+
+Arrow and NumPy are there anyway, and need no copy of the index in a database.
+"""
+
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Bool, Int
+
+COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
+    "=": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EventTable:
+    """Columns of S scenes, and of their E events in one sequence."""
+
+    table: pa.Table
+    event: dict[str, pa.Array]
+    scene: Int[np.ndarray, "E"]
+
+    @classmethod
+    def of(cls, table: pa.Table) -> "EventTable":
+        """Columns of an index."""
+        lists = table.column("events").combine_chunks()
+        flat = lists.flatten()
+        return cls(
+            table=table,
+            event={one.name: flat.field(one.name) for one in flat.type},
+            scene=lists.value_parent_indices().to_numpy(),
+        )
+
+    def having(self, fact: str, sign: str, value: float | str) -> Bool[np.ndarray, "S"]:
+        """Scenes with a fact that compares so."""
+        column = self.table.column(fact).to_numpy()
+        if isinstance(value, str):
+            column = np.array([one.lower() for one in column], object)
+        return np.asarray(COMPARISONS[sign](column, value), bool)
+
+    def events(
+        self, kinds: tuple[str, ...], by: str, towards: str
+    ) -> Bool[np.ndarray, "E"]:
+        """Events of some kinds between kinds of agents; empty ones are any."""
+        mask = self._is_in("kind", kinds)
+        for column, kind in (("agent_kind", by), ("other_kind", towards)):
+            mask &= self._is_in(column, (kind,)) if kind else True
+        return mask
+
+    def valued(self, sign: str, number: float) -> Bool[np.ndarray, "E"]:
+        """Events with a value that compares so."""
+        value = self.event["value"].to_numpy(zero_copy_only=False)
+        return np.asarray(COMPARISONS[sign](value, number)) & ~np.isnan(value)
+
+    def with_any(self, events: Bool[np.ndarray, "E"]) -> Bool[np.ndarray, "S"]:
+        """Scenes with any of some events."""
+        return np.bincount(self.scene[events], minlength=len(self.table)) > 0
+
+    def _is_in(self, column: str, words: tuple[str, ...]) -> Bool[np.ndarray, "E"]:
+        coded = self.event[column].dictionary_encode()
+        codes = [
+            n for n, one in enumerate(coded.dictionary.to_pylist()) if one in words
+        ]
+        return np.isin(coded.indices.to_numpy(), codes)

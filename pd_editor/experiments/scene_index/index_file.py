@@ -1,0 +1,168 @@
+"""The file of an index: Parquet, a row a scene with its facts and the list of its events."""
+
+import hashlib
+import io
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, scene_content
+from pd_editor.analysis.manoeuvres.limits import LIMITS
+from pd_editor.base.errors import InputError
+from pd_editor.base.regular_file import check_path, write_whole
+from pd_editor.editor.scenario_store import open_scenario
+
+INDEX_NAME: Final = "scenes.index.parquet"
+_EVENT: Final = pa.struct(
+    {
+        "kind": pa.string(),
+        "agent_id": pa.string(),
+        "agent_kind": pa.string(),
+        "other_id": pa.string(),
+        "other_kind": pa.string(),
+        "begin_s": pa.float64(),
+        "end_s": pa.float64(),
+        "value": pa.float64(),
+    }
+)
+SCHEMA: Final = pa.schema(
+    {
+        "path": pa.string(),
+        "stamp": pa.string(),
+        "scenario_id": pa.string(),
+        **{n: pa.float64() if t is float else pa.string() for n, t in FACTS.items()},
+        "events": pa.list_(_EVENT),
+    }
+)
+"""``path`` is relative to the folder of the index for scenes in it; ``stamp`` tells whether
+a scene's files are those that were read."""
+RULES: Final = repr((LIMITS, EVENT_KINDS, FACTS))
+"""An index that was made by other rules is read anew."""
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneIndex:
+    """An index in memory; a table of one row a scene."""
+
+    folder: Path
+    table: pa.Table
+
+    @classmethod
+    def read(cls, path: str | Path) -> "SceneIndex":
+        """Read an index, or that of a folder.
+
+        Raises:
+            InputError: it is none, or cannot be read.
+        """
+        check_path(path)
+        file = Path(os.path.abspath(os.path.expanduser(str(path))))
+        file = file / INDEX_NAME if file.is_dir() else file
+        if not file.is_file():
+            raise InputError(f"{path}: holds no index; pd-editor index makes one.")
+        try:
+            table = pq.read_table(file)
+        except (OSError, ValueError, pa.ArrowException) as error:
+            raise InputError(f"{path}: is no index that can be read.") from error
+        if table.schema != SCHEMA:
+            raise InputError(
+                f"{path}: is no index of this version; pd-editor index makes it anew."
+            )
+        return cls(folder=file.parent, table=table)
+
+    def place_of(self, path: str) -> str:
+        """A scene's path, as another command takes it."""
+        whole = os.path.normpath(self.folder / path)
+        near = os.path.relpath(whole)
+        return near if not near.startswith("..") else whole
+
+
+def stamp_of(scene: str) -> str:
+    """Sizes and times of a scene's files, with the rules by which they are read."""
+    files = [scene, *_inside(scene)]
+    told = [RULES]
+    for one in sorted(files):
+        status = os.stat(one)
+        if os.path.isfile(one):
+            told.append(
+                f"{os.path.basename(one)} {status.st_size} {status.st_mtime_ns}"
+            )
+    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:32]
+
+
+def _inside(scene: str) -> list[str]:
+    if not os.path.isdir(scene):
+        return []
+    return [entry.path for entry in os.scandir(scene)]
+
+
+def row_of(scene: str) -> Row:
+    """Read a scene and what happens in it; ``path`` is left to whoever writes.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    stamp = stamp_of(scene)
+    opened = open_scenario(scene)
+    kind_of = dict(zip(opened.agents.ids, opened.agents.kinds, strict=True))
+    content = scene_content(opened)
+    events = [
+        {
+            **asdict(one),
+            "agent_kind": str(kind_of[one.agent_id]),
+            "other_kind": str(kind_of[one.other_id]) if one.other_id else "",
+        }
+        for one in content.events
+    ]
+    told = {"stamp": stamp, "scenario_id": opened.scenario_id, "events": events}
+    return {**told, **content.facts}
+
+
+class IndexWriter:
+    """Gathers rows, those of an earlier index that still hold among them."""
+
+    def __init__(self, file: Path, scenes: Iterable[str]) -> None:
+        """Read what is there; scenes whose files have changed are left to be read."""
+        self.file = file
+        self.path_of = {one: self._path(one) for one in scenes}
+        self._rows: dict[str, Row] = {}
+        try:
+            earlier = SceneIndex.read(file).table.to_pylist()
+        except InputError:
+            earlier = []
+        known = {row["path"]: row for row in earlier}
+        for scene, path in self.path_of.items():
+            row = known.get(path)
+            if row is not None and row["stamp"] == stamp_of(scene):
+                self._rows[scene] = row
+
+    @property
+    def done(self) -> tuple[str, ...]:
+        """Scenes that need not be read."""
+        return tuple(self._rows)
+
+    def add(self, scene: str, row: Mapping[str, Any]) -> None:
+        """Take the row of a scene."""
+        self._rows[scene] = {**row, "path": self.path_of[scene]}
+
+    def write(self) -> int:
+        """Replace the file in one step; returns the number of scenes.
+
+        Raises:
+            ExportError: it cannot be written.
+        """
+        rows = [self._rows[one] for one in self.path_of if one in self._rows]
+        sink = io.BytesIO()
+        pq.write_table(pa.Table.from_pylist(rows, schema=SCHEMA), sink)
+        write_whole(self.file, sink.getvalue())
+        return len(rows)
+
+    def _path(self, scene: str) -> str:
+        whole = os.path.abspath(os.path.expanduser(scene))
+        near = os.path.relpath(whole, self.file.parent)
+        return whole if near.startswith("..") else near

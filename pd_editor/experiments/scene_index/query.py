@@ -1,0 +1,182 @@
+"""Queries of one line, such as ``cut-in by bus and density > 20 and city = miami``."""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Bool
+
+from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS
+from pd_editor.base.errors import InputError
+from pd_editor.base.plain_text import nearest_or_all, one_line
+from pd_editor.experiments.scene_index.event_table import COMPARISONS, EventTable
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+
+EVENT_WORDS: Final = {
+    **{one: (one,) for one in EVENT_KINDS},
+    "lane-change": ("lane-change-left", "lane-change-right"),
+    "turn": ("left-turn", "right-turn", "u-turn"),
+}
+"""Kinds of events that a word stands for."""
+_QUANTITIES: Final = frozenset(filter(None, EVENT_KINDS.values()))
+_WORD: Final = re.compile(r'\s*(<=|>=|!=|[=<>()]|"[^"]*"|[^\s=<>()!"]+|\S)')
+_MOST: Final = {"characters": 2000, "nesting": 50}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Scenes for which a condition holds, and events that it asks for."""
+
+    scenes: Bool[np.ndarray, "S"]
+    events: Bool[np.ndarray, "E"]
+
+
+def answer(text: str, table: EventTable) -> Answer:
+    """Parse a query and answer it.
+
+    Raises:
+        InputError: it is none; the message names the word, its place, and the nearest
+            word that is known.
+    """
+    if len(text) > _MOST["characters"]:
+        raise InputError(f"The query is longer than {_MOST['characters']} characters.")
+    words = [(one[1], one.start(1) + 1) for one in _WORD.finditer(text.rstrip())]
+    parser = _Parser(words, table)
+    found = parser.any_of()
+    if parser.peek():
+        raise parser.wrong("expected and, or, by, with, or the end")
+    return found
+
+
+class _Parser:
+    """Reads words from left to right."""
+
+    def __init__(self, words: list[tuple[str, int]], table: EventTable) -> None:
+        self._words, self._table = words, table
+        self._next = self._depth = 0
+
+    def peek(self) -> str:
+        """The next word in small letters; empty at the end."""
+        left = self._words[self._next : self._next + 1]
+        return left[0][0].lower() if left else ""
+
+    def wrong(self, what: str) -> InputError:
+        """The error of the next word."""
+        if not self.peek():
+            return InputError(f"The query ends where more is needed: {what}.")
+        text, place = self._words[self._next]
+        return InputError(f"Query, character {place}: {one_line(text, 60)!r}: {what}.")
+
+    def any_of(self) -> Answer:
+        """Conditions between or."""
+        found = self._all_of()
+        while self._takes("or"):
+            more = self._all_of()
+            found = Answer(
+                scenes=found.scenes | more.scenes, events=found.events | more.events
+            )
+        return found
+
+    def _all_of(self) -> Answer:
+        found = self._one()
+        while self._takes("and"):
+            more = self._one()
+            found = Answer(
+                scenes=found.scenes & more.scenes, events=found.events | more.events
+            )
+        return found
+
+    def _one(self) -> Answer:
+        self._depth += 1
+        if self._depth > _MOST["nesting"]:
+            raise self.wrong("the query is nested too deeply")
+        if self._takes("not"):
+            found = self._one()
+            found = Answer(scenes=~found.scenes, events=np.zeros_like(found.events))
+        elif self._takes("("):
+            found = self.any_of()
+            if not self._takes(")"):
+                raise self.wrong("expected and, or, or the closing bracket")
+        else:
+            found = self._condition()
+        self._depth -= 1
+        return found
+
+    def _condition(self) -> Answer:
+        name = self.peek()
+        if name in FACTS:
+            self._next += 1
+            sign = self._word(name, COMPARISONS)
+            if FACTS[name] is str and sign not in ("=", "!="):
+                self._next -= 1
+                raise self.wrong(f"{name} is a text; expected = or !=")
+            value = self._number() if FACTS[name] is float else self._text()
+            scenes = self._table.having(name, sign, value)
+            none = self._table.events((), "", "")
+            return Answer(scenes=scenes, events=none)
+        compares = self._words[self._next + 1 : self._next + 2]
+        is_quantity = bool(compares) and compares[0][0] in COMPARISONS
+        kinds = tuple(EVENT_KINDS)
+        if not (name in _QUANTITIES and (is_quantity or name not in EVENT_WORDS)):
+            known = {**EVENT_WORDS, **FACTS, **dict.fromkeys(sorted(_QUANTITIES))}
+            kinds = EVENT_WORDS.get(name, ())
+            if not kinds:
+                raise self.wrong(f"is not known; {nearest_or_all(name, known)}")
+            self._next += 1
+        return self._event(kinds)
+
+    def _event(self, kinds: tuple[str, ...]) -> Answer:
+        """What is told of one event."""
+        by = towards = ""
+        valued = []
+        while True:
+            if self._takes("by"):
+                by = self._word("by", sorted(map(str, ROAD_USER_KINDS)))
+            elif self._takes("with"):
+                towards = self._word("with", sorted(map(str, ROAD_USER_KINDS)))
+            elif (name := self.peek()) in _QUANTITIES:
+                kinds = tuple(one for one in kinds if EVENT_KINDS[one] == name)
+                if not kinds:
+                    raise self.wrong("the event has another quantity, or none")
+                self._next += 1
+                sign = self._word(name, COMPARISONS)
+                valued.append(self._table.valued(sign, self._number()))
+            else:
+                break
+        events = np.logical_and.reduce(
+            [self._table.events(kinds, by, towards), *valued]
+        )
+        return Answer(scenes=self._table.with_any(events), events=events)
+
+    def _takes(self, word: str) -> bool:
+        takes = self.peek() == word
+        self._next += takes
+        return takes
+
+    def _word(self, after: str, known: Any) -> str:
+        word = self.peek()
+        if word not in known:
+            raise self.wrong(
+                f"is not known after {after}; {nearest_or_all(word, known)}"
+            )
+        self._next += 1
+        return word
+
+    def _text(self) -> str:
+        word = self.peek()
+        if not word.strip('"') or word in (*COMPARISONS, "(", ")"):
+            raise self.wrong("expected a text")
+        self._next += 1
+        return word.strip('"')
+
+    def _number(self) -> float:
+        try:
+            number = float(self.peek())
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise self.wrong("expected a number")
+        self._next += 1
+        return number

@@ -1,0 +1,156 @@
+"""Queries against the definition: a scene at a time, an event at a time."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS
+from pd_editor.base.errors import InputError
+from pd_editor.experiments.scene_index.find import find_scenes
+from pd_editor.experiments.scene_index.index_file import SCHEMA, SceneIndex
+
+KINDS = ("vehicle", "bus", "pedestrian")
+
+
+def made_rows(count: int) -> list[dict[str, Any]]:
+    random = np.random.default_rng(3)
+    rows = []
+    for number in range(count):
+        facts = {
+            name: float(random.integers(0, 40)) if kind is float else "no"
+            for name, kind in FACTS.items()
+        }
+        events = [
+            {
+                "kind": str(random.choice(list(EVENT_KINDS))),
+                "agent_id": str(one),
+                "agent_kind": str(random.choice(KINDS)),
+                "other_id": "AV",
+                "other_kind": str(random.choice(KINDS)),
+                "begin_s": 0.0,
+                "end_s": 1.0,
+                "value": float(random.random() * 4) if random.random() < 0.8 else None,
+            }
+            for one in range(random.integers(0, 6))
+        ]
+        city = str(random.choice(["Miami", "palo alto"]))
+        rows.append(
+            {
+                **facts,
+                "path": str(number),
+                "stamp": "",
+                "scenario_id": str(number),
+                "city": city,
+                "events": events,
+            }
+        )
+    return rows
+
+
+ROWS = made_rows(300)
+INDEX = SceneIndex(folder=Path("/"), table=pa.Table.from_pylist(ROWS, schema=SCHEMA))
+
+
+def happens(row: dict[str, Any], holds: Callable[[dict[str, Any]], bool]) -> bool:
+    return any(map(holds, row["events"]))
+
+
+@pytest.mark.parametrize(
+    ("query", "holds"),
+    [
+        ("cut-in", lambda r: happens(r, lambda e: e["kind"] == "cut-in")),
+        (
+            "density > 20 and city = miami",
+            lambda r: r["density"] > 20 and r["city"] == "Miami",
+        ),
+        ('city != "palo alto"', lambda r: r["city"] == "Miami"),
+        (
+            "left-turn by bus",
+            lambda r: happens(
+                r, lambda e: (e["kind"], e["agent_kind"]) == ("left-turn", "bus")
+            ),
+        ),
+        (
+            "pet < 1.5",
+            lambda r: happens(
+                r,
+                lambda e: (
+                    EVENT_KINDS[e["kind"]] == "pet"
+                    and e["value"] is not None
+                    and e["value"] < 1.5
+                ),
+            ),
+        ),
+        (
+            "crossing by vehicle with pedestrian pet >= 2 or not (agents <= 30)",
+            lambda r: (
+                r["agents"] > 30
+                or happens(
+                    r,
+                    lambda e: (
+                        e["kind"] == "crossing"
+                        and (e["agent_kind"], e["other_kind"])
+                        == ("vehicle", "pedestrian")
+                        and e["value"] is not None
+                        and e["value"] >= 2
+                    ),
+                )
+            ),
+        ),
+        (
+            "turn AND NOT lane-change",
+            lambda r: (
+                happens(r, lambda e: e["kind"].endswith("-turn"))
+                and not happens(r, lambda e: e["kind"].startswith("lane-change"))
+            ),
+        ),
+    ],
+)
+def test_a_query_finds_what_its_words_say(query: str, holds: Callable[[Any], bool]):
+    found = [one.scenario_id for one in find_scenes(INDEX, query)]
+    assert found == [row["scenario_id"] for row in ROWS if holds(row)]
+    assert 0 < len(found) < len(ROWS)
+
+
+def test_the_events_that_were_asked_for_are_told_and_no_others():
+    for one in find_scenes(INDEX, "(cut-in or merge) and not u-turn"):
+        (row,) = (row for row in ROWS if row["scenario_id"] == one.scenario_id)
+        expected = [
+            e["agent_id"] for e in row["events"] if e["kind"] in ("cut-in", "merge")
+        ]
+        assert [event.agent_id for event in one.events] == expected
+
+
+@pytest.mark.parametrize(
+    ("query", "words"),
+    [
+        ("cutin", ("'cutin'", "character 1", "cut-in")),
+        ("cut-in and densty > 2", ("'densty'", "character 12", "density")),
+        ("left-turn by truck", ("'truck'", "bus")),
+        ("density > many", ("'many'", "number")),
+        ("density cut-in", ("'cut-in'", "<=")),
+        ("city > miami", ("'>'", "!=")),
+        ("cut-in pet < 2", ("'pet'", "another quantity")),
+        ("(cut-in", ("bracket",)),
+        ("cut-in) or merge", ("')'",)),
+        ("cut-in and", ("ends",)),
+        ("", ("ends",)),
+        ("cut-in \x00;drop", ("\\x00",)),
+        ("(" * 400 + "cut-in" + ")" * 400, ("nested",)),
+        ("not " * 400 + "merge", ("nested",)),
+        ('city = "', ('"',)),
+        ("density > nan", ("'nan'",)),
+        ("merge " * 400, ("longer",)),
+    ],
+)
+def test_a_wrong_word_is_named_with_its_place_and_the_nearest(
+    query: str, words: tuple[str, ...]
+):
+    with pytest.raises(InputError) as error:
+        find_scenes(INDEX, query)
+    for word in words:
+        assert word in str(error.value)
