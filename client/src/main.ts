@@ -28,6 +28,7 @@ import "./elements/samples.ts";
 import "./elements/scorecard.ts";
 import "./elements/status.ts";
 import "./elements/timeline.ts";
+import "./elements/speed_curve.ts";
 import "./elements/toolbar.ts";
 import "./elements/tooltip.ts";
 import "./elements/view.ts";

@@ -275,6 +275,20 @@ export interface TimelineEvent {
   readonly value?: number;
 }
 
+export interface SpeedCurveState {
+  readonly agent: string;
+  readonly beginStep: number;
+  readonly speeds: readonly (number | null)[];
+  readonly former: readonly (number | null)[];
+  readonly harsh: readonly (number)[];
+}
+
+export interface SpeedCurveEvent {
+  readonly kind: "cancel" | "pull" | "release";
+  readonly step?: number;
+  readonly speed?: number;
+}
+
 export interface Choice {
   readonly value: string | number;
   readonly text: string;
@@ -636,6 +650,7 @@ export interface States {
   readonly "toolbar": ToolbarState;
   readonly "timeline": TimelineState;
   readonly "playhead": PlayheadState;
+  readonly "speedCurve": SpeedCurveState;
   readonly "samples": SamplesState;
   readonly "sample-pictures": SamplePicturesState;
   readonly "sample-pair": SamplePairState;
@@ -665,6 +680,7 @@ export interface Events {
   readonly "mapWindow": MapWindowEvent;
   readonly "toolbar": ToolbarEvent;
   readonly "timeline": TimelineEvent;
+  readonly "speedCurve": SpeedCurveEvent;
   readonly "samples": SamplesEvent;
   readonly "sample-pair": SamplePairEvent;
   readonly "scorecard": ScorecardEvent;

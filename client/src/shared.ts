@@ -9,6 +9,13 @@ export const agentUnderPointer = new Signal<string | null>();
 export const playheadMoved = new Signal<number>();
 /** The step that is shown now, from the current one on; the timeline sets it. */
 export const clock = { step: (): number => 0 };
+/** The track of the timeline: where a step is on it, as a share of its width. */
+export const track = {
+  box: null as HTMLElement | null,
+  stepS: 0.1,
+  share: (_step: number): number => 0,
+  drawn: new Signal<void>(),
+};
 /** Parts of the picture that names of agents do not cover. */
 export const taken: Box[] = [];
 

@@ -1,5 +1,6 @@
 """The timeline by real mouse and keyboard."""
 
+import numpy as np
 import pytest
 from playwright.sync_api import expect
 
@@ -86,3 +87,52 @@ def test_speed_and_loop(editor):
     editor.until(lambda: playback.step == 109, "the end")
     assert not playback.is_playing
     editor.until(lambda: shown(editor) == "6.0 s", "the end shown")
+
+
+def test_a_speed_is_pulled_by_mouse_and_keys(editor):
+    """(design 7) Two clicks set a speed: one selects, one pulls the curve; Escape gives up."""
+    page, session = editor.page, editor.session
+    scenario = session.scenario
+    now, agents = scenario.current_step, scenario.agents
+    lasts = agents.is_valid[:, now:].all(axis=1)
+    speed = np.where(lasts, agents.speed_mps()[:, now:].min(axis=1), -1)
+    row = int(speed.argmax())
+    name = agents.ids[row]
+    editor.tab().ui.post(lambda: session.select((name,)))
+    curve = page.get_by_role("group", name=f"Speed of {name}")
+    curve.wait_for()
+    track = page.get_by_role("slider", name="Time", exact=True).bounding_box()
+    x = track["x"] + track["width"] * (now + 20) / (agents.num_steps - 1)
+    y = curve.bounding_box()["y"] + 20
+
+    def pulled() -> float:
+        return float(session.scenario.agents.speed_mps()[row, now + 20])
+
+    before = pulled()
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y + 12, steps=4)
+    editor.until(lambda: pulled() < before - 1, "a slower preview")
+    editor.key("Escape")
+    editor.until(lambda: pulled() == before, "the pull to be given up")
+    page.mouse.up()
+    assert not session.entries
+
+    editor.drag_pixels((x, y), (x, y + 12))
+    editor.until(lambda: len(session.entries) == 1, "the pull in the history")
+    slower = pulled()
+    assert slower < before - 1
+    assert editor.workspace.playback.step == now + 20
+    assert session.entries[0].label.startswith(f"Pull agent {name} to {slower:.1f} m/s")
+
+    curve.focus()
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("ArrowUp")
+    editor.until(lambda: len(session.entries) == 2, "the pull by keys")
+    assert pulled() == pytest.approx(slower + 1, abs=0.06)
+    for keys, step in ((",", now + 19), (".", now + 20)):
+        editor.key(keys)
+        playback = editor.workspace.playback
+        editor.until(lambda step=step: playback.step == step, f"step {step}")
+    page.get_by_role("button", name="Curve of speed").click()
+    expect(curve).to_be_hidden()

@@ -20,6 +20,7 @@ from pd_editor.editor.commands import (
     DeleteAgents,
     DuplicateAgents,
     PlaceAgent,
+    PullSpeed,
     RegeneratedEdit,
     RemoveAllAgents,
     RemoveGuidance,
@@ -99,6 +100,13 @@ def present_ids(scenario: Scenario) -> list[str]:
     """Agents with a state at the current step."""
     now = scenario.agents.is_valid[:, scenario.current_step]
     return [scenario.agents.ids[row] for row in np.flatnonzero(now)]
+
+
+def lasting_ids(scenario: Scenario) -> list[str]:
+    """Agents with a state at the current step and throughout the next three seconds."""
+    now = scenario.current_step
+    there = scenario.agents.is_valid[:, now : now + 31].all(axis=1)
+    return [scenario.agents.ids[row] for row in np.flatnonzero(there)]
 
 
 def some_of(ids: list[str]) -> st.SearchStrategy[tuple[str, ...]]:
@@ -301,6 +309,12 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
     SnapToLane: lambda scenario: st.builds(SnapToLane, agent_ids=present(scenario)),
     SetAgentSpeed: lambda scenario: st.builds(
         SetAgentSpeed, agent_ids=present(scenario), speed_mps=numbers(-10, 30)
+    ),
+    PullSpeed: lambda scenario: st.builds(
+        PullSpeed,
+        agent_id=st.sampled_from(lasting_ids(scenario)),
+        time_s=numbers(0.1, 2.9),
+        speed_mps=numbers(0, 30),
     ),
     SlowToFrictionLimit: lambda scenario: st.builds(
         SlowToFrictionLimit,

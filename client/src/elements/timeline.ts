@@ -7,7 +7,7 @@ import { button, hasModifier, isTyping, make, svg, within } from "../dom.ts";
 import { define, hearFirst, onDispose, paced } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { PlayheadState, TimelineEvent, TimelineMark, TimelineState } from "../messages.ts";
-import { clock, playheadMoved } from "../shared.ts";
+import { clock, playheadMoved, track as sharedTrack } from "../shared.ts";
 
 const SCRUB_PAUSE_MS = 40;
 const SOON_STEPS = 3;
@@ -66,6 +66,8 @@ define("timeline", (api) => {
   const length = () => Math.max(axis.lastStep - axis.firstStep, 1);
   const inside = (step: number) => clamp(step, axis.firstStep, axis.lastStep);
   const share = (step: number) => (100 * (inside(step) - axis.firstStep)) / length();
+  sharedTrack.box = track;
+  sharedTrack.share = (step) => (step - axis.firstStep) / length();
 
   function drawAxis() {
     const zero = share(0);
@@ -82,6 +84,8 @@ define("timeline", (api) => {
     );
     track.setAttribute("aria-valuemin", secondsOf(axis.firstStep, axis).toFixed(1));
     track.setAttribute("aria-valuemax", secondsOf(axis.lastStep, axis).toFixed(1));
+    sharedTrack.stepS = axis.stepS;
+    sharedTrack.drawn.tell();
   }
 
   function markOf({ kind, step, text }: TimelineMark) {
@@ -152,10 +156,10 @@ define("timeline", (api) => {
       isScrubbing = false;
     });
 
-  // Arrow keys step frames, except where they already mean something. They are taken
-  // before viser hears them, whose camera would move.
+  // Arrow keys step frames, as comma and full stop do, except where they already mean
+  // something. They are taken before viser hears them, whose camera would move.
   hearFirst("keydown", (event) => {
-    const steps = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1 }[event.key];
     if (!steps || hasModifier(event) || isTyping(event)) return;
     if (within(event, "[role=slider], [role=tab], [role=option], [role=dialog]")) return;
     event.preventDefault();

@@ -52,13 +52,13 @@ def agent_profile(scenario: Scenario, agent_id: str) -> AgentProfile:
         agent_id=agent_id,
         time_s=axis.times_s() - axis.times_s()[axis.current_step],
         speed_mps=speed,
-        acceleration_mps2=_acceleration(scenario, int(row)),
+        acceleration_mps2=acceleration_of(scenario, int(row)),
         gap_m=_gap(scenario, int(row)),
     )
 
 
-def _acceleration(scenario: Scenario, row: int) -> Float[np.ndarray, "T"]:
-    """Acceleration along the heading within each stretch without gaps."""
+def acceleration_of(scenario: Scenario, row: int) -> Float[np.ndarray, "T"]:
+    """``AgentProfile.acceleration_mps2`` of one row: fitted in each stretch without gaps."""
     agents, axis = scenario.agents, scenario.time_axis
     there = agents.is_valid[row]
     found = np.full(len(there), np.nan)

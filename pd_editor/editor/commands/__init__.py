@@ -24,6 +24,7 @@ from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.editor.commands.locks import SetLocks
 from pd_editor.editor.commands.motion import (
     AdoptTrajectory,
+    PullSpeed,
     SetAgentSpeed,
     SlowToComfort,
     SlowToFrictionLimit,
@@ -54,6 +55,7 @@ COMMANDS: Final[dict[str, type[Command]]] = {
         SetAgentHeading,
         SnapToLane,
         SetAgentSpeed,
+        PullSpeed,
         SlowToFrictionLimit,
         SlowToComfort,
         YieldToOthers,
@@ -90,6 +92,7 @@ __all__ = [
     "DeleteAgents",
     "DuplicateAgents",
     "PlaceAgent",
+    "PullSpeed",
     "RegeneratedEdit",
     "RemoveAllAgents",
     "RemoveGuidance",

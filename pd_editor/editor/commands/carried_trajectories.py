@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from pd_editor.editor.commands.command import Command
-from pd_editor.editor.commands.motion import AdoptTrajectory
+from pd_editor.editor.commands.motion import AdoptTrajectory, PullSpeed
 from pd_editor.editor.commands.poses import (
     SetAgentHeading,
     SetAgentPosition,
@@ -37,7 +37,7 @@ def generated_agent_ids(commands: Iterable[Command]) -> frozenset[str]:
     for command in _parts(commands):
         if isinstance(command, ReplaceTraffic):
             generated.update(command.sample.ids)
-        elif isinstance(command, AdoptTrajectory):
+        elif isinstance(command, AdoptTrajectory | PullSpeed):
             generated.discard(command.agent_id)
     return frozenset(generated)
 

@@ -19,7 +19,7 @@ from pd_editor.editor.commands.edit_limits import (
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
-from pd_editor.scene.paths.retiming import with_new_speed
+from pd_editor.scene.paths.retiming import with_new_speed, with_speed_at
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
@@ -70,6 +70,67 @@ class SetAgentSpeed(Command):
                 arrays = change(agents.taken(some), now, self.speed_mps, step_s)
                 agents = agents.with_rows(some, **arrays)
         return scenario if agents is scenario.agents else scenario.with_agents(agents)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PullSpeed(Command):
+    """Set the speed of an agent at a later time; it drives the same curve, retimed.
+
+    Speeds about that time change smoothly by ``with_speed_at``; the current state stays.
+    """
+
+    agent_id: str
+    time_s: float
+    """After the current step."""
+    speed_mps: float
+
+    def __post_init__(self) -> None:
+        check_speed(self.speed_mps)
+        if self.speed_mps < 0:
+            raise EditError(
+                f"A pulled speed is {self.speed_mps:g} m/s; expected 0 or more."
+            )
+
+    @property
+    def label(self) -> str:
+        """Label with the speed and the time."""
+        who = agents_in_words((self.agent_id,))
+        return f"Pull {who} to {self.speed_mps:.1f} m/s at {self.time_s:.1f} s"
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """Scenario with the retimed agent."""
+        rows = present_rows(scenario, (self.agent_id,))
+        axis, agents, now = scenario.time_axis, scenario.agents, scenario.current_step
+        if not 0 < self.time_s < axis.num_steps * axis.step_s:
+            raise EditError(
+                f"A speed is pulled at {self.time_s:g} s; expected a time after t = 0, at"
+                f" most {axis.num_future_steps * axis.step_s:g} s."
+            )
+        step = max(round(self.time_s / axis.step_s), 1)
+        if now + step >= axis.num_steps or not agents.is_valid[rows[0], now + step]:
+            raise EditError(
+                f"Agent {self.agent_id} is not there at {self.time_s:g} s; expected a"
+                " time at which it is."
+            )
+        if agents.speed_mps()[rows[0], now + step] == self.speed_mps:
+            return scenario
+        position, heading, velocity = with_speed_at(
+            agents.position_m[rows, now:],
+            agents.heading_rad[rows, now:],
+            agents.velocity_mps[rows, now:],
+            agents.is_valid[rows, now:],
+            step,
+            self.speed_mps,
+            axis.step_s,
+        )
+        changed = {
+            "position_m": agents.position_m[rows].copy(),
+            "heading_rad": agents.heading_rad[rows].copy(),
+            "velocity_mps": agents.velocity_mps[rows].copy(),
+        }
+        for name, values in zip(changed, (position, heading, velocity), strict=True):
+            changed[name][:, now + 1 :] = values[:, 1:]
+        return scenario.with_agents(agents.with_rows(rows, **changed))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,11 +6,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.scene.geometry.angles import heading_of, unit_vector, wrap_angle
-from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, MOVING_MPS
 
 STANDING_EXTENT_M: Final = 1.0
 """A curve that stays closer to its first point is tracking noise, not a path."""
 
+LEAST_PULL_S: Final = 1.0
+"""Shortest time in which a pulled speed swells, and fades."""
 _SLOWEST_MPS: Final = 0.1
 
 Motion = tuple[
@@ -188,17 +190,69 @@ def with_new_speed(
     cap = np.where(factor > 1, fastest, np.inf)
     scaled = np.minimum(factor * step_m, cap * step_s)
     moved = np.where(stands, new_speed * step_s, scaled)
-    distance = np.concatenate(
-        [np.zeros((len(moved), 1)), np.cumsum(moved, axis=1)], axis=1
-    )
     speed = np.where(stands, new_speed, np.minimum(factor * old_speed, cap))
+    return _moved_on(position_m, heading_rad, is_valid, stands, moved, step_s, speed)
 
+
+def with_speed_at(
+    position_m: Float[np.ndarray, "G H 2"],
+    heading_rad: Float[np.ndarray, "G H"],
+    velocity_mps: Float[np.ndarray, "G H 2"],
+    is_valid: Bool[np.ndarray, "G H"],
+    step: int,
+    new_speed_mps: float,
+    step_s: float,
+) -> Motion:
+    """Retime trajectories so that the speed at a later step is another one.
+
+    The change swells and fades as a raised cosine, as wide as ``FIRM_ACCELERATION_MPS2``
+    asks for, but it begins after the first step, whose state stays. A stationary agent
+    moves as in ``with_new_speed``.
+    """
+    speed = np.hypot(velocity_mps[..., 0], velocity_mps[..., 1]) * is_valid
+    stands = speed.max(axis=1, keepdims=True) < MOVING_MPS
+    speed = np.where(stands, 0.0, speed)
+    change = new_speed_mps - speed[:, [step]]
+    width_s = np.pi * np.abs(change) / (2 * FIRM_ACCELERATION_MPS2)
+    width = np.maximum(width_s, LEAST_PULL_S) / step_s
+    apart = np.arange(speed.shape[1]) - step
+    share = np.abs(apart) / np.where(apart < 0, np.minimum(width, step), width)
+    pulled = change * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1.0)))
+    new_speed = np.maximum(speed + pulled, 0.0)
+    step_m = np.diff(travelled_m(fill_gaps(position_m, is_valid)), axis=1)
+    before, after = speed[:, 1:] + speed[:, :-1], new_speed[:, 1:] + new_speed[:, :-1]
+    moved = np.where(stands, 0.0, step_m) + step_s * (after - before) / 2
+    return _moved_on(
+        position_m,
+        heading_rad,
+        is_valid,
+        stands,
+        np.where(after > 0, np.maximum(moved, 0.0), 0.0),
+        step_s,
+        new_speed,
+    )
+
+
+def _moved_on(
+    position_m: Float[np.ndarray, "G H 2"],
+    heading_rad: Float[np.ndarray, "G H"],
+    is_valid: Bool[np.ndarray, "G H"],
+    stands: Bool[np.ndarray, "G 1"],
+    moved_m: Float[np.ndarray, "G S"],
+    step_s: float,
+    speed_mps: Float[np.ndarray, "G H"],
+) -> Motion:
+    """Move along the curves by a distance each step; the noise of a standing agent is none."""
+    curve = fill_gaps(position_m, is_valid)
+    distance = np.concatenate(
+        [np.zeros((len(moved_m), 1)), np.cumsum(moved_m, axis=1)], axis=1
+    )
     extent = np.linalg.norm(curve - curve[:, :1], axis=-1).max(axis=1)
     jitter = stands[:, 0] & (extent < STANDING_EXTENT_M)
     position_m = np.where(jitter[:, None, None], curve[:, :1], curve)
     heading = fill_heading_gaps(heading_rad, is_valid)
     heading = np.where(jitter[:, None], heading[:, :1], heading)
-    return retime(position_m, heading, is_valid, distance, step_s, speed)
+    return retime(position_m, heading, is_valid, distance, step_s, speed_mps)
 
 
 def _direction_at_end(

@@ -6,6 +6,7 @@ from pd_editor.viewer.agents.agent_panel import AgentPanel
 from pd_editor.viewer.agents.placing import PlacingMode
 from pd_editor.viewer.agents.pointer import Pointer
 from pd_editor.viewer.agents.selecting import Selecting
+from pd_editor.viewer.agents.speed_curve import SpeedCurve
 from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.key_sheet import KeySheet
 from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, Hints, SidePanel
@@ -66,6 +67,7 @@ class TabElements:
         self.samples = SampleStrip(ui, self.viewpoint)
         self.scorecard = ScorecardDrawer(ui, self.timeline, self.viewpoint)
         self.selecting = Selecting(ui)
+        SpeedCurve(ui, self.timeline)
         Hover(ui)
         Hints(ui)
         self.key_sheet = KeySheet(ui.overlay)

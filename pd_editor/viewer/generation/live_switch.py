@@ -36,6 +36,16 @@ def nearest_to_edit(
     return tuple(ids[index] for index in np.sort(near))
 
 
+def retimed_ids(before: Scenario, edited: Scenario) -> frozenset[str]:
+    """Ids of agents whose later motion alone an edit sets, and which therefore keep it."""
+    old, new, now = before.agents, edited.agents, edited.current_step
+    if old is new or old.ids != new.ids or edited.road_map is not before.road_map:
+        return frozenset()
+    differs = (old.velocity_mps != new.velocity_mps).any(axis=-1)
+    rows = np.flatnonzero(differs.any(axis=1) & ~differs[:, now])
+    return frozenset(new.ids[row] for row in rows)
+
+
 class LiveSwitch:
     """A checkbox and a menu; the choices are kept for the next connection."""
 
@@ -84,8 +94,11 @@ class LiveSwitch:
                     wanted.update(term.guided_ids if term.is_on else ())
         if not scenario.time_axis.num_future_steps:
             return ()
-        there = scenario.agents.row_of
-        names = None if wanted is None else [name for name in there if name in wanted]
+        kept = retimed_ids(self._ui.session.committed_scenario, scenario)
+        names = None
+        if wanted is not None or kept:
+            there = [name for name in scenario.agents.ids if name not in kept]
+            names = [name for name in there if wanted is None or name in wanted]
         if names == []:
             return ()
         try:

@@ -338,6 +338,28 @@ class TimelineEvent(Message, frozen=True):
     value: int = 0
 
 
+class SpeedCurveState(Message, frozen=True):
+    """Speeds of the one selected agent in m/s, from ``begin_step`` on; none without it.
+
+    None where it is not there. ``former`` are speeds of the original, if they differ.
+    """
+
+    agent: str = ""
+    begin_step: int = 0
+    speeds: tuple[float | None, ...] = ()
+    former: tuple[float | None, ...] = ()
+    harsh: tuple[int, ...] = ()
+    """Steps with more than a comfortable acceleration."""
+
+
+class SpeedCurveEvent(Message, frozen=True):
+    """The curve is pulled to a speed at a step, let go, or given up."""
+
+    kind: Literal["pull", "release", "cancel"]
+    step: int = 0
+    speed: float = 0.0
+
+
 class Choice(Message, frozen=True):
     value: str | int
     text: str
@@ -734,6 +756,7 @@ STATES: Final[dict[str, type[Message]]] = {
     "toolbar": ToolbarState,
     "timeline": TimelineState,
     "playhead": PlayheadState,
+    "speedCurve": SpeedCurveState,
     "samples": SamplesState,
     "sample-pictures": SamplePicturesState,
     "sample-pair": SamplePairState,
@@ -764,6 +787,7 @@ EVENTS: Final[dict[str, type[Message]]] = {
     "mapWindow": MapWindowEvent,
     "toolbar": ToolbarEvent,
     "timeline": TimelineEvent,
+    "speedCurve": SpeedCurveEvent,
     "samples": SamplesEvent,
     "sample-pair": SamplePairEvent,
     "scorecard": ScorecardEvent,

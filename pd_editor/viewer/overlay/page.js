@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (33bceef9d601909d); not to be edited. */
+/* Built by .ci/client.py from client/ (9d2c98f2aad0bc33); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -523,6 +523,12 @@
   var agentUnderPointer = new Signal();
   var playheadMoved = new Signal();
   var clock = { step: () => 0 };
+  var track = {
+    box: null,
+    stepS: 0.1,
+    share: (_step) => 0,
+    drawn: new Signal()
+  };
   var taken = [];
   var padlock = () => icon("M3 7h10v7H3z M5 7V5a3 3 0 0 1 6 0v2", 16);
   function circle(point, radius) {
@@ -3247,7 +3253,7 @@
     const current = action("t = 0", "Go to t = 0, where edits act", "current");
     current.textContent = "t = 0";
     const shown = make("output", "pd-time", { "aria-label": "Time shown" });
-    const track = make("div", "pd-track", { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal" });
+    const track2 = make("div", "pd-track", { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal" });
     const lane = make("div", "pd-lane");
     const past = make("div", "pd-past");
     const future = make("div", "pd-future");
@@ -3257,16 +3263,18 @@
     const problems = make("div", "pd-marks");
     const hint = make("div", "pd-solid pd-mark-hint", { role: "tooltip" });
     hint.hidden = true;
-    track.append(lane, scale, knob, problems, hint);
+    track2.append(lane, scale, knob, problems, hint);
     const speed = action("Speed", "Speed of playback", "speed");
     speed.classList.add("pd-speed");
     const loop = action("Loop", "Begin again at the end", "loop");
     loop.append(loopIcon);
-    bar.append(play, current, shown, track, speed, loop);
+    bar.append(play, current, shown, track2, speed, loop);
     api.box.append(bar);
     const length = () => Math.max(axis.lastStep - axis.firstStep, 1);
     const inside = (step) => clamp(step, axis.firstStep, axis.lastStep);
     const share = (step) => 100 * (inside(step) - axis.firstStep) / length();
+    track.box = track2;
+    track.share = (step) => (step - axis.firstStep) / length();
     function drawAxis() {
       const zero = share(0);
       past.style.width = `${zero}%`;
@@ -3280,8 +3288,10 @@
           return mark;
         })
       );
-      track.setAttribute("aria-valuemin", secondsOf(axis.firstStep, axis).toFixed(1));
-      track.setAttribute("aria-valuemax", secondsOf(axis.lastStep, axis).toFixed(1));
+      track2.setAttribute("aria-valuemin", secondsOf(axis.firstStep, axis).toFixed(1));
+      track2.setAttribute("aria-valuemax", secondsOf(axis.lastStep, axis).toFixed(1));
+      track.stepS = axis.stepS;
+      track.drawn.tell();
     }
     function markOf({ kind, step, text }) {
       const what = kind === "finding" ? "Finding" : "Problem";
@@ -3293,7 +3303,7 @@
       mark.addEventListener("pointerenter", () => {
         hint.textContent = text;
         hint.hidden = false;
-        const [half, width] = [hint.offsetWidth / 2, track.offsetWidth];
+        const [half, width] = [hint.offsetWidth / 2, track2.offsetWidth];
         hint.style.left = `${clamp(share(step) / 100 * width, half - 90, width - half + 90)}px`;
       });
       mark.addEventListener("pointerleave", () => {
@@ -3308,8 +3318,8 @@
       const words = inWords(step, axis);
       if (shown.textContent !== words) {
         shown.textContent = words;
-        track.setAttribute("aria-valuenow", secondsOf(step, axis).toFixed(1));
-        track.setAttribute("aria-valuetext", words);
+        track2.setAttribute("aria-valuenow", secondsOf(step, axis).toFixed(1));
+        track2.setAttribute("aria-valuetext", words);
       }
       if (wasPlaying !== head2.isPlaying) {
         wasPlaying = head2.isPlaying;
@@ -3327,29 +3337,29 @@
       return true;
     });
     function scrub(event) {
-      const box = track.getBoundingClientRect();
+      const box = track2.getBoundingClientRect();
       const part = (event.clientX - box.left) / Math.max(box.width, 1);
       const step = inside(Math.round(axis.firstStep + part * (axis.lastStep - axis.firstStep)));
       head2 = { ...head2, step, isPlaying: false };
       drawHead(step);
       tell();
     }
-    track.addEventListener("pointerdown", (event) => {
+    track2.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
       isScrubbing = true;
       sent = null;
-      track.setPointerCapture(event.pointerId);
+      track2.setPointerCapture(event.pointerId);
       scrub(event);
     });
-    track.addEventListener("pointermove", (event) => {
+    track2.addEventListener("pointermove", (event) => {
       if (isScrubbing) scrub(event);
     });
     for (const type of ["pointerup", "pointercancel"])
-      track.addEventListener(type, () => {
+      track2.addEventListener(type, () => {
         isScrubbing = false;
       });
     hearFirst("keydown", (event) => {
-      const steps = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+      const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1 }[event.key];
       if (!steps || hasModifier(event) || isTyping(event)) return;
       if (within(event, "[role=slider], [role=tab], [role=option], [role=dialog]")) return;
       event.preventDefault();
@@ -3383,6 +3393,181 @@
     head2 = { ...state, step: isSoon ? state.step - LEFT_OPEN * gap : state.step };
     since = performance.now();
     drawHead(head2.step);
+  });
+
+  // src/elements/speed_curve.ts
+  var HEIGHT2 = 64;
+  var TOP2 = 14;
+  var BOTTOM = 5;
+  var PULL_PAUSE_MS = 30;
+  var KEY_MPS = 0.5;
+  var FINE = 0.2;
+  var KEY_FOLDED = "pd-speed-folded";
+  var KEY_REST_MS = 800;
+  define("speedCurve", (api) => {
+    let state = { agent: "", beginStep: 0, speeds: [], former: [], harsh: [] };
+    let top = 10;
+    let pull = null;
+    let keyRest;
+    const box = make("div", "pd-solid pd-speed-curve", { role: "group", tabindex: 0 });
+    const picture2 = svg("svg", "", { "aria-hidden": "true" });
+    const title = make("span", "pd-speed-title");
+    const value = make("output", "pd-speed-value");
+    const isFolded = () => recall(KEY_FOLDED) === true;
+    const fold = button("pd-speed-fold", "", () => {
+      remember(KEY_FOLDED, !isFolded());
+      draw();
+    });
+    fold.append(icon("M1.5 12.5h2c3 0 3-8 6-8s2 4 5 4", 16, "pd-speed-icon"));
+    fold.setAttribute("aria-label", "Curve of speed");
+    track.box?.after(fold);
+    box.append(picture2, title, value);
+    api.box.append(box);
+    const speedAt = (step) => state.speeds[step - state.beginStep] ?? null;
+    const left = () => (track.box?.getBoundingClientRect().left ?? 0) - box.getBoundingClientRect().left;
+    const width = () => track.box?.offsetWidth ?? 0;
+    const x = (step) => left() + track.share(step) * width();
+    const y = (speed) => HEIGHT2 - BOTTOM - speed / top * (HEIGHT2 - TOP2 - BOTTOM);
+    function stepAt(event) {
+      const at = event.clientX - box.getBoundingClientRect().left - left();
+      const share = (step) => track.share(step) * width();
+      return Math.round((at - share(0)) / (share(1) - share(0) || 1));
+    }
+    function path(speeds) {
+      const pen = (value2, index) => `${(speeds[index - 1] ?? null) === null ? "M" : "L"}${x(state.beginStep + index).toFixed(1)} ${y(value2).toFixed(1)}`;
+      return speeds.map((value2, index) => value2 === null ? "" : pen(value2, index)).join("");
+    }
+    function draw() {
+      const isShown = Boolean(state.agent) && !isFolded();
+      box.hidden = !isShown;
+      root.classList.toggle("pd-shows-speed", isShown);
+      fold.title = isFolded() ? "Show speed of one selected agent" : "Hide speed of the selected agent";
+      fold.setAttribute("aria-pressed", String(!isFolded()));
+      if (!isShown) return;
+      box.setAttribute("aria-label", `Speed of ${state.agent}: arrows up and down change it at the time shown`);
+      title.textContent = `Speed of ${state.agent}, m/s`;
+      if (!pull) {
+        const known = [...state.speeds, ...state.former].filter((one) => one !== null);
+        top = Math.max(5, Math.ceil(1.15 * Math.max(...known) / 5) * 5);
+      }
+      const line = (name, speeds) => svg("path", name, { d: path(speeds) });
+      const lastStep = state.beginStep + state.speeds.length - 1;
+      const [begin, zero, end2] = [x(state.beginStep), x(0), x(lastStep)];
+      const grid = [0, top / 2, top].flatMap((speed) => [
+        svg("line", "pd-chart-grid", { x1: begin, x2: end2, y1: y(speed), y2: y(speed) }),
+        svg("text", "pd-chart-text", { x: begin - 5, y: y(speed) + 3.5 }, String(speed))
+      ]);
+      const harsh = new Set(state.harsh);
+      const hard = state.speeds.map((speed, index) => harsh.has(state.beginStep + index) ? speed : null);
+      picture2.replaceChildren(
+        ...grid,
+        svg("rect", "pd-speed-past", { x: begin, y: 0, width: Math.max(zero - begin, 0), height: HEIGHT2 }),
+        line("pd-speed-former", state.former),
+        line("pd-speed-line", state.speeds),
+        line("pd-speed-line pd-speed-harsh", hard),
+        head3,
+        dot
+      );
+      point(pull?.step ?? hovered);
+      drawHead2();
+    }
+    const head3 = svg("line", "pd-chart-head", { y1: 0, y2: HEIGHT2 });
+    function drawHead2() {
+      if (box.hidden) return;
+      const at = String(x(clock.step()));
+      head3.setAttribute("x1", at);
+      head3.setAttribute("x2", at);
+    }
+    const dot = svg("circle", "pd-speed-dot", { r: 5 });
+    let hovered = null;
+    function point(step) {
+      const speed = step === null ? null : speedAt(step);
+      dot.style.display = speed === null || step === null ? "none" : "";
+      if (speed === null || step === null) {
+        value.textContent = "";
+        return;
+      }
+      dot.setAttribute("cx", String(x(step)));
+      dot.setAttribute("cy", String(y(speed)));
+      dot.classList.toggle("pd-is-past", step < 0);
+      const words = step < 0 ? "the past stays" : harshWords(step);
+      value.textContent = `${speed.toFixed(1)} m/s at ${inWords(step, track)}${words ? `, ${words}` : ""}`;
+    }
+    const harshWords = (step) => state.harsh.includes(step) ? "harsh" : "";
+    const { ask: tell, stop } = paced(PULL_PAUSE_MS, () => {
+      if (!pull) return false;
+      api.send({ kind: "pull", step: pull.step, speed: pull.speed });
+      return true;
+    });
+    function end(kind) {
+      if (!pull) return;
+      stop();
+      if (kind === "release" && pull.speed !== pull.from) api.send({ kind: "pull", step: pull.step, speed: pull.speed });
+      api.send({ kind });
+      pull = null;
+      draw();
+    }
+    box.addEventListener("pointermove", (event) => {
+      if (pull) return;
+      hovered = stepAt(event);
+      point(hovered);
+    });
+    box.addEventListener("pointerleave", () => {
+      hovered = null;
+      if (!pull) point(null);
+    });
+    box.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0 || pull) return;
+      const step = stepAt(event);
+      const from = step < 0 ? null : speedAt(step);
+      if (from === null) return;
+      settleKeys();
+      box.setPointerCapture(event.pointerId);
+      pull = { id: event.pointerId, step, startY: event.clientY, from, speed: from };
+      point(step);
+    });
+    listen(box, "pointermove", (event) => {
+      if (pull?.id !== event.pointerId) return;
+      const perPixel = top / (HEIGHT2 - TOP2 - BOTTOM);
+      const moved = (pull.startY - event.clientY) * perPixel * (event.shiftKey ? FINE : 1);
+      const speed = Math.max(Math.round((pull.from + moved) * 10) / 10, 0);
+      if (speed === pull.speed) return;
+      pull.speed = speed;
+      tell();
+    });
+    followPress(
+      () => pull,
+      () => end("release"),
+      () => end("cancel")
+    );
+    function settleKeys() {
+      if (keyRest === void 0) return;
+      clearTimeout(keyRest);
+      keyRest = void 0;
+      api.send({ kind: "release" });
+    }
+    let keyed = 0;
+    box.addEventListener("keydown", (event) => {
+      const sign = { ArrowUp: 1, ArrowDown: -1 }[event.key];
+      const step = Math.round(clock.step());
+      const speed = step < 0 ? null : speedAt(step);
+      if (!sign || speed === null || pull) return;
+      event.preventDefault();
+      event.stopPropagation();
+      if (keyRest === void 0) keyed = speed;
+      clearTimeout(keyRest);
+      keyed = clamp(keyed + sign * KEY_MPS * (event.shiftKey ? FINE : 1), 0, 60);
+      api.send({ kind: "pull", step, speed: Math.round(keyed * 100) / 100 });
+      keyRest = setTimeout(settleKeys, KEY_REST_MS);
+    });
+    playheadMoved.listen(drawHead2);
+    track.drawn.listen(draw);
+    listen(window, "resize", draw);
+    return (next) => {
+      if (next.agent !== state.agent) pull = null;
+      state = next;
+      draw();
+    };
   });
 
   // src/elements/toolbar.ts

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (33bceef9d601909d); not to be edited. */
+/* Built by .ci/client.py from client/ (9d2c98f2aad0bc33); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

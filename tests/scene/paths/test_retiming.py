@@ -8,6 +8,7 @@ from pd_editor.scene.paths.retiming import (
     retime,
     travelled_m,
     with_new_speed,
+    with_speed_at,
 )
 
 STEP_S = 0.1
@@ -192,3 +193,60 @@ def test_absent_steps_are_zero_and_do_not_disturb_the_rest():
     for values in (moved, turned, new_velocity):
         assert not values[~valid].any()
     np.testing.assert_allclose(moved[valid], straight(5.0)[0][valid], atol=1e-9)
+
+
+@given(
+    SPEEDS, st.integers(1, 59), st.floats(0, 30), st.sampled_from([straight, circle])
+)
+def test_a_pulled_speed_is_reached_on_the_same_curve_and_fades(
+    speed, step, pulled, curve
+):
+    position, heading, velocity, is_valid = curve(speed)
+    moved, headed, driven = with_speed_at(
+        position, heading, velocity, is_valid, step, pulled, STEP_S
+    )
+    speeds = np.linalg.norm(driven[0], axis=-1)
+    np.testing.assert_allclose(speeds[step], pulled, atol=1e-6)
+    np.testing.assert_allclose(moved[0, 0], position[0, 0], atol=1e-9)
+    np.testing.assert_allclose(speeds[0], speed, atol=1e-6)
+    # Never slower than both, never faster than both.
+    assert (speeds >= min(speed, pulled) - 1e-6).all()
+    assert (speeds <= max(speed, pulled) + 1e-6).all()
+    # After so long a time nothing of the pull is left.
+    fade = max(10, np.pi * abs(pulled - speed) / (2 * 2.5) / STEP_S)
+    np.testing.assert_allclose(speeds[int(step + fade) + 1 :], speed, atol=1e-6)
+    # Along the curve, as far as it goes; each step is as long as the speeds tell.
+    travelled = travelled_m(moved)[0]
+    known = travelled_m(position)[0]
+    along = np.concatenate([[0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * STEP_S)])
+    inside = along <= known[-1]
+    np.testing.assert_allclose(travelled[inside], along[inside], atol=0.05)
+    if curve is circle:
+        radius = np.linalg.norm(moved[0] - [0, 15.0], axis=-1)
+        np.testing.assert_allclose(radius[inside], 15.0, atol=0.06)
+    del headed
+
+
+def test_a_standing_agent_is_pulled_straight_ahead_and_its_noise_goes():
+    rng = np.random.default_rng(3)
+    position, heading, velocity, is_valid = straight(0.0)
+    position = position + rng.normal(0, 0.02, position.shape)
+    velocity = velocity + rng.normal(0, 0.05, velocity.shape)
+    moved, _, driven = with_speed_at(
+        position, heading, velocity, is_valid, 30, 4.0, STEP_S
+    )
+    ahead = (moved[0] - position[0, 0]) @ [np.cos(0.3), np.sin(0.3)]
+    assert (np.diff(ahead) >= 0).all()
+    assert np.isclose(np.linalg.norm(driven[0, 30]), 4.0)
+    assert ahead[-1] > 5
+    np.testing.assert_allclose(moved[0, 0], position[0, 0])
+
+
+def test_pulled_to_a_stop_it_stands_and_goes_on_later():
+    position, heading, velocity, is_valid = straight(3.0)
+    moved, _, driven = with_speed_at(
+        position, heading, velocity, is_valid, 25, 0.0, STEP_S
+    )
+    assert np.linalg.norm(driven[0, 25]) < 1e-9
+    assert np.linalg.norm(driven[0, -1]) > 2.9
+    assert travelled_m(moved)[0, -1] < travelled_m(position)[0, -1] - 1

@@ -10,7 +10,9 @@ from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.editor.commands import (
     AddGuidance,
+    PullSpeed,
     RegeneratedEdit,
+    SetAgentSpeed,
     SetLocks,
     TransformAgents,
 )
@@ -24,6 +26,7 @@ from pd_editor.viewer.generation.live_switch import (
     ALL,
     GENERATED,
     nearest_to_edit,
+    retimed_ids,
 )
 from tests.builders import (
     scenario_with,
@@ -258,3 +261,16 @@ def test_of_very_many_agents_the_nearest_to_the_edit_react():
     assert nearest_to_edit(before, before, ids) == ids, "no agent was edited"
     new_road = replace(edited, road_map=replace(edited.road_map))
     assert nearest_to_edit(before, new_road, ids) == ids
+
+
+def test_whose_later_motion_an_edit_sets_does_not_react_to_it():
+    """A pull of a generated agent's speed would be generated away."""
+    before = two_agents_that_pass()
+    one = before.agents.ids[0]
+    pulled = PullSpeed(agent_id=one, time_s=2.0, speed_mps=1.0).apply(before)
+    assert retimed_ids(before, pulled) == {one}
+    faster = SetAgentSpeed(agent_ids=(one,), speed_mps=1.0).apply(before)
+    moved = TransformAgents(
+        agent_ids=(one,), dx_m=1.0, dy_m=0.0, rotation_rad=0.0
+    ).apply(before)
+    assert retimed_ids(before, faster) == retimed_ids(before, moved) == set()
