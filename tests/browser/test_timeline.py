@@ -130,9 +130,9 @@ def test_a_speed_is_pulled_by_mouse_and_keys(editor):
     page.keyboard.press("ArrowUp")
     editor.until(lambda: len(session.entries) == 2, "the pull by keys")
     assert pulled() == pytest.approx(slower + 1, abs=0.06)
+    playback = editor.workspace.playback
     for keys, step in ((",", now + 19), (".", now + 20)):
         editor.key(keys)
-        playback = editor.workspace.playback
         editor.until(lambda step=step: playback.step == step, f"step {step}")
     page.get_by_role("button", name="Curve of speed").click()
     expect(curve).to_be_hidden()

@@ -39,12 +39,15 @@ MOUSE: Final[tuple[KeyRow, ...]] = (
     KeyRow(keys="Shift+drag an agent", does="Turn the selected agents"),
     KeyRow(keys="Drag a flag or a stop line", does="Move an agent's goal or stop line"),
     KeyRow(keys="Press and drag, placing", does="Place an agent and turn it"),
+    KeyRow(keys="Drag the curve of speed", does="Drive faster or slower; Shift: fine"),
     KeyRow(keys="Right click", does="Menu of the agent or of the road"),
     KeyRow(keys="Right button, drag", does="Pan"),
     KeyRow(keys="Wheel", does="Zoom to the pointer"),
 )
 PAGE_KEYS: Final[tuple[KeyRow, ...]] = (
-    KeyRow(keys="\u2190 \u2192", does="Step one frame; with Shift, ten"),
+    KeyRow(
+        keys="\u2190 \u2192, comma, full stop", does="Step one frame; with Shift, ten"
+    ),
     KeyRow(
         keys="\u2191 \u2193 Page, Home, End",
         does="In the list of agents or problems: other rows",

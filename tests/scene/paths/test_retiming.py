@@ -220,7 +220,8 @@ def test_a_pulled_speed_is_reached_on_the_same_curve_and_fades(
     known = travelled_m(position)[0]
     along = np.concatenate([[0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * STEP_S)])
     inside = along <= known[-1]
-    np.testing.assert_allclose(travelled[inside], along[inside], atol=0.05)
+    # Chords of a circle are shorter than its arcs.
+    np.testing.assert_allclose(travelled[inside], along[inside], rtol=0.01, atol=0.05)
     if curve is circle:
         radius = np.linalg.norm(moved[0] - [0, 15.0], axis=-1)
         np.testing.assert_allclose(radius[inside], 15.0, atol=0.06)
