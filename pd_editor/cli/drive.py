@@ -1,10 +1,17 @@
-"""``pd-editor drive``: roll a scene out, with policies that drive one of its agents."""
+"""``pd-editor drive``: roll scenes out, with policies that drive one of their agents."""
 
+import json
+import os
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
+from pd_editor.base.errors import InputError
+from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
@@ -20,6 +27,7 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.experiments.closed_loop.policies import policy_of
+from pd_editor.experiments.closed_loop.report import Drive, drive_report
 from pd_editor.experiments.closed_loop.roll_out import (
     RollOut,
     RollOutRequest,
@@ -27,13 +35,36 @@ from pd_editor.experiments.closed_loop.roll_out import (
     route_of,
 )
 from pd_editor.experiments.closed_loop.scores import drive_scores
+from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.work_engine import EngineName
+from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.generation import ScenarioGenerator
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
-@over_scenes(SCENE_FILES)
+def _with_report(
+    outcome: Outcome, scenes: tuple[str, ...], options: Mapping[str, Any]
+) -> Outcome:
+    """Write the report of all drives, if there are policies."""
+    if not outcome.records:
+        return outcome
+    out, words = Path(options["out"]), ["pd-editor", "drive", *scenes]
+    for name, value in options.items():
+        option = f"--{name}" if value is not False else f"--no-{name}"
+        values = value if isinstance(value, tuple) else (value,)
+        shown = () if isinstance(value, bool) else map(str, values)
+        words += [option, *shown] if value not in (None, "", ()) else []
+    failures = {name: one.reason for name, one in outcome.failures.items()}
+    seed = int(options.get("seed", 0))
+    report = drive_report(outcome.records, failures, shlex.join(words), seed)
+    write_whole(out / "report.md", markdown_of(report).encode())
+    write_whole(out / "report.html", html_of(report, ()).encode())
+    told = f"{out / 'report.html'} compares the policies."
+    return replace(outcome, remarks=(*outcome.remarks, told))
+
+
+@over_scenes(SCENE_FILES, _with_report)
 def drive(
     scenario: str | Path,
     /,
@@ -44,6 +75,10 @@ def drive(
         tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(optional)"),
     ] = (),
     ego: Annotated[str, tyro.conf.arg(metavar="ID")] = EGO_ID,
+    also: Annotated[
+        str | tuple[str, ...],
+        tyro.conf.arg(metavar="ID=NAME [ID=NAME ...]", help_behavior_hint="(optional)"),
+    ] = (),
     seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 30.0,
     replan: Annotated[float, tyro.conf.arg(metavar="S")] = 1.0,
     enter: Switch = True,
@@ -63,8 +98,9 @@ def drive(
     Args:
         scenario: Demos, Argoverse 2 scenario folders, files of other formats, folders of these, or patterns; demos for all demos. What is written already stays as it is.
         out: Folder that receives DIR/<name>/, one for each policy.
-        policies: log-replay, constant-velocity, idm, installed ones, or package.module:attribute.
+        policies: log-replay, constant-velocity, idm, installed ones, folders with policy.py, or package.module:attribute.
         ego: Id of the agent that they drive.
+        also: Further agents, each driven by a policy in every roll-out, such as bus-0165=idm.
         seconds: Length of a roll-out.
         replan: Seconds between two generations of the traffic, 0.5 to 3.
         enter: Vehicles enter for those that leave the map.
@@ -76,36 +112,114 @@ def drive(
         address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
         workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
-    chosen = [policy_of(one) for one in several(policies)] or [None]
-    opened = open_scenario(scenario)
-    generator = make_generator(model)
-    folders: list[Path] = []
-    scenarios: list[Scenario] = []
-    remarks: list[str] = []
-    for policy in chosen:
-        request = RollOutRequest(
-            scenario=opened,
+    names = several(policies)
+    # What cannot be made is refused before anything is rolled out.
+    labels = [policy_of(one).name for one in names]
+    if len(set(labels)) < len(labels):
+        raise InputError(f"Two policies have one name: {', '.join(labels)}.")
+    run = _Run(
+        request=RollOutRequest(
+            scenario=open_scenario(scenario),
             duration_s=float(seconds),
             replan_s=float(replan),
-            policies={} if policy is None else {ego: policy},
             keeps_density=enter,
             seed=seed,
-        )
-        label = "roll-out" if policy is None else policy.name
-        rolled = _rolled_out(request, generator, label)
-        session = EditorSession(opened)
-        given = f"{name or short_id(opened.scenario_id)} {label} s{seed}"
-        session.describe(described(name_from_text(given)))
-        session.apply(rolled.command)
-        folders.append(write_session(out, session, overwrite=overwrite))
-        scenarios.append(session.scenario)
-        if policy is not None:
-            scores = drive_scores(rolled.scenario, ego, route_of(opened, ego))
-            ended = "".join(f" {one}" for one in rolled.ended.values())
-            remarks.append(f"{policy.name}: {scores.in_words}.{ended}")
-    return Outcome(
-        folders=tuple(folders), scenarios=tuple(scenarios), remarks=tuple(remarks)
+        ),
+        ego=ego,
+        also=_further(several(also), ego),
+        model=model,
+        out=Path(out),
+        overwrite=overwrite,
     )
+    made = [run.of(one, label, name) for one, label in zip(names, labels, strict=True)]
+    made = made or [run.of("", "roll-out", name)]
+    drives = tuple(drive for *_, drive in made if drive is not None)
+    return Outcome(
+        folders=tuple(folder for folder, *_ in made),
+        scenarios=tuple(one for _, one, _ in made if one is not None),
+        remarks=tuple(one.in_words for one in drives),
+        records=drives,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Run:
+    """Roll-outs of one scene, each with another policy."""
+
+    request: RollOutRequest
+    ego: str
+    also: Mapping[str, str]
+    """Names of the policies of further agents."""
+    model: str
+    out: Path
+    overwrite: bool
+
+    def of(
+        self, policy: str, label: str, name: str
+    ) -> tuple[Path, Scenario | None, Drive | None]:
+        """Roll out and write, if an earlier run of equal settings has not."""
+        request, opened = self.request, self.request.scenario
+        given = f"{name or short_id(opened.scenario_id)} {label} s{request.seed}"
+        called = name_from_text(given)
+        record = self.out / FINISHED_NAME / f"{called}.json"
+        known = {
+            "policy": policy,
+            "ego": self.ego,
+            "also": dict(self.also),
+            "seconds": request.duration_s,
+            "replan": request.replan_s,
+            "enter": request.keeps_density,
+            "model": self.model,
+        }
+        done = None if self.overwrite else _finished(record, known)
+        if done is not None:
+            return self.out / done.folder, None, done
+        named = {self.ego: policy, **self.also} if policy else self.also
+        driven = {agent: policy_of(one) for agent, one in named.items()}
+        rolled = _rolled_out(
+            replace(request, policies=driven), make_generator(self.model), label
+        )
+        session = EditorSession(opened)
+        session.describe(described(called))
+        session.apply(rolled.command)
+        folder = write_session(self.out, session, overwrite=self.overwrite)
+        if not policy:
+            return folder, session.scenario, None
+        drive = Drive(
+            scene=opened.scenario_id,
+            policy=label,
+            folder=folder.name,
+            ended="".join(f" {one}: {why}" for one, why in rolled.ended.items()),
+            scores=drive_scores(rolled.scenario, self.ego, route_of(opened, self.ego)),
+        )
+        text = json.dumps({**known, "drive": drive.to_json()}, indent=2)
+        write_whole(record, f"{text}\n".encode())
+        return folder, session.scenario, drive
+
+
+def _further(texts: tuple[str, ...], ego: str) -> dict[str, str]:
+    """Policies of further agents."""
+    found = {}
+    for text in texts:
+        agent, _, policy = text.rpartition("=")
+        if not agent or not policy or agent in (ego, *found):
+            raise InputError(
+                f"--also: {text!r} is not ID=NAME of an agent that nobody else drives."
+            )
+        policy_of(policy)
+        found[agent] = policy
+    return found
+
+
+def _finished(record: Path, known: Mapping[str, Any]) -> Drive | None:
+    """The drive that an earlier run of equal settings wrote."""
+    try:
+        found = json.loads(record.read_bytes())
+        drive = Drive.from_json(found.pop("drive"))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    is_there = os.path.isdir(record.parents[1] / drive.folder)
+    return drive if found == known and is_there else None
 
 
 def _rolled_out(

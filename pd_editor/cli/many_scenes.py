@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from secrets import token_hex
 from typing import Annotated, Any, Concatenate, Final, ParamSpec
@@ -36,12 +37,14 @@ Scenes = str | Path | tuple[str | Path, ...]
 SCENE_FILES: Final = "scenario_*.parquet"
 """Pattern of the file that makes a folder a scene."""
 MOST_WINDOWS: Final = 1000
+Finish = Callable[[Outcome, tuple[str, ...], Mapping[str, Any]], Outcome]
 _Item = tuple[str, dict[str, Any]]
 """A scene, and options of its own."""
 
 
 def over_scenes(
     files: str,
+    finish: Finish = lambda outcome, _scenes, _options: outcome,
 ) -> Callable[
     [Callable[Concatenate[str | Path, Options], Outcome]],
     Callable[Concatenate[Scenes, Options], Outcome],
@@ -54,14 +57,14 @@ def over_scenes(
 
     Args:
         files: pattern of the file that makes a folder one scene.
+        finish: adds a report of all scenes, which are given as named, to the outcome.
     """
 
     def of_many(
         command: Callable[Concatenate[str | Path, Options], Outcome],
     ) -> Callable[Concatenate[Scenes, Options], Outcome]:
         signature = inspect.signature(command)
-        first, *others = signature.parameters.values()
-        name, noun = command.__name__, first.name.upper()
+        name, noun = command.__name__, next(iter(signature.parameters)).upper()
 
         @functools.wraps(command)
         def run(
@@ -69,6 +72,7 @@ def over_scenes(
         ) -> Outcome:
             several = scenes if isinstance(scenes, tuple) else (scenes,)
             out = Path(os.path.abspath(str(options.get("out"))))
+<<<<<<< HEAD
             found = list(
                 dict.fromkeys(
                     scene
@@ -76,9 +80,14 @@ def over_scenes(
                     for scene in scenes_of(str(one), files, out)
                 )
             )
+=======
+            named = [_scenes_of(str(one), files, out) for one in several]
+            found = list(dict.fromkeys(chain.from_iterable(named)))
+>>>>>>> 513ce1e (drive over many scenes: one report of policies, further agents, and goes on where it stopped)
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
             items: dict[str, _Item] = {one: (one, {}) for one in found}
+            asked = dict(options)
             densest = options.pop("densest", None)
             # Of a run within one, such as of one window, it is that of the whole.
             this_run = "" if densest is None else token_hex(8)
@@ -88,21 +97,34 @@ def over_scenes(
                 if len(items) == 1:
                     ((scene, own),) = items.values()
                     options.update(own)
-                    return command(scene, *values, **options)
-                return _run_all(name, items, options, this_run)
+                    made = command(scene, *values, **options)
+                else:
+                    made = _run_all(name, items, options, this_run)
+            return finish(made, tuple(map(str, several)), asked)
 
-        del run.__wrapped__
-        words = tyro.conf.arg(metavar=f"{noun} [...]", help_behavior_hint="(required)")
-        several = Annotated[Scenes, tyro.conf.Positional, words]
-        first = first.replace(annotation=several)
-        run.__signature__ = signature.replace(parameters=[first, *others])  # type: ignore[attr-defined]
-        run.__annotations__ = {**run.__annotations__, first.name: several}
+        run.of_one = command  # type: ignore[attr-defined]
+        _take_several(run, signature, noun)
         return run
 
     return of_many
 
 
+<<<<<<< HEAD
 def scenes_of(reference: str, files: str, out: Path) -> list[str]:
+=======
+def _take_several(run: Any, signature: inspect.Signature, noun: str) -> None:
+    """Tell the shell that the first parameter of a function takes several scenes."""
+    first, *others = signature.parameters.values()
+    del run.__wrapped__
+    words = tyro.conf.arg(metavar=f"{noun} [...]", help_behavior_hint="(required)")
+    several = Annotated[Scenes, tyro.conf.Positional, words]
+    first = first.replace(annotation=several)
+    run.__signature__ = signature.replace(parameters=[first, *others])
+    run.__annotations__ = {**run.__annotations__, first.name: several}
+
+
+def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
+>>>>>>> 513ce1e (drive over many scenes: one report of policies, further agents, and goes on where it stopped)
     """Scenes of a pattern, of all demos or of a folder, without results; else itself."""
     if reference == ALL_DEMOS:
         return list(demo_names())
@@ -201,6 +223,7 @@ def _run_all(
         folders=tuple(folder for _, own in outcomes for folder in own.folders),
         scenarios=(),
         remarks=tuple(remarks),
+        records=tuple(record for _, own in outcomes for record in own.records),
         failures={
             one: failures[one] for one in scenes if one in failures and one not in there
         },
@@ -214,5 +237,5 @@ def _outcome(
     module = import_module(f"{__package__}.{command}")
     scene, own = item
     with read_once(this_run):
-        made = getattr(module, command)(scene, **options, **own)
+        made = getattr(module, command).of_one(scene, **options, **own)
     return replace(made, scenarios=())

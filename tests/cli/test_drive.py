@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 from pd_editor.editor.scenario_store import open_scenario
@@ -26,10 +27,14 @@ def test_policies_drive_and_are_scored(shell: Shell, tmp_path: Path, monkeypatch
         "drive", JUNCTION, "--policies", "idm", "coasting:Coasts", *options
     )
     assert (result.code, result.err) == (0, "")
-    *folders, idm, coasts = result.lines
+    *folders, idm, coasts, told = result.lines
+    assert told == f"{tmp_path / 'out' / 'report.html'} compares the policies."
     assert idm.startswith("idm: ")
     assert " m in 3.0 s, " in idm
     assert coasts.startswith("coasts: ")
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "| idm | 1 | " in report
+    assert f"`pd-editor edit {Path(folders[1]).name}`" in report
     (one, _) = map(Path, folders)
     opened = open_scenario(one)
     assert opened.time_axis.num_future_steps == 30
@@ -52,3 +57,59 @@ def test_what_is_no_policy_is_refused(shell: Shell, tmp_path: Path):
         "drive", JUNCTION, "--policies", "idm", "--ego", "nobody", *out
     )
     assert not list(tmp_path.iterdir())
+
+
+def test_drives_over_scenes_are_reported_and_go_on(shell: Shell, tmp_path: Path):
+    """What is written stays; one scene that fails ends no other."""
+    out, broken = tmp_path / "out", tmp_path / "broken.json"
+    broken.write_text("{}")
+    options = ("--seconds", 1, "--model", "lane-follower", "--out", out)
+    scenes = (JUNCTION, broken, "roundabout")
+    policies = ("--policies", "constant-velocity", "idm")
+    first = shell.run("drive", *scenes, *policies, *options)
+    assert "broken" in first.err
+    folders = [Path(one) for one in first.lines[:4]]
+    before = {one: files_of(one) for one in folders}
+    times = [(one / "recipe.json").stat().st_mtime_ns for one in folders]
+    report = (out / "report.md").read_text()
+    assert report.count("`pd-editor edit ") == 4
+    for policy in ("constant-velocity", "idm"):
+        (line,) = [x for x in report.splitlines() if x.startswith(f"| {policy} | 2 |")]
+        assert "[" in line
+    assert "broken.json" in report
+    page = (out / "report.html").read_text()
+    shutil.rmtree(folders[0])
+    again = shell.run("drive", *scenes, *policies, *options)
+    assert again.lines == first.lines
+    assert {one: files_of(one) for one in folders} == before
+    assert (out / "report.html").read_text() == page
+    later = [(one / "recipe.json").stat().st_mtime_ns for one in folders]
+    assert [a == b for a, b in zip(times, later, strict=True)] == [False, *[True] * 3]
+
+
+def test_further_agents_are_driven(shell: Shell, tmp_path: Path):
+    agents = open_scenario(JUNCTION).agents
+    other = next(
+        name
+        for name in agents.ids
+        if name != "AV" and agents.is_valid[agents.row_of[name], 49]
+    )
+    options = ("--seconds", 1, "--model", "lane-follower", "--out", tmp_path)
+    result = shell.run(
+        "drive", JUNCTION, "--policies", "idm", "--also", f"{other}=idm", *options
+    )
+    (command,) = json.loads((Path(result.lines[0]) / "recipe.json").read_text())[
+        "commands"
+    ]
+    assert command["policies"] == {"AV": "idm", other: "idm"}
+    assert "is not ID=NAME of an agent that nobody else drives" in shell.refused(
+        "drive", JUNCTION, "--policies", "idm", "--also", "AV=idm", *options
+    )
+    assert "Two policies have one name" in shell.refused(
+        "drive",
+        JUNCTION,
+        "--policies",
+        "idm",
+        "pd_editor.experiments.closed_loop.policies:IdmOnRoute",
+        *options,
+    )

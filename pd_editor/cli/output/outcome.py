@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import export_into
@@ -26,6 +27,8 @@ class Outcome:
     """Remarks for the user, one sentence each."""
     failures: Mapping[str, WorkFailure] = field(default_factory=dict)
     """Of a command on several scenes, why some have no folder."""
+    records: tuple[Any, ...] = ()
+    """What a report of all scenes is made of."""
 
     @property
     def folder(self) -> Path:

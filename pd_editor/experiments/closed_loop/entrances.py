@@ -21,8 +21,6 @@ _ASIDE_M: Final = 2.0
 """Who enters is at most so far beside one of the lanes that begin there."""
 _COSINE: Final = 0.8
 _MOST_AT_ONCE: Final = 3
-_ASIDES_M: Final = (0.0, -8.0, 8.0)
-"""How far beside an entrance the middle of its square may be."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +69,8 @@ class Entrances:
         """Where a vehicle is to come in: a square with few lanes that lead out."""
         way = self.way[entrance]
         ahead = self.point_m[entrance] + way * (_HALF_SIDE_M - 3.0)
-        places = ahead + np.array(_ASIDES_M)[:, None] * (-way[1], way[0])
+        asides = np.array([0.0, -1.0, 1.0]) * (_HALF_SIDE_M - 4.0)
+        places = ahead + asides[:, None] * (-way[1], way[0])
         gap = np.abs(self.exit_m - places[:, None])
         exits = (gap < _HALF_SIDE_M).all(axis=-1).sum(axis=-1)
         x, y = places[int(exits.argmin())].tolist()

@@ -27,7 +27,6 @@ from pd_editor.scene.scenario import Scenario
 
 ENTRY_POINTS: Final = "pd_editor.policies"
 FOLDER_MODULE: Final = "policy.py"
-_FOLDER_FUNCTION: Final = "make_policy"
 _PLAN_S: Final = 3.0
 _LOOKAHEAD_S: Final = 0.8
 _LEAST_LOOKAHEAD_M: Final = 4.0
@@ -179,7 +178,7 @@ def policy_of(name: str) -> Policy:
         found: Any = asked(installed_policies()[name].load, name, ": cannot be loaded")
     elif os.path.isfile(Path(name) / FOLDER_MODULE):
         folder = Path(os.path.realpath(name))
-        found = object_of_folder(folder, FOLDER_MODULE, _FOLDER_FUNCTION)
+        found = object_of_folder(folder, FOLDER_MODULE)
     elif is_reference(name):
         found = object_of_reference(name)
     else:

@@ -4,6 +4,7 @@ Source: nuplan-devkit, ``docs/metrics_description.md``. Maps without speed limit
 score of them, and progress is told in metres, since no expert drives for so long.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -43,6 +44,8 @@ class DriveScores:
     drivable_area_compliance: bool
     driving_direction_compliance: bool
     ego_is_comfortable: bool
+    is_possible_motion: bool
+    """Whether accelerations and curvatures are what vehicles can do; ours."""
 
     @property
     def in_words(self) -> str:
@@ -53,6 +56,7 @@ class DriveScores:
             "drivable area": self.drivable_area_compliance,
             "direction": self.driving_direction_compliance,
             "comfort": self.ego_is_comfortable,
+            "possible motion": self.is_possible_motion,
         }
         missed = [name for name, is_kept in kept.items() if not is_kept]
         how = f"missed: {', '.join(missed)}" if missed else "all bounds kept"
@@ -98,7 +102,32 @@ def drive_scores(
         drivable_area_compliance=not off.any(),
         driving_direction_compliance=_wrong_way_m(rolled, row, steps) < _WRONG_WAY_M,
         ego_is_comfortable=not (moves.is_uncomfortable() & moves.is_valid).any(),
+        is_possible_motion=not (moves.is_impossible() & moves.is_valid).any(),
     )
+
+
+def nuplan_scores(drives: Sequence[DriveScores]) -> Float[np.ndarray, "N"]:
+    """Score of each drive of one scene, as nuPlan adds them up but for speed limits.
+
+    From 0 to 1. Progress is told beside the furthest of the drives, where nuPlan has an
+    expert's.
+    """
+    progress = np.array([max(one.ego_progress_along_route_m, 0.0) for one in drives])
+    # Nobody has to move where nobody does.
+    most = progress.max(initial=0.0)
+    share = progress / most if most else np.ones_like(progress)
+    kept = [
+        one.no_ego_at_fault_collisions
+        and one.drivable_area_compliance
+        and one.driving_direction_compliance
+        for one in drives
+    ]
+    soft = [
+        5 * one.time_to_collision_within_bound + 2 * one.ego_is_comfortable
+        for one in drives
+    ]
+    makes_progress = share >= 0.2
+    return np.array(kept) * makes_progress * (np.array(soft) + 5 * share) / 12
 
 
 def _collisions(rolled: Scenario, row: int, steps: np.ndarray) -> tuple[int, int]:

@@ -48,7 +48,6 @@ from pd_editor.scene.traffic_sample import TrafficSample
 
 ENTRY_POINTS: Final = "pd_editor.generators"
 FOLDER_MODULE: Final = "generator.py"
-_FOLDER_FUNCTION: Final = "make_generator"
 
 
 class _Checked:
@@ -247,17 +246,18 @@ def generator_of_folder(folder: Path) -> ScenarioGenerator:
     Raises:
         GenerationError: the file cannot be run, or makes no generator.
     """
-    found = object_of_folder(folder, FOLDER_MODULE, _FOLDER_FUNCTION)
+    found = object_of_folder(folder, FOLDER_MODULE)
     return _as_generator(found, str(folder / FOLDER_MODULE))
 
 
-def object_of_folder(folder: Path, file: str, function: str) -> Any:
-    """What a function of a Python file in a folder makes, given the folder.
+def object_of_folder(folder: Path, file: str) -> Any:
+    """What ``make_x(folder)`` of the file ``x.py`` of a folder makes.
 
     Raises:
         GenerationError: the file cannot be run, or has no such function, or it fails.
     """
     path = folder / file
+    function = f"make_{path.stem}"
 
     def load() -> ModuleType:
         spec = importlib.util.spec_from_file_location(

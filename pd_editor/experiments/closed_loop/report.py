@@ -1,0 +1,154 @@
+"""Report of policies over many scenes: means with intervals, who failed where."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from pd_editor.experiments.closed_loop.scores import DriveScores, nuplan_scores
+from pd_editor.experiments.evaluation.report.sections import Report, Section
+from pd_editor.experiments.evaluation.report.tables import ReportTable, cell
+from pd_editor.experiments.evaluation.scene_bootstrap import (
+    mean_over_scenes,
+    scene_weights,
+)
+
+_SHOWN: Final = (
+    ("score", "score, %", "share"),
+    ("ego_progress_along_route_m", "progress, m", "m"),
+    ("driven_s", "driven, s", "s"),
+    ("num_collisions", "collisions", ""),
+    ("no_ego_at_fault_collisions", "none at fault, %", "share"),
+    ("time_to_collision_within_bound", "time to collision, %", "share"),
+    ("drivable_area_compliance", "drivable area, %", "share"),
+    ("driving_direction_compliance", "direction, %", "share"),
+    ("ego_is_comfortable", "comfort, %", "share"),
+    ("is_possible_motion", "possible motion, %", "share"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """What a policy did in a scene."""
+
+    scene: str
+    policy: str
+    folder: str
+    """Name of the result's folder."""
+    ended: str
+    """Why driven agents were not driven to the end."""
+    scores: DriveScores
+
+    @property
+    def in_words(self) -> str:
+        """One line."""
+        return f"{self.policy}: {self.scores.in_words}.{self.ended}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Values for a file."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "Drive":
+        """The drive of ``to_json``.
+
+        Raises:
+            TypeError: there are other values than these.
+        """
+        return cls(**{**values, "scores": DriveScores(**values["scores"])})
+
+
+def policy_values(drives: Sequence[Drive]) -> dict[str, Float[np.ndarray, "P N"]]:
+    """Scores of P policies in N scenes, in the order of the drives; NaN where there is none."""
+    policies, scenes = (
+        list(dict.fromkeys(getattr(one, what) for one in drives))
+        for what in ("policy", "scene")
+    )
+    names = ["score", *(one.name for one in fields(DriveScores))]
+    values = {name: np.full((len(policies), len(scenes)), np.nan) for name in names}
+    for column, scene in enumerate(scenes):
+        own = [one for one in drives if one.scene == scene]
+        rows = [policies.index(one.policy) for one in own]
+        scores = [one.scores for one in own]
+        values["score"][rows, column] = nuplan_scores(scores)
+        for name in names[1:]:
+            values[name][rows, column] = [float(getattr(one, name)) for one in scores]
+    return values
+
+
+def drive_report(
+    drives: Sequence[Drive], failures: Mapping[str, str], command: str, seed: int
+) -> Report:
+    """The report of all drives, and of scenes that failed."""
+    values = policy_values(drives)
+    policies = list(dict.fromkeys(one.policy for one in drives))
+    there = np.isfinite(values["score"])
+    weights = scene_weights(there.shape[1], seed)
+    means = {
+        name: mean_over_scenes(np.nan_to_num(values[name]), there * 1.0, weights)
+        for name, *_ in _SHOWN
+    }
+    table = ReportTable(
+        title="Policies",
+        header=("policy", "scenes", *(title for _, title, _ in _SHOWN)),
+        rows=tuple(
+            (
+                policy,
+                str(there[row].sum()),
+                *(cell(means[name], (row,), unit) for name, _, unit in _SHOWN),
+            )
+            for row, policy in enumerate(policies)
+        ),
+        note="Means over scenes with 95 % intervals by resampling scenes; bounds: share of scenes "
+        "in which each is kept. The score is nuPlan's aggregate, where progress counts "
+        "beside that of the policy which comes furthest in the scene. Scenes carry no speed "
+        "limits, so none is scored.",
+    )
+    return Report(
+        title="Closed loop",
+        sections=(
+            Section(title="By policy", tables=(table,)),
+            Section(title="Every drive", tables=(_gallery(drives, values),)),
+            Section(title="What failed", tables=_failures(failures)),
+            Section(title="How to repeat it", paragraphs=(f"`{command}`",)),
+        ),
+    )
+
+
+def _gallery(
+    drives: Sequence[Drive], values: Mapping[str, Float[np.ndarray, "P N"]]
+) -> ReportTable:
+    """All drives, those with the lowest scores first."""
+    policies, scenes = (
+        list(dict.fromkeys(getattr(one, what) for one in drives))
+        for what in ("policy", "scene")
+    )
+    rows = []
+    for one in drives:
+        at = policies.index(one.policy), scenes.index(one.scene)
+        score = float(values["score"][at])
+        how = f"{one.scores.in_words}.{one.ended}"
+        edit = f"`pd-editor edit {Path(one.folder)}`"
+        rows.append((score, (one.policy, one.scene, f"{100 * score:.0f}", how, edit)))
+    rows.sort(key=lambda row: row[0])
+    return ReportTable(
+        title="Every drive, to open in the editor",
+        header=("policy", "scene", "score, %", "how it drove", "open"),
+        rows=tuple(row for _, row in rows),
+        note="Paths are from the folder of this report.",
+    )
+
+
+def _failures(failures: Mapping[str, str]) -> tuple[ReportTable, ...]:
+    if not failures:
+        return ()
+    return (
+        ReportTable(
+            title="Scenes without a result",
+            header=("scene", "why"),
+            rows=tuple(failures.items()),
+        ),
+    )
