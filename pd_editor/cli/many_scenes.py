@@ -72,18 +72,8 @@ def over_scenes(
         ) -> Outcome:
             several = scenes if isinstance(scenes, tuple) else (scenes,)
             out = Path(os.path.abspath(str(options.get("out"))))
-<<<<<<< HEAD
-            found = list(
-                dict.fromkeys(
-                    scene
-                    for one in several
-                    for scene in scenes_of(str(one), files, out)
-                )
-            )
-=======
-            named = [_scenes_of(str(one), files, out) for one in several]
+            named = [scenes_of(str(one), files, out) for one in several]
             found = list(dict.fromkeys(chain.from_iterable(named)))
->>>>>>> 513ce1e (drive over many scenes: one report of policies, further agents, and goes on where it stopped)
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
             items: dict[str, _Item] = {one: (one, {}) for one in found}
@@ -109,9 +99,6 @@ def over_scenes(
     return of_many
 
 
-<<<<<<< HEAD
-def scenes_of(reference: str, files: str, out: Path) -> list[str]:
-=======
 def _take_several(run: Any, signature: inspect.Signature, noun: str) -> None:
     """Tell the shell that the first parameter of a function takes several scenes."""
     first, *others = signature.parameters.values()
@@ -123,8 +110,7 @@ def _take_several(run: Any, signature: inspect.Signature, noun: str) -> None:
     run.__annotations__ = {**run.__annotations__, first.name: several}
 
 
-def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
->>>>>>> 513ce1e (drive over many scenes: one report of policies, further agents, and goes on where it stopped)
+def scenes_of(reference: str, files: str, out: Path) -> list[str]:
     """Scenes of a pattern, of all demos or of a folder, without results; else itself."""
     if reference == ALL_DEMOS:
         return list(demo_names())
