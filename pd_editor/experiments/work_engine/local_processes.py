@@ -121,7 +121,9 @@ class LocalProcesses:
                         on_result(result)
                         del left[result.key]
                 except BrokenProcessPool as error:
-                    processes = (pool._processes or {}).values()
+                    processes = list((pool._processes or {}).values())
+                    # Its thread reaps them as well; whoever comes second has no code.
+                    pool.shutdown(wait=True, cancel_futures=True)
                     if _UNGUARDED_CODE in [one.exitcode for one in processes]:
                         raise InputError(
                             "Workers run the calling script from its beginning, so that "
