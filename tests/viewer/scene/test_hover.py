@@ -50,7 +50,7 @@ class FakeDesk:
     """A session and a playhead that stands."""
 
     class session:
-        scenario = base = two_agents_that_pass()
+        scenario = original = two_agents_that_pass()
 
     class workspace:
         class playback:
