@@ -4,16 +4,19 @@ Scenes of PD_EDITOR_AV2's ``train`` and ``val``, each plain, on two warped roads
 road users resampled and with as many as fit. A scene is accepted if the format's own loader
 takes it and if all that is compared agrees: states within 1 mm, 0.1 degree and 0.05 m/s,
 links of lanes, centre lines within 5 cm (CommonRoad's are midway between bounds: 0.4 m).
-``--loaders`` asks the loaders of ``tests/oracles`` and SUMO's tools too, which takes long.
+``--loaders`` asks the loaders of ``tests/oracles`` too, which takes long. Answers are kept
+in ``answers.jsonl``: a run that goes on asks again about what was refused, and what is new.
 """
 
 import argparse
+import json
 import os
 import shutil
 import time
 import traceback
-from collections import defaultdict
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +37,7 @@ from tests.scene.formats import (
     test_recording_writers,
     test_sumo_writer,
 )
+from tests.scene.formats.agreement import Worst
 
 WARPS = ("double-turn", "smooth-turn")
 
@@ -62,55 +66,61 @@ def edited(folder: Path, out: Path) -> Iterator[Path]:
         yield target
 
 
-def check_av2(scenario: Scenario, folder: Path, *, asks: bool) -> None:
+def check_av2(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
     """Argoverse 2: equal rows, and the official loaders."""
     source = Path(scenario.provenance.source)
-    same = compare(source, copy_scenario(source, folder))
+    same, worst = compare(source, copy_scenario(source, folder)), Worst()
     assert not same.differing_columns, same.differing_columns
     assert not same.differing_map_fields, same.differing_map_fields
+    worst.note("position_m", same.position_error_m)
+    worst.note("center_m", same.map_error_m)
     if asks:
         check_with_official_loaders(folder / scenario.scenario_id)
+    return worst
 
 
-def check_opendrive(scenario: Scenario, folder: Path, *, asks: bool) -> None:
+def check_opendrive(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
     """OpenDRIVE and OpenSCENARIO: our reader, ASAM's checkers, netconvert."""
     path = test_opendrive_writer.written(scenario, folder)
-    test_opendrive_writer.check_roads(scenario, path)
-    test_opendrive_writer.check_agents(scenario, path)
+    worst = test_opendrive_writer.check_roads(scenario, path)
+    worst |= test_opendrive_writer.check_agents(scenario, path)
     if asks:
         paths = [str(path), str(path.with_suffix(".xosc"))]
         for answer in oracle("asam").ask("asam_issues.py", paths):
             assert not answer["issues"], answer["issues"][0]
         test_opendrive_writer.check_netconvert(scenario, path)
+    return worst
 
 
-def check_commonroad(scenario: Scenario, folder: Path, *, asks: bool) -> None:
+def check_commonroad(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
     """CommonRoad: our reader, commonroad-io."""
-    test_commonroad_writer.check_same(scenario, folder)
+    worst = test_commonroad_writer.check_same(scenario, folder)
     if asks:
         test_oracles.check_commonroad([scenario], folder, oracle("commonroad"))
+    return worst
 
 
-def check_scenarionet(scenario: Scenario, folder: Path, *, asks: bool) -> None:
+def check_scenarionet(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
     """ScenarioNet: our reader, MetaDrive."""
-    test_recording_writers.check_same(scenario, "scenarionet", folder)
+    worst = test_recording_writers.check_same(scenario, "scenarionet", folder)
     if asks:
         test_oracles.check_metadrive([scenario], folder, oracle("metadrive"))
+    return worst
 
 
-def check_gpudrive(scenario: Scenario, folder: Path, *, asks: bool) -> None:
+def check_gpudrive(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
     """GPUDrive: our reader; its own runs on a GPU."""
     del asks
-    test_recording_writers.check_same(scenario, "gpudrive", folder)
+    return test_recording_writers.check_same(scenario, "gpudrive", folder)
 
 
-def check_sumo(scenario: Scenario, folder: Path, *, asks: bool) -> None:
+def check_sumo(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
     """SUMO: our reader, sumolib, sumo; these are always asked."""
     del asks
-    test_sumo_writer.check(scenario, folder)
+    return test_sumo_writer.check(scenario, folder)
 
 
-CHECKS: dict[str, Callable[..., None]] = {
+CHECKS: dict[str, Callable[..., Worst]] = {
     "av2": check_av2,
     "opendrive": check_opendrive,
     "commonroad": check_commonroad,
@@ -120,44 +130,88 @@ CHECKS: dict[str, Callable[..., None]] = {
 }
 
 
+@dataclass(frozen=True)
+class Answer:
+    """Of one variant of a scene in one format; ``why`` it is refused, or empty."""
+
+    variant: str
+    format: str
+    took_s: float
+    why: str
+    worst: dict[str, float]
+
+
+def answers(
+    source: Path, out: Path, asked: set[tuple[str, str]], *, asks: bool
+) -> list[Answer]:
+    """Of all variants of a scene in all formats, without those that are known."""
+    found = []
+    for number, folder in enumerate(edited(source, out)):
+        variant = f"{source.name}-{number}"
+        names = [name for name in CHECKS if (variant, name) not in asked]
+        scenario = open_scenario(folder) if names else None
+        for name in names:
+            write = formats()[name].write
+            assert write is not None
+            assert scenario is not None
+            began = time.process_time()
+            write(scenario)
+            took_s = time.process_time() - began
+            target = out / "written" / name / variant
+            shutil.rmtree(target, ignore_errors=True)
+            target.mkdir(parents=True)
+            why, worst = "", {}
+            try:
+                worst = CHECKS[name](scenario, target, asks=asks)
+            except (AssertionError, PdEditorError) as error:
+                place = traceback.extract_tb(error.__traceback__)[-1]
+                why = f"{place.name}: {str(error).strip() or place.line}"[:400]
+            found.append(Answer(variant, name, took_s, why, dict(worst)))
+    return found
+
+
 def main() -> None:
-    """Print why scenes are not accepted, then how many are, and times of writing."""
+    """Print why scenes are not accepted, then how many are, gaps and times of writing."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--formats", nargs="*", default=list(CHECKS))
     parser.add_argument("--every", type=int, default=1, help="take every nth scene")
+    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--loaders", action="store_true")
     options = parser.parse_args()
     root = Path(os.environ["PD_EDITOR_AV2"])
     sources = [one for split in ("train", "val") for one in (root / split).iterdir()]
-    refused: defaultdict[str, list[str]] = defaultdict(list)
-    took: defaultdict[str, list[float]] = defaultdict(list)
-    for source in sorted(sources)[:: options.every]:
-        for number, folder in enumerate(edited(source, options.out)):
-            scenario = open_scenario(folder)
-            for name in options.formats:
-                write = formats()[name].write
-                assert write is not None
-                began = time.perf_counter()
-                write(scenario)
-                took[name].append(time.perf_counter() - began)
-                target = options.out / "written" / name / f"{source.name}-{number}"
-                shutil.rmtree(target, ignore_errors=True)
-                target.mkdir(parents=True)
-                try:
-                    CHECKS[name](scenario, target, asks=options.loaders)
-                except (AssertionError, PdEditorError) as error:
-                    place = traceback.extract_tb(error.__traceback__)[-1]
-                    why = str(error).strip() or place.line
-                    refused[name].append(f"{folder}: {place.name}: {why}"[:400])
-                    print(f"{name}: {refused[name][-1]}", flush=True)
-    for name in options.formats:
-        times, bad = took[name], refused[name]
-        quartiles = np.quantile(times, [0.25, 0.5, 0.75, 1.0])
+    options.out.mkdir(parents=True, exist_ok=True)
+    kept = options.out / "answers.jsonl"
+    lines = kept.read_text().splitlines() if kept.exists() else []
+    every = [
+        one for one in (Answer(**json.loads(line)) for line in lines) if not one.why
+    ]
+    known = {(one.variant, one.format) for one in every}
+    with ProcessPoolExecutor(options.workers) as pool, kept.open("a") as file:
+        jobs = [
+            pool.submit(answers, source, options.out, known, asks=options.loaders)
+            for source in sorted(sources)[:: options.every]
+        ]
+        for job in as_completed(jobs):
+            for one in job.result():
+                every.append(one)
+                print(json.dumps(asdict(one)), file=file, flush=True)
+                if one.why:
+                    print(f"{one.format}: {one.variant}: {one.why}", flush=True)
+    for name in CHECKS:
+        own = [one for one in every if one.format == name]
+        quartiles = 1e3 * np.quantile(
+            [one.took_s for one in own], [0.25, 0.5, 0.75, 1.0]
+        )
+        low, median, high, most = quartiles.round().astype(int)
+        worst = Worst()
+        for key, gap in (pair for one in own for pair in one.worst.items()):
+            worst.note(key, gap)
         print(
-            f"{name:12}{len(times) - len(bad)} of {len(times)} accepted; written in "
-            f"{1e3 * quartiles[1]:.0f} ms (quartiles {1e3 * quartiles[0]:.0f} to "
-            f"{1e3 * quartiles[2]:.0f}, most {1e3 * quartiles[3]:.0f})"
+            f"{name:12}{sum(not one.why for one in own)} of {len(own)} accepted; "
+            + ", ".join(f"{key} {gap:.2g}" for key, gap in sorted(worst.items()))
+            + f"; written in {median} ms of processor time (quartiles {low} to {high}, "
+            f"most {most})"
         )
 
 

@@ -6,8 +6,24 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import ArrayLike
 
 from pd_editor.scene.scenario import Scenario
+
+
+class Worst(dict[str, float]):
+    """Largest differences by what differs."""
+
+    def note(self, name: str, gaps: ArrayLike) -> float:
+        """The largest of these differences, which is kept."""
+        most = float(np.max(np.abs(gaps), initial=0.0))
+        self[name] = max(self.get(name, 0.0), most)
+        return most
+
+    def turns(self, gaps_rad: ArrayLike) -> float:
+        """The same of headings, in degrees."""
+        turn = np.angle(np.exp(1j * np.asarray(gaps_rad)))
+        return self.note("heading_deg", np.degrees(turn))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.formats.commonroad import read
 from pd_editor.scene.formats.commonroad_writer import IDS_NAME, write
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from tests.scene.formats.agreement import Worst
 
 CENTERS_M = 0.4
 """Centre lines of Argoverse 2 are drawn by hand; those of CommonRoad are midway."""
@@ -29,7 +30,8 @@ def there_and_back(scenario: Scenario, folder: Path) -> tuple[Scenario, dict[str
     return read(path), ids
 
 
-def check_same(scenario: Scenario, folder: Path) -> None:
+def check_same(scenario: Scenario, folder: Path) -> Worst:
+    worst = Worst()
     found, ids = there_and_back(scenario, folder)
     assert found.scenario_id == scenario.scenario_id
     agents, others = scenario.agents, found.agents
@@ -49,14 +51,14 @@ def check_same(scenario: Scenario, folder: Path) -> None:
         place = agents.position_m[row, steps] + scenario.origin_city_m
         gap = place - others.position_m[other, steps + later] - found.origin_city_m
         is_there = others.is_valid[other, steps + later]
-        assert np.abs(gap[is_there]).max() <= 1e-3
+        assert worst.note("position_m", gap[is_there]) <= 1e-3
         turn = agents.heading_rad[row, steps] - others.heading_rad[other, steps + later]
-        assert np.abs(np.angle(np.exp(1j * turn[is_there]))).max() < np.radians(0.1)
+        assert worst.turns(turn[is_there]) < 0.1
         speeds = (
             agents.speed_mps()[row, steps],
             others.speed_mps()[other, steps + later],
         )
-        assert np.abs(speeds[0] - speeds[1])[is_there].max() <= 0.05
+        assert worst.note("speed_mps", (speeds[0] - speeds[1])[is_there]) <= 0.05
         if name != ego:
             np.testing.assert_allclose(
                 others.size_m[other], agents.size_m[row], atol=1e-3
@@ -77,8 +79,13 @@ def check_same(scenario: Scenario, folder: Path) -> None:
                 )
             ]
             most = CENTERS_M if side == "centerline_m" else 1e-3
-            assert lines[0].hausdorff_distance(lines[1]) <= most
+            gap = lines[0].hausdorff_distance(lines[1])
+            assert (
+                worst.note("center_m" if side == "centerline_m" else "bound_m", gap)
+                <= most
+            )
     assert len(found.road_map.crosswalks) == len(scenario.road_map.crosswalks)
+    return worst
 
 
 @pytest.mark.parametrize("demo", ["roundabout", "crosswalk", "queue"])

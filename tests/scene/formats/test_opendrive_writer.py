@@ -34,6 +34,7 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import Signal
 from tests.builders import straight_lane, two_agents_that_pass
 from tests.oracles.environment import Oracle
+from tests.scene.formats.agreement import Worst
 
 CENTERS_M = 0.05
 """Corners are rounded, and where lanes meet they have one heading."""
@@ -95,8 +96,9 @@ def lane_names(path: Path) -> dict[int, Lanes]:
     return {int(one["id"]): (a, b) for one, (a, b) in zip(rows, names, strict=True)}
 
 
-def check_roads(scenario: Scenario, path: Path) -> None:
+def check_roads(scenario: Scenario, path: Path) -> Worst:
     """The file, and what our reader makes of it, has the scenario's lanes."""
+    worst = Worst()
     root = etree.parse(path).getroot()
     assert links_of(root) == own_links(scenario, path)
     found, names = read(path), lane_names(path)
@@ -131,7 +133,7 @@ def check_roads(scenario: Scenario, path: Path) -> None:
             shapely.distance(points_along(one), line).max()
             for one, line in (lines, lines[::-1])
         )
-        assert gap <= CENTERS_M, lane.lane_id
+        assert worst.note("center_m", gap) <= CENTERS_M, lane.lane_id
     walks, others = (
         [
             shapely.Polygon(one.outline_m() + scene.origin_city_m)
@@ -154,6 +156,7 @@ def check_roads(scenario: Scenario, path: Path) -> None:
         for origin in [scene.origin_city_m]
     ]
     assert areas[0].difference(areas[1].buffer(0.5)).area <= 1e-3 * areas[0].area
+    return worst
 
 
 def points_along(line: shapely.LineString) -> np.ndarray:
@@ -197,8 +200,9 @@ def values(place: etree._Element) -> list[float]:
     return [float(place.get(name, "")) for name in "xyh"]
 
 
-def check_agents(scenario: Scenario, path: Path) -> None:
+def check_agents(scenario: Scenario, path: Path) -> Worst:
     """The trajectories beside a road network are the scenario's."""
+    worst = Worst()
     root = etree.parse(path.with_suffix(".xosc")).getroot()
     assert root.find("RoadNetwork/LogicFile").get("filepath") == path.name
     table = io.StringIO((path.parent / IDS_NAME).read_text())
@@ -223,15 +227,15 @@ def check_agents(scenario: Scenario, path: Path) -> None:
             assert until == pytest.approx(states[-1, 0] + step_s)
             is_there[steps] = True
             gap = states[:, 1:3] - agents.position_m[row, steps]
-            assert np.abs(gap).max() <= 1e-3
-            turn = states[:, 3] - agents.heading_rad[row, steps]
-            assert np.abs(np.angle(np.exp(1j * turn))).max() <= np.radians(0.1)
+            assert worst.note("position_m", gap) <= 1e-3
+            assert worst.turns(states[:, 3] - agents.heading_rad[row, steps]) <= 0.1
             speeds = [
                 np.hypot(*np.diff(line, axis=0).T) / step_s
                 for line in (states[:, 1:3], agents.position_m[row, steps])
             ]
-            np.testing.assert_allclose(*speeds, atol=0.05)
+            assert worst.note("speed_mps", speeds[0] - speeds[1]) <= 0.05
         np.testing.assert_array_equal(is_there, agents.is_valid[row])
+    return worst
 
 
 @pytest.mark.parametrize("demo", ["roundabout", "crosswalk", "queue", "merge"])

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import shapely
 
 from pd_editor.base.errors import ExportError
 from pd_editor.editor.scenario_store import open_scenario
@@ -20,6 +21,7 @@ from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import Signal, states_at
+from tests.scene.formats.agreement import Worst
 
 
 def written(scenario: Scenario, name: str) -> WrittenScene:
@@ -34,7 +36,8 @@ def there_and_back(scenario: Scenario, name: str, folder: Path) -> Scenario:
     return open_scenario(folder)
 
 
-def check_same(scenario: Scenario, name: str, folder: Path) -> None:
+def check_same(scenario: Scenario, name: str, folder: Path) -> Worst:
+    worst = Worst()
     found = there_and_back(scenario, name, folder)
     assert found.scenario_id == scenario.scenario_id
     agents, others = scenario.agents, found.agents
@@ -58,11 +61,11 @@ def check_same(scenario: Scenario, name: str, folder: Path) -> None:
             assert len(there) == agents.is_valid[mine].sum()
         place = agents.position_m[mine, steps] + scenario.origin_city_m
         gap = place - others.position_m[theirs, there] - found.origin_city_m
-        assert np.abs(gap).max() < 1e-6
+        assert worst.note("position_m", gap) < 1e-6
         turn = agents.heading_rad[mine, steps] - others.heading_rad[theirs, there]
-        assert np.abs(np.angle(np.exp(1j * turn))).max() < 1e-6
+        assert worst.turns(turn) < 1e-4
         speed = agents.velocity_mps[mine, steps] - others.velocity_mps[theirs, there]
-        assert np.abs(speed).max() < 1e-6
+        assert worst.note("speed_mps", speed) < 1e-6
     assert len(found.road_map.lanes) == len(scenario.road_map.lanes)
     if name == "scenarionet":
         number = {lane.lane_id: n for n, lane in enumerate(scenario.road_map.lanes, 1)}
@@ -71,6 +74,14 @@ def check_same(scenario: Scenario, name: str, folder: Path) -> None:
         ):
             expected = {number[one] for one in lane.successors if one in number}
             assert set(number.values()).intersection(other.successors) == expected
+    for lane, other in zip(scenario.road_map.lanes, found.road_map.lanes, strict=True):
+        lines = [
+            shapely.LineString(one.centerline_m + scene.origin_city_m)
+            for one, scene in ((lane, scenario), (other, found))
+        ]
+        gap = lines[0].hausdorff_distance(lines[1])
+        assert worst.note("center_m", gap) < 0.05
+    return worst
 
 
 @pytest.mark.parametrize("name", ["scenarionet", "gpudrive"])

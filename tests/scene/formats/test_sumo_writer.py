@@ -16,10 +16,10 @@ from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.registry import writer
 from pd_editor.scene.formats.sumo_writer import write
-from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.road_map import LaneKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.signals import Signal
+from tests.scene.formats.agreement import Worst
 
 DEMO = "signalised-junction"
 
@@ -45,10 +45,10 @@ def links_of(scenario: Scenario, ids: dict[str, str]) -> dict[str, set[str]]:
     }
 
 
-def check(scenario: Scenario, folder: Path) -> None:
+def check(scenario: Scenario, folder: Path) -> Worst:
     """Graph and lanes by sumolib, all by our reader, routes by sumo."""
     net_file, ids = written(scenario, folder)
-    known = scenario.road_map.lane_of
+    known, worst = scenario.road_map.lane_of, Worst()
     net = sumolib.net.readNet(str(net_file), withInternal=True)
     lanes = [lane for edge in net.getEdges() for lane in edge.getLanes()]
     graph = {
@@ -59,7 +59,7 @@ def check(scenario: Scenario, folder: Path) -> None:
     ours = {other: known[int(one[5:])] for one, other in ids.items() if "lane" in one}
     for lane in lanes:
         own = ours[lane.getID()].centerline_m + scenario.origin_city_m
-        np.testing.assert_allclose(lane.getShape(), own, atol=1e-3)
+        assert worst.note("center_m", np.subtract(lane.getShape(), own)) < 1e-3
     back = open_scenario(net_file)
     names = dict(zip([one.lane_id for one in back.road_map.lanes],
                      [lane.getID() for lane in lanes], strict=True))  # fmt: skip
@@ -67,17 +67,18 @@ def check(scenario: Scenario, folder: Path) -> None:
         own = ours[names[one.lane_id]]
         assert {names[after] for after in one.successors} == graph[names[one.lane_id]]
         assert one.kind is own.kind
-    same_agents(scenario, back, ids)
+    worst |= same_agents(scenario, back, ids)
     done = subprocess.run(
         [str(sumo_tool("sumo")), "-c", str(net_file).replace(".net.xml", ".sumocfg"),
          "--no-step-log"],
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert (done.returncode, "Error" in done.stderr) == (0, False), done.stderr
+    return worst
 
 
-def same_agents(scenario: Scenario, back: Scenario, ids: dict[str, str]) -> None:
-    one, two = scenario.agents, back.agents
+def same_agents(scenario: Scenario, back: Scenario, ids: dict[str, str]) -> Worst:
+    one, two, worst = scenario.agents, back.agents, Worst()
     there = one.is_valid.any(axis=1)
     rows = two.rows(ids[f"agent {name}"] for name in np.array(one.ids)[there])
     steps = slice(0, one.num_steps)
@@ -87,20 +88,16 @@ def same_agents(scenario: Scenario, back: Scenario, ids: dict[str, str]) -> None
     np.testing.assert_array_equal(two.is_valid[rows][:, steps], valid)
     place = (one.position_m + scenario.origin_city_m)[there][valid]
     its = (two.position_m + back.origin_city_m)[rows][:, steps][valid]
-    np.testing.assert_allclose(its, place, atol=1e-3)
-    turn = wrap_angle(
-        two.heading_rad[rows][:, steps][valid] - one.heading_rad[there][valid]
-    )
-    assert np.rad2deg(np.abs(turn)).max() < 0.1
-    np.testing.assert_allclose(
-        two.velocity_mps[rows][:, steps][valid],
-        one.velocity_mps[there][valid],
-        atol=0.05,
-    )
+    assert worst.note("position_m", its - place) < 1e-3
+    turn = two.heading_rad[rows][:, steps][valid] - one.heading_rad[there][valid]
+    assert worst.turns(turn) < 0.1
+    speed = two.velocity_mps[rows][:, steps][valid] - one.velocity_mps[there][valid]
+    assert worst.note("speed_mps", speed) < 0.05
     np.testing.assert_allclose(two.size_m[rows], one.size_m[there], atol=1e-3)
     assert [two.kinds[row] for row in rows] == [
         kind for kind, is_there in zip(one.kinds, there, strict=True) if is_there
     ]
+    return worst
 
 
 @pytest.mark.parametrize("name", demo_names())
