@@ -16,7 +16,8 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -66,67 +67,74 @@ def edited(folder: Path, out: Path) -> Iterator[Path]:
         yield target
 
 
-def check_av2(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
-    """Argoverse 2: equal rows, and the official loaders."""
+def check_av2(scenario: Scenario, folder: Path) -> Worst:
+    """Argoverse 2: equal rows."""
     source = Path(scenario.provenance.source)
     same, worst = compare(source, copy_scenario(source, folder)), Worst()
     assert not same.differing_columns, same.differing_columns
     assert not same.differing_map_fields, same.differing_map_fields
     worst.note("position_m", same.position_error_m)
     worst.note("center_m", same.map_error_m)
-    if asks:
-        check_with_official_loaders(folder / scenario.scenario_id)
     return worst
 
 
-def check_opendrive(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
-    """OpenDRIVE and OpenSCENARIO: our reader, ASAM's checkers, netconvert."""
+def check_opendrive(scenario: Scenario, folder: Path) -> Worst:
+    """OpenDRIVE and OpenSCENARIO: our reader."""
     path = test_opendrive_writer.written(scenario, folder)
     worst = test_opendrive_writer.check_roads(scenario, path)
-    worst |= test_opendrive_writer.check_agents(scenario, path)
-    if asks:
-        paths = [str(path), str(path.with_suffix(".xosc"))]
-        for answer in oracle("asam").ask("asam_issues.py", paths):
-            assert not answer["issues"], answer["issues"][0]
-        test_opendrive_writer.check_netconvert(scenario, path)
-    return worst
+    return Worst(worst | test_opendrive_writer.check_agents(scenario, path))
 
 
-def check_commonroad(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
-    """CommonRoad: our reader, commonroad-io."""
-    worst = test_commonroad_writer.check_same(scenario, folder)
-    if asks:
-        test_oracles.check_commonroad([scenario], folder, oracle("commonroad"))
-    return worst
+def check_recording(name: str, scenario: Scenario, folder: Path) -> Worst:
+    """ScenarioNet and GPUDrive: our reader."""
+    return test_recording_writers.check_same(scenario, name, folder)
 
 
-def check_scenarionet(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
-    """ScenarioNet: our reader, MetaDrive."""
-    worst = test_recording_writers.check_same(scenario, "scenarionet", folder)
-    if asks:
-        test_oracles.check_metadrive([scenario], folder, oracle("metadrive"))
-    return worst
-
-
-def check_gpudrive(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
-    """GPUDrive: our reader; its own runs on a GPU."""
-    del asks
-    return test_recording_writers.check_same(scenario, "gpudrive", folder)
-
-
-def check_sumo(scenario: Scenario, folder: Path, *, asks: bool) -> Worst:
-    """SUMO: our reader, sumolib, sumo; these are always asked."""
-    del asks
-    return test_sumo_writer.check(scenario, folder)
-
-
-CHECKS: dict[str, Callable[..., Worst]] = {
+CHECKS: dict[str, Callable[[Scenario, Path], Worst]] = {
     "av2": check_av2,
     "opendrive": check_opendrive,
-    "commonroad": check_commonroad,
-    "scenarionet": check_scenarionet,
-    "gpudrive": check_gpudrive,
-    "sumo": check_sumo,
+    "commonroad": test_commonroad_writer.check_same,
+    "scenarionet": partial(check_recording, "scenarionet"),
+    "gpudrive": partial(check_recording, "gpudrive"),
+    # With sumolib and sumo.
+    "sumo": test_sumo_writer.check,
+}
+
+
+def ask_av2(told: list[Scenario], folders: list[Path]) -> None:
+    """The package av2."""
+    for scenario, folder in zip(told, folders, strict=True):
+        check_with_official_loaders(folder / scenario.scenario_id)
+
+
+def ask_opendrive(told: list[Scenario], folders: list[Path]) -> None:
+    """ASAM's checkers, and netconvert."""
+    roads = [
+        folder / f"{scenario.scenario_id}.xodr"
+        for scenario, folder in zip(told, folders, strict=True)
+    ]
+    paths = [str(one.with_suffix(end)) for one in roads for end in (".xodr", ".xosc")]
+    for answer in oracle("asam").ask("asam_issues.py", paths):
+        assert not answer["issues"], answer["issues"][0]
+    for scenario, road in zip(told, roads, strict=True):
+        test_opendrive_writer.check_netconvert(scenario, road)
+
+
+def ask_commonroad(told: list[Scenario], folders: list[Path]) -> None:
+    """The package commonroad-io."""
+    test_oracles.check_commonroad(told, folders[0], oracle("commonroad"))
+
+
+def ask_metadrive(told: list[Scenario], folders: list[Path]) -> None:
+    """MetaDrive's replay."""
+    test_oracles.check_metadrive(told, folders[0], oracle("metadrive"))
+
+
+LOADERS: dict[str, Callable[[list[Scenario], list[Path]], None]] = {
+    "av2": ask_av2,
+    "opendrive": ask_opendrive,
+    "commonroad": ask_commonroad,
+    "scenarionet": ask_metadrive,
 }
 
 
@@ -141,33 +149,57 @@ class Answer:
     worst: dict[str, float]
 
 
+def why_not(check: Callable[..., object], *about: object) -> str:
+    """Why a check fails; empty if it does not."""
+    try:
+        check(*about)
+    except (AssertionError, PdEditorError) as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        return f"{place.name}: {str(error).strip() or place.line}"[:400]
+    return ""
+
+
+def note_all(
+    worst: Worst,
+    check: Callable[[Scenario, Path], Worst],
+    scenario: Scenario,
+    folder: Path,
+) -> None:
+    """Keep the differences that a check finds."""
+    worst.update(check(scenario, folder))
+
+
 def answers(
-    source: Path, out: Path, asked: set[tuple[str, str]], *, asks: bool
+    source: Path, out: Path, known: set[tuple[str, str]], *, asks: bool
 ) -> list[Answer]:
     """Of all variants of a scene in all formats, without those that are known."""
-    found = []
+    found: dict[tuple[str, str], tuple[Scenario, Path, Answer]] = {}
     for number, folder in enumerate(edited(source, out)):
         variant = f"{source.name}-{number}"
-        names = [name for name in CHECKS if (variant, name) not in asked]
-        scenario = open_scenario(folder) if names else None
+        names = [name for name in CHECKS if (variant, name) not in known]
         for name in names:
-            write = formats()[name].write
+            scenario, write = open_scenario(folder), formats()[name].write
             assert write is not None
-            assert scenario is not None
             began = time.process_time()
             write(scenario)
             took_s = time.process_time() - began
             target = out / "written" / name / variant
             shutil.rmtree(target, ignore_errors=True)
             target.mkdir(parents=True)
-            why, worst = "", {}
-            try:
-                worst = CHECKS[name](scenario, target, asks=asks)
-            except (AssertionError, PdEditorError) as error:
-                place = traceback.extract_tb(error.__traceback__)[-1]
-                why = f"{place.name}: {str(error).strip() or place.line}"[:400]
-            found.append(Answer(variant, name, took_s, why, dict(worst)))
-    return found
+            worst = Worst()
+            why = why_not(note_all, worst, CHECKS[name], scenario, target)
+            answer = Answer(variant, name, took_s, why, dict(worst))
+            found[variant, name] = scenario, target, answer
+    for name, ask in LOADERS.items() if asks else ():
+        fine = {key: one for key, one in found.items() if key[1] == name}
+        fine = {key: one for key, one in fine.items() if not one[2].why}
+        told, folders = ([one[n] for one in fine.values()] for n in (0, 1))
+        # All at once, since to start a loader takes longest.
+        if told and why_not(ask, told, folders):
+            for key, (scenario, target, answer) in fine.items():
+                why = why_not(ask, [scenario], [target])
+                found[key] = scenario, target, replace(answer, why=why)
+    return [answer for *_, answer in found.values()]
 
 
 def main() -> None:

@@ -35,6 +35,7 @@ from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import (
+    foreign_scenes_among,
     format_of,
     formats,
     has_foreign_ending,
@@ -193,7 +194,7 @@ def _only_file(folder: Path) -> Path | None:
     if format_of(folder) is not None:
         return None
     try:
-        found = [one for one in folder.iterdir() if is_foreign_scene(one)]
+        found = foreign_scenes_among(folder.iterdir())
     except OSError:
         return None
     return found[0] if len(found) == 1 else None
@@ -205,8 +206,7 @@ def foreign_scenes(folder: Path) -> list[Path]:
         return [folder]
     found: list[Path] = []
     for place, folders, files in os.walk(folder):
-        inside = [Path(place, one) for one in (*folders, *files)]
-        scenes = list(filter(is_foreign_scene, inside))
+        scenes = foreign_scenes_among(Path(place, one) for one in (*folders, *files))
         # What is within a scene is a part of it.
         folders[:] = [one for one in folders if Path(place, one) not in scenes]
         found += scenes
@@ -268,20 +268,26 @@ def is_foreign(name: str, content: bytes) -> bool:
 def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
     """Scenario in a file of another format than Argoverse 2, or a zip of it; else None."""
     inside = list(files_in_upload(files, has_foreign_ending, MAX_UNPACKED_BYTES))
-    scenes = [one for one in inside if is_foreign(*one)] if len(files) == 1 else []
-    if not scenes:
+    if len(files) != 1 or not inside:
         return None
-    if len(scenes) > 1:
-        raise InputError(
-            f"The upload holds {len(scenes)} scenes, such as {scenes[0][0][:60]} and "
-            f"{scenes[1][0][:60]}; expected one."
-        )
-    ((name, content),) = scenes
-    with _as_file(name, content) as path:
-        # Such as the motion on a SUMO network.
-        for other, data in inside:
-            if not (beside := path.with_name(Path(other).name)).exists():
-                beside.write_bytes(data)
+    with tempfile.TemporaryDirectory() as folder:
+        # Beside a road network may be the motion on it.
+        name_of = {}
+        for name, data in inside:
+            path = Path(folder) / Path(name).name[-60:]
+            if path in name_of:
+                path = Path(folder) / f"{len(name_of)}-{path.name}"
+            path.write_bytes(data)
+            name_of[path] = name
+        scenes = foreign_scenes_among(name_of)
+        if not scenes:
+            return None
+        path, name = scenes[0], name_of[scenes[0]]
+        if len(scenes) > 1:
+            raise InputError(
+                f"The upload holds {len(scenes)} scenes, such as {name[:60]} and "
+                f"{name_of[scenes[1]][:60]}; expected one."
+            )
         try:
             scenario = read_scene(path)
         except InputError as error:

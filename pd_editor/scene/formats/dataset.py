@@ -24,6 +24,7 @@ from pd_editor.scene.av2_io.file_names import (
 from pd_editor.scene.av2_io.track_table import open_track_table
 from pd_editor.scene.av2_io.tracks_file import current_step_of
 from pd_editor.scene.formats.registry import (
+    foreign_scenes_among,
     is_foreign_scene,
     name_of_scene,
     read_scene,
@@ -313,8 +314,8 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
         yield _Found(scenario_id=scenario_id, folder=folder) if is_whole else folder
         return
     is_scene = is_foreign_scene(folder)
-    inside = (folder / name for name in sorted(files))
-    scenes = [folder] if is_scene else list(filter(is_foreign_scene, inside))
+    inside = [folder / name for name in files]
+    scenes = [folder] if is_scene else foreign_scenes_among(inside)
     for path in scenes:
         name = name_of_scene(path)
         yield _Found(scenario_id=name, folder=path, is_foreign=True)

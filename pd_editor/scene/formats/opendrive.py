@@ -1,4 +1,4 @@
-"""ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML)."""
+"""ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML), and OpenSCENARIO on them."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
@@ -13,7 +13,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
-from pd_editor.scene.formats.file_signal import FileSignal
+from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.opendrive_writer import (
     INTERSECTION,
     JOINT_M,
@@ -22,6 +22,14 @@ from pd_editor.scene.formats.opendrive_writer import (
     RIGHT,
     ROAD_MARKS,
     write,
+)
+from pd_editor.scene.formats.openscenario import (
+    ENDING,
+    Motion,
+    Pose,
+    motion_of,
+    road_network_of,
+    scenario_root,
 )
 from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.recorded_map import crosswalk_of
@@ -63,18 +71,26 @@ Key = tuple[str, int, int, bool]
 
 
 def read(path: Path) -> Scenario:
-    """Read a road network as a scene without agents.
+    """Read a road network, and the agents of the ``.xosc`` file beside it, if there is one.
 
+    A ``.xosc`` file is read with the network that it names.
     Lanes are one for each lane of each section; elevations are kept, cross falls are not.
-    Roads without length, or connecting within centimetres, only join lanes. Lights have unknown
-    states; signs, and objects other than crosswalks and asphalt, are left out. City
+    Roads without length, or connecting within centimetres, only join lanes. Lights have the
+    states of that file, or none; signs, and objects other than crosswalks and asphalt, are left out. City
     coordinates are those that the header's offset leads to, unless it turns the road.
 
     Raises:
-        FormatError: the file is damaged, of an unknown version, or without lanes.
+        FormatError: a file is damaged, of an unknown version, or without lanes.
     """
-    element, data = parse_xml(path, "OpenDRIVE")
-    root = Place(path, element)
+    story = (
+        path if ending_of(path) == ENDING else path.with_name(stem_of(path) + ENDING)
+    )
+    scenario = scenario_root(story) if story.exists() else None
+    roads_at = path
+    if scenario is not None and story == path:
+        roads_at = road_network_of(scenario[0])
+    element, data = parse_xml(roads_at, "OpenDRIVE")
+    root = Place(roads_at, element)
     header = root.child("header")
     major, minor = header.integer("revMajor"), header.integer("revMinor")
     if major != 1 or not 0 <= minor <= MOST_MINOR:
@@ -90,13 +106,14 @@ def read(path: Path) -> Scenario:
     network = _Network(root, roads)
     paved = [area for road in roads.values() for area in road.paved()]
     walks = [walk for road in roads.values() for walk in road.crosswalks()]
-    signals, notes = network.signals()
+    motion = Motion()
+    if scenario is not None:
+        motion = motion_of(*scenario, lambda place: _pose(roads, place))
+    signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
-    if (motion := path.with_name(f"{stem_of(path)}.xosc")).exists():
-        notes = (*notes, f"Agents in {motion.name} (OpenSCENARIO) are not read.")
     scene = FileScene(
         path=path,
         name=stem_of(path),
@@ -108,9 +125,12 @@ def read(path: Path) -> Scenario:
         ),
         more_paved=paved,
         signals=signals,
-        notes=notes,
+        tracks=motion.tracks,
+        ego_id=motion.ego_id,
+        current_s=motion.current_s,
+        notes=(*notes, *motion.notes),
         attribution=told_of(header.element, "vendor", "name", "license", "copyright"),
-    ).scenario(data)
+    ).scenario(data + motion.data)
     return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
 
 
@@ -124,6 +144,22 @@ def _offset(header: Place) -> Float[np.ndarray, "2"]:
         ):
             return shift
     return np.zeros(2)
+
+
+def _pose(roads: Mapping[str, "_Road"], place: Place) -> Pose:
+    """Pose of a place on a lane, in its driving direction."""
+    road, s = roads.get(place.attribute("roadId")), place.number("s")
+    if road is None or not 0 <= s <= road.length_m:
+        raise place.error("names no road of the network, or no place on one.")
+    section = road.section_at(s)
+    lane = place.integer("laneId")
+    if lane not in section.lanes:
+        raise place.error("names no lane of the road there.")
+    x, y, heading = road.line.at(np.array([s]))[0, :3].tolist()
+    beside = float(np.interp(s, section.s_m, section.middle(lane)))
+    beside += place.number("offset") if "offset" in place.element.attrib else 0.0
+    turn = 0.0 if road.leads_on(lane, section.lanes[lane])[0] else np.pi
+    return x - beside * np.sin(heading), y + beside * np.cos(heading), heading + turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +179,10 @@ class _Section:
     def inner(self, lane: int) -> int:
         """The next lane towards the centre."""
         return lane + 1 if lane < 0 else lane - 1
+
+    def middle(self, lane: int) -> Float[np.ndarray, "K"]:
+        """Lateral place of a lane's middle."""
+        return (self.border_m[lane] + self.border_m[self.inner(lane)]) / 2
 
     def points(self, lateral_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 3"]:
         """Points beside the reference line."""
@@ -252,10 +292,10 @@ class _Road:
             for number, place in section.lanes.items():
                 kind = place.element.get("type") or "none"
                 if kind in _LANE_KINDS and section.is_wide(number):
-                    for leads_on in self._directions(number, place):
+                    for leads_on in self.leads_on(number, place):
                         yield section, number, leads_on
 
-    def _directions(self, lane: int, place: Place) -> tuple[bool, ...]:
+    def leads_on(self, lane: int, place: Place) -> tuple[bool, ...]:
         """Whether a lane is driven in the direction of the road; two-way ones are twice."""
         told = place.element.get("direction")
         usual = ((lane < 0) != self.drives_left) != (told == "reversed")
@@ -309,8 +349,7 @@ class _Road:
     def obeying(self, place: Place) -> dict[Key, Float[np.ndarray, "2"]]:
         """Lanes for which a signal, or a reference to one, is valid, and places on them."""
         s, way = place.number("s"), place.element.get("orientation")
-        index = max(int(sum(one.s_m[0] <= s for one in self.sections)) - 1, 0)
-        section, found = self.sections[index], {}
+        section, found = self.section_at(s), {}
         spans = [
             sorted((one.integer("fromLane"), one.integer("toLane")))
             for one in place.children("validity")
@@ -323,12 +362,16 @@ class _Road:
                 low * high > 0 or fits for low, high in spans if low <= lane <= high
             ]
             if any(told) if spans else fits:
-                sides = section.border_m[lane], section.border_m[section.inner(lane)]
-                line = section.points((sides[0] + sides[1]) / 2)
-                found[self.name, index, lane, leads_on] = np.array(
+                line = section.points(section.middle(lane))
+                found[self.name, section.index, lane, leads_on] = np.array(
                     [np.interp(s, section.s_m, axis) for axis in line.T[:2]]
                 )
         return found
+
+    def section_at(self, s: float) -> _Section:
+        """The section at a place along the road."""
+        index = max(int(sum(one.s_m[0] <= s for one in self.sections)) - 1, 0)
+        return self.sections[index]
 
     def end_m(self, end: End) -> Float[np.ndarray, "2"]:
         """Place of an end of the reference line."""
@@ -379,10 +422,11 @@ class _Network:
             if not one[0].is_joint
         )
 
-    def signals(self) -> tuple[tuple[FileSignal, ...], tuple[str, ...]]:
+    def signals(self, motion: Motion) -> tuple[tuple[FileSignal, ...], tuple[str, ...]]:
         """Traffic lights at the stop lines of their lanes, and notes on what is left out.
 
         Of several for a lane, which are repeated heads or for turns, it obeys the first.
+        Lights of one controller that always have the same state are one signal.
         """
         known = {one.get("id"): one for one in self._root.element.iter("signal")}
         kinds = Counter(map(_kind_of_sign, known.values()))
@@ -397,15 +441,21 @@ class _Network:
                     for key, at in road.obeying(Place(road.place.path, one)).items():
                         if key in self._number:
                             here[self._number[key]] = at
-        found, taken = [], set()
+        taken: set[int] = set()
+        places: defaultdict[Any, dict[int, Any]] = defaultdict(dict)
         for name, stops in heads.items():
             own = {n: lines.get(n, at) for n, at in stops.items() if n not in taken}
             taken |= own.keys()
             if own or not stops:
-                found.append(FileSignal(signal_id=name, stop_m=own))
+                places[motion.phases.get(name, (name, ()))] |= own
+        found = [
+            cyclic_signal(name, stops, phases, 0.0)
+            for (name, phases), stops in places.items()
+        ]
+        stateless = sum(not one.words for one in found)
         bare = len(lines.keys() - taken)
         told = (
-            (found, "Traffic lights have unknown states: OpenDRIVE tells none."),
+            (stateless, f"{stateless} traffic lights have unknown states."),
             (bare, f"Stop lines without a traffic light are left out: {bare}."),
             (kinds[None], f"{kinds[None]} signs and other signals are left out."),
         )
@@ -429,7 +479,6 @@ class _Network:
             self._number.get((road.name, section.index, one, leads_on))
             for one in (inner or -lane, outer)
         )
-        middle = (sides[0] + sides[1]) / 2
         step = 1 if leads_on else -1
         order = 1 if leads_on == (lane < 0) else -1
         left, right = sides[::order]
@@ -449,7 +498,7 @@ class _Network:
             kind=_LANE_KINDS[kind],
             is_intersection=INTERSECTION in told
             or (bool(road.junction) and road.junction not in self._direct),
-            centerline=_simplified(section.points(middle)[::step]),
+            centerline=_simplified(section.points(section.middle(lane))[::step]),
             left=_simplified(section.points(left)[::step]),
             right=_simplified(section.points(right)[::step]),
             left_mark=left_mark,
@@ -569,13 +618,15 @@ def _simplified(line: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
 
 def _recognises(path: Path) -> bool:
     ending = ending_of(path)
+    if ending == ENDING:
+        return b"<logicfile" in head_of(path)
     return ending == ".xodr" or (ending == ".xml" and b"<opendrive" in head_of(path))
 
 
 OPENDRIVE: Final = SceneFormat(
     name="opendrive",
     title="OpenDRIVE",
-    endings=(".xodr",),
+    endings=(".xodr", ENDING),
     recognises=_recognises,
     read=read,
     write=write,

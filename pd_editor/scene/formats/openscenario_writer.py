@@ -18,7 +18,7 @@ from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 EGO_NAME: Final = "Ego"
-_VEHICLES: Final = {
+VEHICLES: Final = {
     AgentKind.VEHICLE: "car",
     AgentKind.BUS: "bus",
     AgentKind.MOTORCYCLIST: "motorbike",
@@ -117,8 +117,8 @@ def _entity(
     """Add what an entity is, with its box around its reference point."""
     length, width = size_m
     height = DEFAULT_HEIGHT_M[kind]
-    if kind in _VEHICLES:
-        found = added(place, "Vehicle", name=name, vehicleCategory=_VEHICLES[kind])
+    if kind in VEHICLES:
+        found = added(place, "Vehicle", name=name, vehicleCategory=VEHICLES[kind])
     elif kind == AgentKind.PEDESTRIAN:
         about = {"mass": 80, "pedestrianCategory": "pedestrian"}
         found = added(place, "Pedestrian", name=name, **about)
@@ -128,7 +128,7 @@ def _entity(
     box = added(found, "BoundingBox")
     added(box, "Center", x=0, y=0, z=height / 2)
     added(box, "Dimensions", width=width, length=length, height=height)
-    if kind in _VEHICLES:
+    if kind in VEHICLES:
         most = ("maxSpeed", "maxAcceleration", "maxDeceleration")
         added(found, "Performance", **dict.fromkeys(most, _MOST))
         axles = added(found, "Axles")

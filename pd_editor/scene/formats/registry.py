@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import entry_points
@@ -90,12 +91,25 @@ def name_of_scene(path: Path) -> str:
 
 def is_foreign_scene(path: Path) -> bool:
     """Whether a file or folder is a scene of a format other than Argoverse 2."""
-    if not os.path.isdir(path) and not (
-        has_foreign_ending(path.name) and os.path.isfile(path)
-    ):
-        return False
+    return bool(foreign_scenes_among([path]))
+
+
+def foreign_scenes_among(paths: Iterable[Path]) -> list[Path]:
+    """Scenes of formats other than Argoverse 2, sorted.
+
+    Files of one format in one folder and of one name, such as a road network and the
+    traffic on it, are one scene, of which the first file is given.
+    """
+    found: dict[tuple[Path, str, str], Path] = {}
     others = [one for one in formats().values() if one.read and one is not ARGOVERSE2]
-    return any(one.recognises(path) for one in others)
+    for path in sorted(paths):
+        is_file = has_foreign_ending(path.name) and os.path.isfile(path)
+        if is_file or os.path.isdir(path):
+            for kind in (one for one in others if one.recognises(path)):
+                key = path.parent, name_of_scene(path), kind.name
+                found.setdefault(key, path)
+                break
+    return list(found.values())
 
 
 def read_scene(path: Path) -> Scenario:

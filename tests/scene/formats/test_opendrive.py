@@ -483,11 +483,3 @@ def test_objects_without_a_size_are_left_out(tmp_path: Path):
     walk = '<object id="1" type="crosswalk" s="9" t="0" length="3"/>'
     scene = opened(tmp_path, road(section(lane(-1)), more=f"<objects>{walk}</objects>"))
     assert scene.road_map.crosswalks == ()
-
-
-def test_agents_beside_a_road_network_are_told(tmp_path: Path):
-    """They were left out without a word."""
-    path = write(tmp_path, road(section(lane(-1), lane(1))))
-    assert not any("xosc" in one for one in read(path).provenance.notes)
-    path.with_suffix(".xosc").write_text("<OpenSCENARIO/>")
-    assert "Agents in road.xosc" in " ".join(read(path).provenance.notes)

@@ -1,0 +1,217 @@
+"""Agents of OpenSCENARIO files on OpenDRIVE roads."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pd_editor.base.errors import FormatError
+from pd_editor.editor.scenario_store import (
+    foreign_scenes,
+    open_scenario,
+    scenario_and_recipe,
+)
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.formats.dataset import DatasetIndex
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import states_at
+from tests.scene.formats.test_opendrive_writer import with_signals, written
+
+ROAD = """<OpenDRIVE><header revMajor="1" revMinor="4"/>
+<road id="7" length="100" junction="-1">
+<planView><geometry s="0" x="10" y="0" hdg="0" length="100"><line/></geometry></planView>
+<lanes><laneSection s="0"><left><lane id="1" type="driving"><width sOffset="0" a="4" b="0"
+c="0" d="0"/></lane></left><right><lane id="-1" type="driving"><width sOffset="0" a="4"
+b="0" c="0" d="0"/></lane></right></laneSection></lanes></road></OpenDRIVE>"""
+BOX = """<BoundingBox><Center x="1.5" y="0" z="1"/><Dimensions length="4" width="2"
+height="1.5"/></BoundingBox>"""
+
+
+def entity(name: str, category: str = "car", box: str = BOX) -> str:
+    vehicle = f'<Vehicle name="v" vehicleCategory="{category}">{box}</Vehicle>'
+    return f'<ScenarioObject name="{name}">{vehicle}</ScenarioObject>'
+
+
+def lane(lane_id: int, s: float, more: str = "") -> str:
+    place = f'<LanePosition roadId="7" laneId="{lane_id}" s="{s}" offset="0.5">'
+    return f"<Position>{place}{more}</LanePosition></Position>"
+
+
+def private(name: str, position: str, more: str = "") -> str:
+    move = f"<PrivateAction><TeleportAction>{position}</TeleportAction></PrivateAction>"
+    return f'<Private entityRef="{name}">{move}{more}</Private>'
+
+
+def speed(value: float) -> str:
+    target = f'<SpeedActionTarget><AbsoluteTargetSpeed value="{value}"/>'
+    action = f"<SpeedAction>{target}</SpeedActionTarget></SpeedAction>"
+    return f"<PrivateAction><LongitudinalAction>{action}</LongitudinalAction></PrivateAction>"
+
+
+def event(name: str, action: str, at_s: float) -> str:
+    """A group with one event of an entity."""
+    time = f'<SimulationTimeCondition value="{at_s}" rule="greaterThan"/>'
+    trigger = (
+        f'<Condition delay="0"><ByValueCondition>{time}</ByValueCondition></Condition>'
+    )
+    return f"""<ManeuverGroup><Actors><EntityRef entityRef="{name}"/></Actors><Maneuver>
+    <Event><Action><PrivateAction>{action}</PrivateAction></Action><StartTrigger>
+    <ConditionGroup>{trigger}</ConditionGroup></StartTrigger></Event></Maneuver>
+    </ManeuverGroup>"""
+
+
+def trajectory(*vertices: tuple[float, float, float]) -> str:
+    points = "".join(
+        f'<Vertex time="{t}"><Position><WorldPosition x="{x}" y="{y}"/></Position></Vertex>'
+        for t, x, y in vertices
+    )
+    return f"""<RoutingAction><FollowTrajectoryAction><TrajectoryRef><Trajectory><Shape>
+    <Polyline>{points}</Polyline></Shape></Trajectory></TrajectoryRef><TimeReference>
+    <Timing domainAbsoluteRelative="relative" scale="1" offset="0"/></TimeReference>
+    </FollowTrajectoryAction></RoutingAction>"""
+
+
+def story(folder: Path, entities: str, init: str, groups: str = "") -> Path:
+    """A file whose roads lie in a folder of their own."""
+    (folder / "roads").mkdir()
+    (folder / "roads" / "street.xodr").write_text(ROAD)
+    path = folder / "play.xosc"
+    path.write_text(
+        f"""<OpenSCENARIO><FileHeader revMajor="1" revMinor="1"/><ParameterDeclarations>
+        <ParameterDeclaration name="far" value="60"/></ParameterDeclarations>
+        <RoadNetwork><LogicFile filepath="roads/street.xodr"/></RoadNetwork>
+        <Entities>{entities}</Entities><Storyboard><Init><Actions>{init}</Actions></Init>
+        <Story><Act>{groups}</Act></Story></Storyboard></OpenSCENARIO>"""
+    )
+    return path
+
+
+def at(scene: Scenario, name: str, step: int) -> np.ndarray:
+    row = scene.agents.row_of[name]
+    assert scene.agents.is_valid[row, step]
+    return scene.agents.position_m[row, step] + scene.origin_city_m
+
+
+def check_same(scenario: Scenario, back: Scenario) -> None:
+    one, two = scenario.agents, back.agents
+    rows = two.rows(one.ids)
+    assert back.current_step == scenario.current_step
+    np.testing.assert_array_equal(two.is_valid[rows], one.is_valid)
+    gap = two.position_m[rows] + back.origin_city_m
+    gap = (gap - one.position_m - scenario.origin_city_m)[one.is_valid]
+    assert np.abs(gap).max() <= 1e-3
+    turn = (two.heading_rad[rows] - one.heading_rad)[one.is_valid]
+    assert np.abs(np.angle(np.exp(1j * turn))).max() <= np.radians(0.1)
+    np.testing.assert_allclose(two.size_m[rows], one.size_m, atol=1e-6)
+    users = [n for n, kind in enumerate(one.kinds) if kind in ROAD_USER_KINDS]
+    assert [two.kinds[rows[n]] for n in users] == [one.kinds[n] for n in users]
+
+
+def test_the_agents_and_signals_of_an_export_come_back(tmp_path: Path):
+    """Our own files came back without them."""
+    scenario = with_signals(open_scenario("crosswalk"))
+    path = written(scenario, tmp_path)
+    for one in (path, path.with_suffix(".xosc"), tmp_path):
+        back = open_scenario(one)
+        check_same(scenario, back)
+        for step in (0, 20, 60, 109):
+            theirs = sorted(states_at(back.signals, step).values())
+            assert theirs == sorted(states_at(scenario.signals, step).values())
+        assert [one.signal_id for one in back.signals] == ['"a" <b>', "c"]
+
+
+@pytest.mark.real_data
+def test_real_scenes_come_back(av2_scenario_folders: list[Path], tmp_path: Path):
+    scenario = open_scenario(av2_scenario_folders[3])
+    check_same(scenario, open_scenario(written(scenario, tmp_path)))
+
+
+def test_roads_and_the_traffic_on_them_are_one_scene(tmp_path: Path):
+    """In a folder, a zip and a data set."""
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    path = written(open_scenario("queue"), folder)
+    index = DatasetIndex(tmp_path)
+    assert index.scan() == 1
+    assert foreign_scenes(tmp_path) == [path]
+    with zipfile.ZipFile(tmp_path / "scene.zip", "w") as file:
+        for one in folder.iterdir():
+            file.write(one, one.name)
+    scene, _ = scenario_and_recipe({"a.zip": (tmp_path / "scene.zip").read_bytes()})
+    assert len(scene.agents) == len(open_scenario("queue").agents)
+
+
+def test_entities_are_on_their_lanes_with_their_boxes(tmp_path: Path):
+    """The file tells a point of reference, here 1.5 m behind the middle."""
+    absolute = '<Orientation type="absolute" h="1.5707963"/>'
+    init = private("hero", lane(-1, 20), speed(8.0)) + private("other", lane(1, 20))
+    init += private("across", lane(-1, "$far", absolute))
+    names = entity("hero"), entity("other", "bus"), entity("across", "bicycle", "")
+    scene = open_scenario(story(tmp_path, "".join(names), init))
+    now = scene.current_step
+    np.testing.assert_allclose(at(scene, "AV", now), (31.5, -1.5), atol=1e-6)
+    np.testing.assert_allclose(at(scene, "other", now), (28.5, 2.5), atol=1e-6)
+    np.testing.assert_allclose(at(scene, "across", now), (70.0, -1.5), atol=1e-6)
+    agents = scene.agents
+    rows = agents.rows(("AV", "other", "across"))
+    np.testing.assert_allclose(
+        agents.velocity_mps[rows, now], [(8, 0), (0, 0), (0, 0)], atol=1e-9
+    )
+    turns = np.exp(1j * agents.heading_rad[rows, now])
+    np.testing.assert_allclose(turns, [1, -1, 1j], atol=1e-6)
+    kinds = [agents.kinds[row] for row in rows]
+    assert kinds == [AgentKind.VEHICLE, AgentKind.BUS, AgentKind.CYCLIST]
+    assert "1 entities without a box" in " ".join(scene.provenance.notes)
+
+
+def test_trajectories_begin_with_their_events_and_parked_cars_stay(tmp_path: Path):
+    """Vertices may be seconds apart."""
+    init = private("ego", lane(-1, 20)) + private("parked", lane(1, 90))
+    way = trajectory((0, 30, -2), (4, 50, -2), (8, 90, -2))
+    path = story(
+        tmp_path, entity("ego") + entity("parked"), init, event("ego", way, 1.0)
+    )
+    scene = open_scenario(path)
+    agents, origin_s = scene.agents, scene.time_axis.times_s()[0]
+    assert origin_s < 0
+    row = agents.row_of["AV"]
+    steps = np.flatnonzero(agents.is_valid[row])
+    assert steps[-1] - steps[0] in (80, 90)
+    np.testing.assert_allclose(at(scene, "AV", steps[-1]), (91.5, -2), atol=1e-6)
+    np.testing.assert_allclose(at(scene, "AV", steps[-1] - 60), (41.5, -2), atol=1e-6)
+    assert agents.is_valid[agents.row_of["parked"], steps].all()
+
+
+def test_what_is_not_read_is_told_in_one_sentence(tmp_path: Path):
+    behind = (
+        '<Position><RelativeLanePosition entityRef="ego" dLane="0" ds="-9"/></Position>'
+    )
+    init = private("ego", lane(-1, 20)) + private("late", behind)
+    change = "<LateralAction><LaneChangeAction/></LateralAction>"
+    path = story(
+        tmp_path, entity("ego") + entity("late"), init, event("ego", change, 2)
+    )
+    told = " ".join(open_scenario(path).provenance.notes)
+    assert "Not read of play.xosc: LaneChangeAction, RelativeLanePosition." in told
+    assert "Entities without a place are left out: late." in told
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('laneId="-1"', 'laneId="-4"', "<LanePosition> names no lane of the road"),
+        ('s="20"', 's="200"', "<LanePosition> names no road of the network"),
+        ('s="20"', 's="far"', "<LanePosition> needs a finite number for s"),
+        ("street.xodr", "lost.xodr", "<LogicFile> names 'roads/lost.xodr', which is"),
+        ('revMajor="1"', 'revMajor="2"', "<FileHeader> is of version 2; expected 1"),
+        ("<Dimensions", "<Size", "<BoundingBox> has no <Dimensions>"),
+    ],
+)
+def test_damaged_files_are_refused_by_element_and_line(
+    old: str, new: str, expected: str, tmp_path: Path
+):
+    path = story(tmp_path, entity("ego"), private("ego", lane(-1, 20)))
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(FormatError, match=rf"play.xosc, line \d+: {expected}"):
+        open_scenario(path)
