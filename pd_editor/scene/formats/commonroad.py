@@ -91,6 +91,9 @@ def read(path: Path) -> Scenario:
         notes.append(
             f"AV is the start of planning problem {ego_id}, which has no trajectory."
         )
+    ways = root.element.xpath("lanelet[userBidirectional != 'pedestrian']")
+    if ways:
+        notes.append(f"{len(ways)} lanelets are for both ways, of which one is read.")
     if signs := len(root.children("trafficSign")):
         notes.append(f"{signs} traffic signs are left out.")
     others = len(

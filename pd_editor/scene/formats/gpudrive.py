@@ -24,10 +24,12 @@ from pd_editor.scene.formats.packed_file import (
     stem_of,
 )
 from pd_editor.scene.formats.recorded_map import (
+    FAULTS,
     CenterLane,
     crosswalk_of,
     lane_numbers,
     lanes_of,
+    made_of,
     points_of,
 )
 from pd_editor.scene.formats.recording_writers import WAYMO_CURRENT_STEP, gpudrive_files
@@ -57,8 +59,14 @@ def read(path: Path) -> Scenario:
         found = _decoded(content)
         about = found.get("metadata") or {}
         step_s = TimeAxis().step_s
-        tracks = [_track(row, one, step_s) for row, one in enumerate(found["objects"])]
-        roads = [(str(one["type"]), _points(one)) for one in found["roads"]]
+        tracks = [
+            made_of(path, "object", _track, row, one, step_s)
+            for row, one in enumerate(found["objects"])
+        ]
+        roads = [
+            made_of(path, "road", _road, row, one)
+            for row, one in enumerate(found["roads"])
+        ]
         told = about.get("sdc_track_index")
         ego = -1 if told is None else int(told)
         asked = [
@@ -76,17 +84,19 @@ def read(path: Path) -> Scenario:
         ]
         numbers = lane_numbers(lanes)
         signals = [
-            _signal(key, one, numbers.get(row_of.get(key, "")), step_s)
+            made_of(
+                path,
+                "signal",
+                _signal,
+                key,
+                one,
+                numbers.get(row_of.get(key, "")),
+                step_s,
+            )
             for key, one in states.items()
         ]
         name = str(found.get("scenario_id") or stem_of(path))
-    except (
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        RecursionError,
-    ) as error:
+    except FAULTS as error:
         raise FormatError(
             f"{path}: is no valid GPUDrive scene ({type(error).__name__}: {error})."
         ) from error
@@ -98,7 +108,7 @@ def read(path: Path) -> Scenario:
     return FileScene(
         path=path,
         name=name,
-        lanes=lanes_of(lanes),
+        lanes=made_of(path, "map", lanes_of, lanes),
         crosswalks=tuple(one for one in walks if one is not None),
         more_paved=[
             valid_area(line)
@@ -170,8 +180,9 @@ def _table(points: list[Mapping[str, float]]) -> np.ndarray:
     return np.array([(one["x"], one["y"]) for one in points], float).reshape(-1, 2)
 
 
-def _points(road: Mapping[str, Any]) -> np.ndarray:
-    return points_of(_table(road["geometry"]))
+def _road(row: int, one: Mapping[str, Any]) -> tuple[str, np.ndarray]:
+    del row
+    return str(one["type"]), points_of(_table(one["geometry"]))
 
 
 def _recognises(path: Path) -> bool:

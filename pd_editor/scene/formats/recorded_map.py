@@ -1,8 +1,9 @@
 """Lanes of recorded maps that know centre lines only (Waymo, nuScenes, GPUDrive)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import shapely
@@ -20,6 +21,10 @@ from pd_editor.scene.geometry.polyline import (
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scene_limits import MAX_COORDINATE_M
 
+Result = TypeVar("Result")
+
+FAULTS: Final = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
+"""What values of other kinds and shapes than expected raise."""
 USUAL_WIDTH_M: Final = 3.5
 _WIDTHS_M: Final = (2.2, 6.0)
 _SAME_LINE_M: Final = 0.02
@@ -87,6 +92,25 @@ def lanes_of(found: Sequence[CenterLane]) -> tuple[Lane, ...]:
             )
         )
     return tuple(lanes)
+
+
+def made_of(
+    path: Path, what: str, make: Callable[..., Result], name: Any, *about: Any
+) -> Result:
+    """What ``make`` makes of an item of a file and more about it, such as a track.
+
+    Raises:
+        FormatError: the item is damaged; the message names it and the file.
+    """
+    try:
+        return make(name, *about)
+    except FormatError as error:
+        raise FormatError(f"{path}: {error}") from error
+    except FAULTS as error:
+        lacks = f"is damaged ({type(error).__name__}: {error})"
+        if isinstance(error, KeyError):
+            lacks = f"has no {error}"
+        raise FormatError(f"{path}: its {what} {str(name)[:40]!r} {lacks}.") from error
 
 
 def lane_numbers(found: Sequence[CenterLane]) -> dict[str, int]:

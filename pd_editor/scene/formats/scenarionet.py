@@ -18,10 +18,12 @@ from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import ending_of, stem_of
 from pd_editor.scene.formats.plain_pickle import read_plain_pickle
 from pd_editor.scene.formats.recorded_map import (
+    FAULTS,
     CenterLane,
     crosswalk_of,
     lane_numbers,
     lanes_of,
+    made_of,
     points_of,
 )
 from pd_editor.scene.formats.recording_writers import scenarionet_files
@@ -71,10 +73,10 @@ def read(path: Path) -> Scenario:
         tracks = [
             track
             for name, one in found["tracks"].items()
-            if (track := _track(str(name), one, time_s)) is not None
+            if (track := made_of(path, "track", _track, str(name), one, time_s))
         ]
         lanes = [
-            _lane(str(key), one)
+            made_of(path, "lane", _lane, str(key), one)
             for key, one in features.items()
             if str(one["type"]).startswith("LANE_") and len(one["polyline"]) > 1
         ]
@@ -91,13 +93,14 @@ def read(path: Path) -> Scenario:
         numbers = lane_numbers(lanes)
         states = found.get("dynamic_map_states") or {}
         signals = [
-            _signal(str(key), one, numbers, time_s) for key, one in states.items()
+            made_of(path, "signal", _signal, str(key), one, numbers, time_s)
+            for key, one in states.items()
         ]
         told = int(about.get("current_time_index", 0))
         # Whole recordings name no current step, or the first one.
         usual = min(TimeAxis().current_step, (len(time_s) - 1) // 2)
         current_s = float(time_s[told if 0 < told < len(time_s) else usual])
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except FAULTS as error:
         raise FormatError(
             f"{path}: is no valid scenario description ({type(error).__name__}: {error})."
         ) from error
@@ -106,7 +109,7 @@ def read(path: Path) -> Scenario:
     return FileScene(
         path=path,
         name=str(found.get("id") or stem_of(path)),
-        lanes=lanes_of(lanes),
+        lanes=made_of(path, "map", lanes_of, lanes),
         crosswalks=tuple(one for one in walks if one is not None),
         more_paved=drives,
         tracks=tuple(tracks),

@@ -291,3 +291,14 @@ def test_lanes_that_begin_elsewhere_are_told(tmp_path: Path):
     path = tmp_path / "scene.xml"
     path.write_text(text().replace(bound("left", 1.5, "dashed", 50.0, 90.0), bound("left", 1.5, "dashed", 54.0, 90.0)).replace(bound("right", -1.5, "solid", 50.0, 90.0), bound("right", -1.5, "solid", 54.0, 90.0)))  # fmt: skip
     assert "1 lanes begin up to 4.0 m from those before them." in read(path).provenance.notes  # fmt: skip
+
+
+def test_lanelets_for_both_ways_are_told(tmp_path: Path):
+    """They were read as if for one way, without a word."""
+    path = tmp_path / "road.xml"
+    users = "<userBidirectional>{}</userBidirectional>"
+    for user, expected in (("pedestrian", False), ("vehicle", True)):
+        more = lanelet(20, 40.0, 0.0, 9.0, users.format(user))
+        path.write_text(text(more=more))
+        told = " ".join(read(path).provenance.notes)
+        assert ("1 lanelets are for both ways" in told) is expected

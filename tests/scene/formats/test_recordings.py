@@ -4,6 +4,7 @@ import collections
 import json
 import os
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +190,16 @@ def test_a_pickle_that_wants_to_call_something_is_refused_and_calls_nothing(
         ({"metadata": {}, "tracks": {}, "map_features": {}}, "KeyError: 'length'"),
         (collections.Counter("aab"), "holds collections.Counter"),
         (description(map_features={}), "has no lane for vehicles"),
-        (description(tracks={"7": {"type": "VEHICLE", "state": {}}}), "KeyError"),
+        (
+            description(tracks={"7": {"type": "VEHICLE", "state": {}}}),
+            "sd_bad.pkl: its track '7' has no 'position'.",
+        ),
+        (
+            description(
+                map_features={"9": {"type": "LANE_X", "polyline": [[1, 2], 3]}}
+            ),
+            "sd_bad.pkl: its lane '9' is damaged (TypeError",
+        ),
     ],
 )
 def test_pickles_of_something_else_are_refused(tmp_path: Path, value: Any, told: str):
@@ -247,6 +257,21 @@ def test_a_gpudrive_scene_opens_with_lanes_that_lead_on_where_they_end(tmp_path:
     path.write_text(json.dumps(as_gpudrive()))
     assert format_of(path) is gpudrive.GPUDRIVE
     check(open_scenario(path))
+
+
+@pytest.mark.parametrize(
+    ("part", "row", "lost"), [("objects", 1, "valid"), ("roads", 0, "geometry")]
+)
+def test_faults_in_gpudrive_scenes_are_told_by_item(
+    part: str, row: int, lost: str, tmp_path: Path
+):
+    """Neither the track nor the road was named."""
+    found, path = as_gpudrive(), tmp_path / "one.json"
+    del found[part][row][lost]
+    path.write_text(json.dumps(found))
+    named = f"one.json: its {part[:-1]} '{row}' has no '{lost}'"
+    with pytest.raises(FormatError, match=re.escape(named)):
+        open_scenario(path)
 
 
 def test_a_gpudrive_scene_may_hold_nan_where_nothing_is_valid(tmp_path: Path):
