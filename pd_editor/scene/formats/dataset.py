@@ -212,7 +212,7 @@ class DatasetIndex:
             city=city, text=text, min_agents=min_agents, max_agents=max_agents
         )
         position = 0
-        while position < self.num_found or self.scan(1):
+        while self._has(position):
             card = self._card(position, wanted)
             if card is not None:
                 yield card
@@ -227,7 +227,7 @@ class DatasetIndex:
             InputError: the folder is not in the dataset.
         """
         position = self._position(folder) + 1
-        while position < self.num_found or self.scan(1):
+        while self._has(position):
             card = self._card(position, wanted or CardFilter())
             if card is not None:
                 return card
@@ -247,6 +247,12 @@ class DatasetIndex:
             if card is not None:
                 return card
         return None
+
+    def _has(self, position: int) -> bool:
+        """Whether there is a scene at a position, which another thread may list meanwhile."""
+        return (
+            position < self.num_found or self.scan(1) > 0 or position < self.num_found
+        )
 
     def _position(self, folder: Path) -> int:
         while folder not in self._position_of:

@@ -385,7 +385,7 @@ def test_traffic_lights_stand_at_the_stop_lines_of_their_lanes(tmp_path: Path):
     assert places == {("9", one): 0.8, ("8", two): 0.9, ("6", back): 0.8}
     assert not any(one.states.any() for one in scene.signals)
     notes = " ".join(scene.provenance.notes)
-    assert "Traffic lights have unknown states" in notes
+    assert "3 traffic lights have unknown states" in notes
     assert "2 signs and other signals are left out" in notes
 
 
