@@ -102,6 +102,8 @@ class RollOut:
     ended: Mapping[str, str]
     """Why a driven agent is not driven to the end."""
     num_entered: int
+    plans_m: Mapping[str, Mapping[int, Float[np.ndarray, "F 2"]]]
+    """Where each driven agent was to go, by the step at which its policy planned it."""
 
 
 def roll_out(
@@ -207,6 +209,7 @@ class Rolling:
             scenario=command.apply(request.scenario),
             ended=self.drivers.ended,
             num_entered=self.num_entered,
+            plans_m=self.drivers.plans_m,
         )
 
 
@@ -258,6 +261,9 @@ class _Drivers:
     first_step: int
     answer_s: float | None
     ended: dict[str, str] = field(default_factory=dict)
+    plans_m: dict[str, dict[int, Float[np.ndarray, "F 2"]]] = field(
+        default_factory=dict
+    )
 
     @classmethod
     def started(cls, request: RollOutRequest, world: World) -> "_Drivers":
@@ -296,6 +302,7 @@ class _Drivers:
                 world = world.without([name])
                 continue
             position = np.concatenate([seen.ego.position_m[:, -1], plan.position_m])
+            self.plans_m.setdefault(name, {})[world.step] = position
             heading = np.append(seen.ego.heading_rad[0, -1], plan.heading_rad)
             samples.append(
                 TrafficSample(

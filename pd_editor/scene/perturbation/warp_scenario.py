@@ -82,6 +82,8 @@ def unwarped(scenario: Scenario) -> tuple[RoadMap, AgentTracks]:
     restored = warped_agents(agents, applied.warp, sign=-1.0)
     rows, theirs = same_motion(agents, applied.warped_agents)
     original = applied.original_agents
+    if not len(rows):
+        return applied.original_road_map, restored
     restored = restored.with_rows(
         rows,
         position_m=original.position_m[theirs],

@@ -46,7 +46,7 @@ class SpeedCurve:
             self._ui.overlay.show(_NONE)
             return
         row = int(rows[0])
-        original = session.base.agents
+        original = session.original.agents
         speeds, former = _speeds(scenario.agents, row), ()
         if selection[0] in original.row_of:
             former = _speeds(original, original.row_of[selection[0]])

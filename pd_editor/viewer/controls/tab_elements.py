@@ -28,6 +28,7 @@ from pd_editor.viewer.road.road_panel import RoadPanel
 from pd_editor.viewer.scene.hover import Hover
 from pd_editor.viewer.scene.measure import Measure
 from pd_editor.viewer.scene.picture import Picture
+from pd_editor.viewer.scene.plans_view import PlansView
 from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.study.study_panel import StudyPanel
@@ -69,6 +70,7 @@ class TabElements:
         self.selecting = Selecting(ui)
         SpeedCurve(ui, self.timeline)
         Hover(ui)
+        PlansView(ui)
         Hints(ui)
         self.key_sheet = KeySheet(ui.overlay)
         self.viewpoint.restore()

@@ -83,6 +83,7 @@ class RollOutInput(RunInput):
     ) -> str:
         """Report on the roll-out, also in a notice: the report is far below the button."""
         rolled, report = result
+        ui.workspace.driven_plans.append((rolled.command, rolled.plans_m))
         title = f"{self.duration_s:g} s rolled out"
         has_failed = any(why != LEFT_MAP for why in rolled.ended.values())
         ui.notify(title, report, "warning" if has_failed else "success")

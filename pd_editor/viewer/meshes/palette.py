@@ -35,6 +35,8 @@ class Palette:
     warning: Rgb
     pointed: Rgb
     """The ring of an agent whose row of the list is pointed at."""
+    plan: Rgb
+    """The line of what a policy plans."""
     candidate: Rgb
     candidate_speeds: tuple[Rgb, Rgb, Rgb]
     """Slow, middle and fast."""
@@ -83,6 +85,7 @@ LIGHT: Final = Palette(
     selection_rim=(92, 70, 8),
     warning=(208, 16, 28),
     pointed=(0, 120, 230),
+    plan=(38, 44, 54),
     candidate=(0, 116, 104),
     candidate_speeds=((192, 82, 0), (104, 114, 0), (0, 114, 104)),
 )
@@ -119,6 +122,7 @@ DARK: Final = Palette(
     selection_rim=(24, 22, 16),
     warning=(250, 96, 88),
     pointed=(90, 180, 255),
+    plan=(222, 226, 232),
     candidate=(40, 180, 160),
     candidate_speeds=((244, 150, 50), (190, 200, 60), (40, 196, 170)),
 )

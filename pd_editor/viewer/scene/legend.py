@@ -47,6 +47,7 @@ class Legend:
         *,
         has_original_road: bool,
         has_original_agents: bool,
+        has_plans: bool,
     ) -> None:
         """List what is in the picture, if need be with what is drawn of the original."""
         agents = scenario.agents
@@ -64,6 +65,8 @@ class Legend:
         is_there = agents.is_valid[:, scenario.current_step]
         if (~is_there).any():
             entries.append(_entry("Not there at t = 0", "dots", vehicle))
+        if has_plans:
+            entries.append(_entry("Plan of a policy", "line", _css(palette.plan)))
         ghost = _css(palette.ghost)
         if has_original_road:
             entries.append(_entry("Original road", "line", ghost))

@@ -49,6 +49,7 @@ class Picture:
         model.sample_pointed.subscribe(self._sample_pointed)
         model.fan_shown.subscribe(self.ribbons.set_muted)
         model.shown.subscribe(self.show_legend)
+        model.run_changed.subscribe(self.show_legend)
 
     @property
     def is_behind(self) -> bool:
@@ -103,6 +104,7 @@ class Picture:
             self._model.palette,
             has_original_road=self.map.shows_original,
             has_original_agents=self.comparison.is_on,
+            has_plans=bool(self._ui.workspace.plans_in_force),
         )
 
     def set_original_road_shown(self, is_shown: bool) -> None:

@@ -8,11 +8,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+from jaxtyping import Float
+
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.editor.basket.basket import BasketEntry
 from pd_editor.editor.basket.index_table import index_row
 from pd_editor.editor.basket.thumbnail import thumbnail
+from pd_editor.editor.commands import BeginAt, Command, ContinueScene
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (
     RECIPE_NAME,
@@ -51,6 +55,8 @@ from pd_editor.viewer.state.session_shelf import KeptWork, SessionShelf, is_same
 from pd_editor.viewer.state.study_run import StudyRun
 from pd_editor.viewer.state.view_memory import ViewMemory
 
+DrivenPlans = Mapping[str, Mapping[int, Float[np.ndarray, "F 2"]]]
+"""Where driven agents were to go, by agent and step."""
 SEARCH_STEP: Final = 1
 """Number of scenes read between two looks at the clock; files may take a second."""
 SEARCH_TURN_S: Final = 0.008
@@ -127,6 +133,8 @@ class Workspace:
         """Exported or starred states by their names."""
         self.unticked: set[str] = set()
         """Scenarios of the basket that are not selected for download."""
+        self.driven_plans: list[tuple[Command, DrivenPlans]] = []
+        """What policies planned in roll-outs, with the edits that applied these."""
         self.removed: tuple[str, ...] = ()
         """Scenarios that were removed last from the basket, and can be put back."""
         self.continuation: OpenedEdits | None = None
@@ -354,6 +362,15 @@ class Workspace:
                 f"It goes on with its {_edits(self.session.state.position)}."
                 + self.session.lost_edits,
             )
+
+    @property
+    def plans_in_force(self) -> DrivenPlans:
+        """What policies planned in the roll-out that is shown, if it was made here."""
+        for command in reversed(self.session.commands_in_force):
+            if isinstance(command, BeginAt | ContinueScene):
+                made = (plans for one, plans in self.driven_plans if one is command)
+                return next(made, {})
+        return {}
 
     @property
     def is_exported(self) -> bool:

@@ -138,6 +138,19 @@ def test_a_bent_road_is_straightened_after_a_branch():
     assert same_tracks(session.scenario.agents, straight.agents)
 
 
+def test_a_roll_out_on_a_bent_road_is_straightened():
+    """It failed, for the tracks had become longer."""
+    session = EditorSession(BASE)
+    session.apply(SetRoadWarp(warp=BEND))
+    session.apply(rolled(session.scenario))
+    bent = session.scenario.agents
+    assert edit_findings(session.scenario, BASE, session.commands_in_force)
+    session.apply(SetRoadWarp(warp=None))
+    assert session.scenario.road_map is BASE.road_map
+    again = SetRoadWarp(warp=BEND).apply(session.scenario).agents
+    np.testing.assert_allclose(again.position_m, bent.position_m, atol=1e-6)
+
+
 def test_locks_and_guidance():
     session, (first, second, *_) = EditorSession(BASE), BASE.agents.ids
     session.apply(SetLocks(agent_ids=(second,), lock=Lock(kept_s=2.0)))

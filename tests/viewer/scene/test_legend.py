@@ -20,19 +20,33 @@ def test_the_legend_lists_what_is_there_in_the_theme_s_colours():
     scenario = scenario_with(agents)
     page = FakePage()
     legend = Legend(page)
-    legend.show(scenario, LIGHT, has_original_road=False, has_original_agents=False)
+    legend.show(
+        scenario,
+        LIGHT,
+        has_original_road=False,
+        has_original_agents=False,
+        has_plans=False,
+    )
     light = entries_of(page)
     assert light["Focal agent"] == f"rgb{LIGHT.focal}"
     assert light["Pedestrian"] == f"rgb{LIGHT.kinds[AgentKind.PEDESTRIAN]}"
     assert not any(text.startswith("Signal") for text in light)
-    legend.show(signalled(), LIGHT, has_original_road=False, has_original_agents=False)
+    legend.show(
+        signalled(),
+        LIGHT,
+        has_original_road=False,
+        has_original_agents=False,
+        has_plans=False,
+    )
     signals = {text for text in entries_of(page) if text.startswith("Signal")}
     assert signals == {"Signal: stop", "Signal: go"}
     assert not {"Ego", "Bus", "Original road", "Not there at t = 0"} & set(light)
     is_valid = agents.is_valid.copy()
     is_valid[1, : scenario.current_step + 5] = False
     later = replace(scenario, agents=replace(agents, is_valid=is_valid))
-    legend.show(later, DARK, has_original_road=False, has_original_agents=True)
+    legend.show(
+        later, DARK, has_original_road=False, has_original_agents=True, has_plans=True
+    )
     dark = entries_of(page)
     assert dark["Original trajectory"] == f"rgb{DARK.ghost}"
     assert dark["Not there at t = 0"] == f"rgb{DARK.kinds[AgentKind.VEHICLE]}"
@@ -51,6 +65,7 @@ def test_the_legend_tells_of_locks_boxes_and_the_original_road():
         LIGHT,
         has_original_road=True,
         has_original_agents=False,
+        has_plans=False,
     )
     entries = {one["text"]: one for one in page.shown["legend"]["entries"]}
     assert entries["Original road"]["glyph"] == "line"

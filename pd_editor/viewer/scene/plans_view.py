@@ -1,0 +1,79 @@
+"""Draws what policies planned at the playhead's time, as thin lines."""
+
+from typing import Final
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from pd_editor.viewer.meshes.colors import inverse_aces, srgb_to_linear
+from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
+from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.meshes.ribbons import path_heights, path_ribbons
+from pd_editor.viewer.tab.ui_context import UiContext
+
+HEIGHT_M: Final = 0.14
+"""Above the ribbons of all agents."""
+WIDTHS_M: Final = (0.55, 0.25)
+"""Of the rim, which sets a line off from the ribbon below, and of the line."""
+
+
+class PlansView:
+    """One node of one browser with the plans of driven agents."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Draw nothing yet."""
+        self._ui = ui
+        self._handle: viser.GlbHandle | None = None
+        self._drawn: list[int] = []
+        for signal in (ui.model.poses_drawn, ui.model.run_changed):
+            signal.subscribe(self.show)
+
+    def show(self) -> None:
+        """Show the plans that were in force at the playhead."""
+        plans, palette = self._plans(), self._ui.model.palette
+        drawn = [*map(id, plans), id(palette)]
+        if drawn == self._drawn:
+            return
+        self._drawn = drawn
+        if self._handle is not None:
+            self._handle.visible = bool(plans)
+        if not plans:
+            return
+        data = glb_of([_lines(plans, palette)])
+        if self._handle is None:
+            self._handle = self._ui.client.scene.add_glb(
+                "/plans", data, cast_shadow=False, receive_shadow=False
+            )
+        else:
+            self._handle.glb_data = data
+
+    def _plans(self) -> list[Float[np.ndarray, "F 2"]]:
+        """The latest plans of the agents that are there."""
+        agents = self._ui.session.scenario.agents
+        step = int(self._ui.workspace.playback.step)
+        found = []
+        for name, made in self._ui.workspace.plans_in_force.items():
+            row = agents.row_of.get(name)
+            latest = max((one for one in made if one <= step), default=None)
+            if row is not None and latest is not None and agents.is_valid[row, step]:
+                found.append(made[latest])
+        return found
+
+
+def _lines(plans: list[Float[np.ndarray, "F 2"]], palette: Palette) -> Primitive:
+    """Each plan twice: its rim, and itself on that."""
+    longest, count = max(map(len, plans)), 2 * len(plans)
+    along = np.arange(longest)
+    points = np.stack([one[along.clip(max=len(one) - 1)] for one in plans])
+    lengths = np.array([len(one) for one in plans])
+    colors = np.array([palette.lane, palette.plan]) / 255.0
+    widths = np.tile(WIDTHS_M, len(plans))
+    return path_ribbons(
+        np.repeat(points, 2, axis=0),
+        along < np.repeat(lengths, 2)[:, None],
+        color=np.tile(inverse_aces(srgb_to_linear(colors)), (len(plans), 1)),
+        opacity=np.ones((count, longest)),
+        width_m=np.broadcast_to(widths[:, None], (count, longest)),
+        height_m=path_heights(HEIGHT_M, np.arange(count)),
+    )
