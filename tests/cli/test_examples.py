@@ -15,7 +15,11 @@ from pd_editor.scene.thresholds import STANDING_MPS
 from tests.cli.shell import JUNCTION, ROOT, Shell
 from tests.experiments.evaluation.small_dataset import write_dataset
 
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+EXAMPLES = sorted(
+    path
+    for part in ("*.py", "policies/*.py")
+    for path in (ROOT / "examples").glob(part)
+)
 GENERATING = (
     "constant_velocity:Predictor",
     "torch_predictor:Predictor",

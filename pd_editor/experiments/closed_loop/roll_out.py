@@ -161,6 +161,10 @@ class Rolling:
         """Whether the time is over."""
         return self.world.step >= self._last
 
+    def observation(self, agent_id: str) -> Observation:
+        """What the policy of an agent may know now."""
+        return self.drivers.observation(self.world, agent_id)
+
     def next_steps(self) -> Generator[GenerationProgress, None, None]:
         """Ask the policies, generate the traffic if it is time to, and step on.
 

@@ -249,10 +249,19 @@ def test_an_agent_without_a_lane_gets_a_route_of_its_own(place):
 
 
 @pytest.mark.parametrize(
-    "name", ["examples.policies.torch_policy:TorchPolicy", "constant-velocity"]
+    "name",
+    [
+        "constant-velocity",
+        "examples.policies.fiss_plus:FissPlus",
+        "examples.policies.idm_on_route:Idm",
+        "examples.policies.model_as_planner:ModelPlanner",
+        "examples.policies.torch_policy:TorchPolicy",
+    ],
 )
 def test_policies_by_name_drive(junction, name):
-    found = rolled(junction, duration_s=1.0, policies={"AV": policy_of(name)})
+    if "fiss_plus" in name:
+        pytest.importorskip("fiss_planner", reason="needs the extra policies")
+    found = rolled(junction, duration_s=2.0, policies={"AV": policy_of(name)})
     agents, now = found.scenario.agents, junction.current_step
     assert not found.ended
     assert agents.is_valid[agents.row_of["AV"], now:].all()
