@@ -2,6 +2,7 @@
 
 import pickle
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 import msgspec
@@ -53,14 +54,16 @@ _ELEMENTS: Final = {"lane": 2, "road_line": 6, "road_edge": 15, "crosswalk": 18}
 def scenarionet_files(scenario: Scenario) -> WrittenScene:
     """Files of a ScenarioNet data set of one scene, with its summary and mapping.
 
-    The ego, or without one the focal agent, is the car that drives itself. Coordinates are
-    those of the city.
+    The ego, or without one the focal agent, is the car that drives itself, with whose first
+    step the file begins: replays begin with it. Coordinates are those of the city.
 
     Raises:
         ExportError: there is neither of them at the current step.
     """
-    agents, axis = scenario.agents, scenario.time_axis
     ego = _ego(scenario)
+    first = int(scenario.agents.is_valid[scenario.agents.row_of[ego]].argmax())
+    scenario = _since(scenario, first) if first else scenario
+    agents, axis = scenario.agents, scenario.time_axis
     time_s = axis.step_s * np.arange(axis.num_steps)
     place = agents.position_m + scenario.origin_city_m
     tracks = {
@@ -115,6 +118,11 @@ def scenarionet_files(scenario: Scenario) -> WrittenScene:
             "Bus lanes are lanes of streets; markings of two kinds in one have none.",
             "Boundaries of lanes: a lane has its polygon and half widths.",
             "Benchmark categories and made-up pasts.",
+            *(
+                f"The first {n} steps, when the ego is not there."
+                for n in (first,)
+                if n
+            ),
         ),
     )
 
@@ -198,6 +206,20 @@ def gpudrive_files(scenario: Scenario) -> WrittenScene:
             "Kinds: vehicles, pedestrians, cyclists and others.",
             "Links, neighbours, kinds and markings of lanes.",
             "Ids: objects are numbered; ids.csv has both.",
+        ),
+    )
+
+
+def _since(scenario: Scenario, first: int) -> Scenario:
+    """A scenario from a step on, without agents that are only there before."""
+    agents, axis = scenario.agents.cut_to(slice(first, None)), scenario.time_axis
+    num_steps, now = axis.num_steps - first, axis.current_step - first
+    return replace(
+        scenario,
+        agents=agents.taken(np.flatnonzero(agents.is_valid.any(axis=1))),
+        time_axis=replace(axis, num_steps=num_steps, current_step=now),
+        signals=tuple(
+            replace(one, states=one.states[first:]) for one in scenario.signals
         ),
     )
 
