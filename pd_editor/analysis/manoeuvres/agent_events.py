@@ -5,7 +5,7 @@ from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Int
+from jaxtyping import Bool
 
 from pd_editor.analysis.manoeuvres.lane_tracks import LaneTracks
 from pd_editor.analysis.manoeuvres.limits import LIMITS
@@ -108,7 +108,7 @@ def _is_turn(
     angle = abs(motion.yaw_rad[row, first : last + 1].sum())
     way = motion.way_m[row, last] - motion.way_m[row, max(first - 1, 0)]
     lane, aslant = lanes.lane[row, steps], np.abs(lanes.turn_rad[row, steps])
-    is_off = (lane < 0).mean() >= 0.3
+    is_off = lane[0] < 0 or lane[-1] < 0
     if (is_off or not lanes.knows_junctions) and way < LIMITS.corner_m * angle:
         return True
     # From a drive into a lane: the agent turns against it.
@@ -185,12 +185,3 @@ def steps_of(motion: Motion, one: SceneEvent) -> tuple[int, int, int]:
     """Row, first and last steps of an event."""
     first, last = np.searchsorted(motion.time_s, [one.begin_s - 0.01, one.end_s - 0.01])
     return motion.agents.row_of[one.agent_id], int(first), int(last)
-
-
-def entered_lanes(lanes: LaneTracks) -> Int[np.ndarray, "N 4"]:
-    """Rows, steps, lanes left and lanes entered along links of the map."""
-    one, two = lanes.lane[:, :-1], lanes.lane[:, 1:]
-    row, step = np.nonzero(
-        (one != two) & (one >= 0) & (two >= 0) & lanes.leads_to[one, two]
-    )
-    return np.stack([row, step + 1, one[row, step], two[row, step]], axis=1)

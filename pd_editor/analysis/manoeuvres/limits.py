@@ -72,6 +72,12 @@ class ManoeuvreLimits:
     """Longer times after one another are no interaction (FHWA SSAM: 5 s)."""
     crossing_rad: float = 0.52
     """Paths at a smaller angle, 30 degrees, merge or follow."""
+    joined_s: float = 1.5
+    """Who goes in one direction so long after they met merge, others cross."""
+    new_s: float = 0.6
+    """Tracks that are younger may be another's that goes on."""
+    near_m: float = 1.0
+    """Least gap after a short time to collision: queues and cars beside keep more."""
     near_ttc_s: float = 1.5
     """Conflicts have a shorter time to collision (FHWA SSAM)."""
     near_pet_s: float = 1.0

@@ -83,10 +83,9 @@ class Motion:
 
     @cached_property
     def yaw_rad(self) -> Float[np.ndarray, "A S"]:
-        """Turn since the step before, without those of agents that stand."""
+        """Turn since the step before, without boxes that the tracker turned around."""
         turn = wrap_angle(np.diff(self.agents.heading_rad, axis=1))
-        moves = self.speed_mps[:, 1:] >= STANDING_MPS
-        turn = np.where(moves & (np.abs(turn) < LIMITS.jump_rad), turn, 0.0)
+        turn = np.where(np.abs(turn) < LIMITS.jump_rad, turn, 0.0)
         return np.pad(turn, ((0, 0), (1, 0)))
 
     @cached_property

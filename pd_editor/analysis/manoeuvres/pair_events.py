@@ -3,17 +3,20 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.manoeuvres.agent_events import entered_lanes, event, steps_of
+from pd_editor.analysis.manoeuvres.agent_events import event, steps_of
 from pd_editor.analysis.manoeuvres.lane_tracks import LaneTracks
 from pd_editor.analysis.manoeuvres.limits import LIMITS
 from pd_editor.analysis.manoeuvres.motion import Motion
 from pd_editor.analysis.manoeuvres.scene_event import SceneEvent
-from pd_editor.analysis.metrics.collisions.safety import encroachments, times_to_touch
+from pd_editor.analysis.metrics.collisions.safety import (
+    box_gap_m,
+    encroachments,
+    times_to_touch,
+)
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
@@ -118,45 +121,35 @@ def cut_ins(pairs: Pairs, changes: Iterable[SceneEvent]) -> Iterator[SceneEvent]
             yield event(motion, "cut-in", row, (begin, end), then.min(), a)
 
 
-def merges(motion: Motion, lanes: LaneTracks) -> Iterator[SceneEvent]:
-    """Pairs that come into one lane from two, one shortly after the other."""
-    found = entered_lanes(lanes)
-    lag = LIMITS.crossing_pet_s / motion.step_s
-    for lane in np.unique(found[:, 3]).tolist():
-        into = found[found[:, 3] == lane]
-        into = into[np.argsort(into[:, 1], kind="stable")]
-        for one, two in combinations(into.tolist(), 2):
-            a, b = one[2], two[2]
-            linked = lanes.leads_to[a, b] or lanes.leads_to[b, a]
-            if one[0] != two[0] and not linked and two[1] - one[1] <= lag:
-                wait = (two[1] - one[1]) * motion.step_s
-                yield event(motion, "merge", two[0], (one[1], two[1]), wait, one[0])
-
-
 def crossings(motion: Motion) -> Iterator[SceneEvent]:
-    """Who crosses another's path after it; who slows for that yields; who is close."""
+    """Who crosses or joins another's path after it; who slows for that yields."""
     moves = np.flatnonzero(motion.has_moved)
     agents = motion.agents.taken(moves)
     a, at, b, other = encroachments(agents)
     turn = agents.heading_rad[a, at] - agents.heading_rad[b, other]
-    sine = np.abs(np.sin(turn))
     late = np.abs(at - other)
-    good = (sine > np.sin(LIMITS.crossing_rad)) & (at != other)
+    good = (np.abs(np.sin(turn)) > np.sin(LIMITS.crossing_rad)) & (late > 0)
     good &= late * motion.step_s <= LIMITS.crossing_pet_s
+    # Trackers give a new id to an agent where it is, so tracks begin in others' boxes.
+    first = agents.is_valid.argmax(axis=1) + round(LIMITS.new_s / motion.step_s)
+    good &= (at >= first[a]) & (other >= first[b])
     a, at, b, other, late = (one[good] for one in (a, at, b, other, late))
     order = np.lexsort((late, b, a))
     pair = a[order] * len(agents) + b[order]
+    after = round(LIMITS.joined_s / motion.step_s)
+    last = agents.num_steps - 1
     for one in order[np.diff(pair, prepend=-1) != 0].tolist():
-        first, second = (a[one], at[one]), (b[one], other[one])
-        if first[1] > second[1]:
-            first, second = second, first
+        ways = sorted(((at[one], a[one]), (other[one], b[one])))
+        steps = int(ways[0][0]), int(ways[1][0])
+        ends = [agents.heading_rad[row, min(n + after, last)] for n, row in ways]
+        joins = np.cos(ends[0] - ends[1]) > np.cos(LIMITS.crossing_rad)
+        rows = int(moves[ways[1][1]]), int(moves[ways[0][1]])
         pet = late[one] * motion.step_s
-        steps = int(first[1]), int(second[1])
-        rows = moves[second[0]], moves[first[0]]
-        yield event(motion, "crossing", rows[0], steps, pet, rows[1])
-        if (slow := _yields_at(motion, int(rows[0]), *steps)) is not None:
-            steps = min(slow, steps[0]), steps[1]
-            yield event(motion, "yielding", rows[0], steps, pet, rows[1])
+        kind = "merge" if joins and motion.is_follower[list(rows)].all() else "crossing"
+        yield event(motion, kind, rows[0], steps, pet, rows[1])
+        if (slow := _yields_at(motion, rows[0], *steps)) is not None:
+            begin = min(slow, steps[0])
+            yield event(motion, "yielding", rows[0], (begin, steps[1]), pet, rows[1])
 
 
 def _yields_at(motion: Motion, row: int, passed: int, crosses: int) -> int | None:
@@ -182,6 +175,7 @@ def passings(pairs: Pairs) -> Iterator[SceneEvent]:
     aside = np.abs(pairs.aside_m)
     beside = pairs.exist & pairs.is_along & (aside < LIMITS.passing_m)
     beside &= (moving > 2 * MOVING_MPS) & (np.abs(pairs.ahead_m) < reach)
+    beside &= motion.is_follower[pairs.b][:, None]
     pedals = agents.kind_mask({AgentKind.CYCLIST})
     for pair, first, last in motion.runs(beside, LIMITS.beside_s, 0.4).tolist():
         a, b = pairs.a[pair], pairs.b[pair]
@@ -206,12 +200,16 @@ def near_misses(motion: Motion, met: Iterable[SceneEvent]) -> Iterator[SceneEven
     good = (closing > LIMITS.closing_mps) & (time > 0)
     a, b, at, time = (one[good] for one in (a, b, at, time))
     pairs, index = np.unique(a * len(agents) + b, return_inverse=True)
+    after = round(LIMITS.near_ttc_s / motion.step_s)
     soon = np.full((len(pairs), len(motion.time_s)), np.inf)
     np.minimum.at(soon, (index, at), time)
     for pair, first, last in motion.runs(soon < np.inf, LIMITS.near_s).tolist():
         one, two = moves[list(divmod(int(pairs[pair]), len(agents)))].tolist()
         least = soon[pair, first : last + 1].min()
-        yield event(motion, "near-miss", one, (first, last), least, two)
+        later = np.arange(first, min(last + after, soon.shape[1]))
+        boxes = motion.agents.at(one, later), motion.agents.at(two, later)
+        if box_gap_m(*boxes).min() < LIMITS.near_m:
+            yield event(motion, "near-miss", one, (first, last), least, two)
     for one in met:
         if one.kind == "crossing" and (one.value or 0.0) < LIMITS.near_pet_s:
             row, first, last = steps_of(motion, one)

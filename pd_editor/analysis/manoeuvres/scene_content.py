@@ -17,7 +17,6 @@ from pd_editor.analysis.manoeuvres.pair_events import (
     crossings,
     cut_ins,
     followings,
-    merges,
     near_misses,
     passings,
 )
@@ -54,7 +53,6 @@ def scene_content(scenario: Scenario) -> SceneContent:
         on_crosswalks(motion, scenario),
         followings(pairs),
         cut_ins(pairs, changes),
-        merges(motion, lanes),
         met,
         passings(pairs),
         near_misses(motion, met),
