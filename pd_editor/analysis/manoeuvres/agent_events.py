@@ -5,7 +5,6 @@ from typing import SupportsFloat, SupportsIndex
 
 import numpy as np
 import shapely
-from jaxtyping import Bool
 
 from pd_editor.analysis.manoeuvres.lane_tracks import LaneTracks
 from pd_editor.analysis.manoeuvres.limits import LIMITS
@@ -16,6 +15,7 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     MAX_ACCELERATION_MPS2,
 )
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
@@ -63,6 +63,7 @@ def lane_changes(motion: Motion, lanes: LaneTracks) -> Iterator[SceneEvent]:
         shift = sign * sum(parts)
         # Where a lane tapers off beside the agent, only one of its offsets changes.
         goes = min(sign * parts[0], sign * parts[1]) > LIMITS.lane_drift_m
+        goes &= shift < (motion.way_m[row, last] - motion.way_m[row, first]) / 2
         yaw = motion.yaw_rad[row, first : last + 1]
         is_turn = abs(yaw.sum()) > LIMITS.lane_change_yaw_rad
         if goes and shift >= LIMITS.lane_shift_m and not is_turn:
@@ -91,10 +92,8 @@ def turns_and_crossings(motion: Motion, lanes: LaneTracks) -> Iterator[SceneEven
         goes_on = first > there[0] or last < there[-1]
         way = motion.way_m[row, last] - motion.way_m[row, first]
         angle = abs(motion.yaw_rad[row, first : last + 1].sum())
-        is_straight = (
-            angle < LIMITS.turn_rad and not turning[row, first : last + 1].any()
-        )
-        if goes_on and way >= LIMITS.crossed_m and is_straight:
+        turns = angle >= LIMITS.turn_rad or turning[row, first : last + 1].any()
+        if goes_on and way >= LIMITS.crossed_m and not turns:
             yield event(motion, "straight", row, (first, last))
 
 
@@ -102,11 +101,19 @@ def _is_turn(
     motion: Motion, lanes: LaneTracks, row: int, first: int, last: int
 ) -> bool:
     """Whether it is no bend of the road."""
-    steps = slice(max(first - 1, 0), last + 2)
+    # Of a turn the way goes half of it aside; else only the tracker has turned the box.
+    before = max(first - 1, 0)
+    chord = motion.agents.position_m[row, last] - motion.agents.position_m[row, before]
+    middle = motion.agents.heading_rad[row, before]
+    middle += motion.yaw_rad[row, first : last + 1].sum() / 2
+    ahead = chord @ unit_vector(middle)
+    if ahead < max(LIMITS.turn_way_m, np.cos(LIMITS.crossing_rad) * np.hypot(*chord)):
+        return False
+    steps = slice(before, last + 2)
     if lanes.is_junction[row, steps].any():
         return True
     angle = abs(motion.yaw_rad[row, first : last + 1].sum())
-    way = motion.way_m[row, last] - motion.way_m[row, max(first - 1, 0)]
+    way = motion.way_m[row, last] - motion.way_m[row, before]
     lane, aslant = lanes.lane[row, steps], np.abs(lanes.turn_rad[row, steps])
     is_off = lane[0] < 0 or lane[-1] < 0
     if (is_off or not lanes.knows_junctions) and way < LIMITS.corner_m * angle:
@@ -119,30 +126,19 @@ def stops(motion: Motion, lanes: LaneTracks) -> Iterator[SceneEvent]:
     """Standing, stop and go, and parked vehicles."""
     there = motion.agents.is_valid
     stands = (motion.speed_mps < STANDING_MPS) & there & motion.is_follower[:, None]
-    is_parked = _parked(motion, lanes)
+    at = np.arange(len(motion)), there.argmax(axis=1)
+    is_off = (lanes.lane[at] < 0) | (np.abs(lanes.offset_m[at]) > LIMITS.off_lane_m)
+    is_off |= np.abs(lanes.turn_rad[at]) > LIMITS.off_lane_rad
+    is_parked = is_off & motion.is_follower & ~motion.has_moved
     for row, first, last in motion.runs(stands, LIMITS.stand_s, 0.4).tolist():
-        if motion.has_moved[row]:
-            way = motion.way_m[row]
-            came, went = way[first], way[-1] - way[last]
-            goes = came > LIMITS.moved_m and went > LIMITS.moved_m
+        if not is_parked[row]:
             yield event(motion, "stands", row, (first, last))
-            if goes:
-                yield event(motion, "stop-and-go", row, (first, last))
-        elif not is_parked[row]:
-            yield event(motion, "stands", row, (first, last))
+        way = motion.way_m[row]
+        if min(way[first], way[-1] - way[last]) > LIMITS.moved_m:
+            yield event(motion, "stop-and-go", row, (first, last))
     for row in np.flatnonzero(is_parked).tolist():
         steps = np.flatnonzero(there[row])
         yield event(motion, "parked", row, (steps[0], steps[-1]))
-
-
-def _parked(motion: Motion, lanes: LaneTracks) -> Bool[np.ndarray, "A"]:
-    at = np.arange(len(motion)), motion.agents.is_valid.argmax(axis=1)
-    is_off = (
-        (lanes.lane[at] < 0)
-        | (np.abs(lanes.offset_m[at]) > LIMITS.off_lane_m)
-        | (np.abs(lanes.turn_rad[at]) > LIMITS.off_lane_rad)
-    )
-    return is_off & motion.is_follower & ~motion.has_moved
 
 
 def hard_brakings(motion: Motion) -> Iterator[SceneEvent]:

@@ -36,6 +36,8 @@ class ManoeuvreLimits:
     """Yaw rate of turns; at 10 m/s it is a radius of 170 m."""
     turn_pause_s: float = 1.2
     """Turns go on after a pause, such as for pedestrians."""
+    turn_way_m: float = 2.0
+    """Least way of a turn: no vehicle turns on the spot."""
     turn_rad: float = 0.7
     """Least turn, 40 degrees: junctions are skewed, and tracks end within turns."""
     u_turn_rad: float = 2.6

@@ -57,8 +57,9 @@ def scene_content(scenario: Scenario) -> SceneContent:
         passings(pairs),
         near_misses(motion, met),
     )
+    found = found if len(motion) else ()
     order = sorted(found, key=lambda one: (one.begin_s, one.kind, one.agent_id))
     return SceneContent(
-        events=tuple(order) if len(motion) else (),
+        events=tuple(order),
         facts=scene_facts(scenario, motion, lanes),
     )

@@ -14,24 +14,18 @@ from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
+_COUNTED: Final = {
+    "vehicles": AgentKind.VEHICLE,
+    "buses": AgentKind.BUS,
+    "motorcyclists": AgentKind.MOTORCYCLIST,
+    "cyclists": AgentKind.CYCLIST,
+    "pedestrians": AgentKind.PEDESTRIAN,
+}
+_NUMBERS: Final = ("density", "speed", "speed-p85", "curvature", "duration")
+_TEXTS: Final = ("city", "junction", "format", "origin", "edited", "warped")
 FACTS: Final[dict[str, type[float] | type[str]]] = {
-    "agents": float,
-    "vehicles": float,
-    "buses": float,
-    "motorcyclists": float,
-    "cyclists": float,
-    "pedestrians": float,
-    "density": float,
-    "speed": float,
-    "speed-p85": float,
-    "curvature": float,
-    "duration": float,
-    "city": str,
-    "junction": str,
-    "format": str,
-    "origin": str,
-    "edited": str,
-    "warped": str,
+    **dict.fromkeys(("agents", *_COUNTED, *_NUMBERS), float),
+    **dict.fromkeys(_TEXTS, str),
 }
 """Facts of scenes by name.
 
@@ -61,11 +55,7 @@ def scene_facts(
     made = bool(provenance.base or provenance.edited_ids)
     numbers = {
         "agents": len(kinds),
-        "vehicles": kinds.count(AgentKind.VEHICLE),
-        "buses": kinds.count(AgentKind.BUS),
-        "motorcyclists": kinds.count(AgentKind.MOTORCYCLIST),
-        "cyclists": kinds.count(AgentKind.CYCLIST),
-        "pedestrians": kinds.count(AgentKind.PEDESTRIAN),
+        **{name: kinds.count(kind) for name, kind in _COUNTED.items()},
         "density": counts.sum() / km if km else 0.0,
         "speed": speed.mean() if len(speed) else 0.0,
         "speed-p85": np.percentile(speed, 85) if len(speed) else 0.0,
@@ -86,28 +76,23 @@ def scene_facts(
 def _turns(graph: LaneGraph) -> np.ndarray:
     """Total turn of each lane in radians, to the left."""
     search = graph.search
-    if not len(search.lane):
-        return np.zeros(len(graph.lane_ids))
     turn = wrap_angle(np.diff(search.heading_rad, append=0.0))
     turn[search.last_of_lane] = 0.0
     return np.bincount(search.lane, weights=turn, minlength=len(graph.lane_ids))
 
 
 def _curvature(graph: LaneGraph, scenario: Scenario) -> float:
-    plain = [
-        row
-        for row, one in enumerate(graph.lane_ids)
-        if not scenario.road_map.lane_of[one].is_intersection
-    ]
-    length = graph.lengths_m[plain].sum() if plain else 0.0
-    return (
-        float(np.degrees(np.abs(_turns(graph)[plain]).sum()) / length * 100)
-        if length
-        else 0.0
-    )
+    of = scenario.road_map.lane_of
+    plain = np.array([not of[one].is_intersection for one in graph.lane_ids], bool)
+    if not plain.any():
+        return 0.0
+    turn = np.degrees(np.abs(_turns(graph)[plain]).sum())
+    return float(turn / graph.lengths_m[plain].sum() * 100)
 
 
 def _junction(graph: LaneGraph, scenario: Scenario) -> str:
+    if not graph.lane_ids:
+        return "none"
     if _has_roundabout(graph):
         return "roundabout"
     if scenario.signals:
@@ -118,19 +103,17 @@ def _junction(graph: LaneGraph, scenario: Scenario) -> str:
 
 def _has_roundabout(graph: LaneGraph) -> bool:
     """Whether lanes that all bend one way lead around in a short circle."""
-    if not graph.lane_ids:
-        return False
-    turns, lengths = _turns(graph), graph.lengths_m
+    turns = _turns(graph)
     for sign in (1, -1):
-        bends = sign * turns / np.maximum(lengths, 1.0) > 1 / LIMITS.roundabout_m
+        bends = sign * turns > np.maximum(graph.lengths_m, 1.0) / LIMITS.roundabout_m
         for start in np.flatnonzero(bends).tolist():
-            ways = [(start, 0.0, frozenset({start}))]
-            while ways:
-                one, angle, seen = ways.pop()
-                angle += abs(turns[one])
+            angles, left = {start: abs(turns[start])}, [start]
+            while left:
+                one = left.pop()
                 for after in graph.successors[one]:
-                    if after == start and abs(angle - 2 * np.pi) < np.pi / 2:
+                    if after == start and abs(angles[one] - 2 * np.pi) < np.pi / 2:
                         return True
-                    if bends[after] and after not in seen and angle < 2 * np.pi:
-                        ways.append((after, angle, seen | {after}))
+                    if bends[after] and after not in angles and angles[one] < 2 * np.pi:
+                        angles[after] = angles[one] + abs(turns[after])
+                        left.append(after)
     return False

@@ -43,18 +43,18 @@ class EventTable:
 
     def having(self, fact: str, sign: str, value: float | str) -> Bool[np.ndarray, "S"]:
         """Scenes with a fact that compares so."""
-        column = self.table.column(fact).to_numpy()
-        if isinstance(value, str):
-            column = np.array([one.lower() for one in column], object)
-        return np.asarray(COMPARISONS[sign](column, value), bool)
+        column = self.table.column(fact)
+        if isinstance(value, float):
+            return np.asarray(COMPARISONS[sign](column.to_numpy(), value), bool)
+        return _is_in(column.combine_chunks(), (value,)) == (sign == "=")
 
     def events(
         self, kinds: tuple[str, ...], by: str, towards: str
     ) -> Bool[np.ndarray, "E"]:
         """Events of some kinds between kinds of agents; empty ones are any."""
-        mask = self._is_in("kind", kinds)
+        mask = _is_in(self.event["kind"], kinds)
         for column, kind in (("agent_kind", by), ("other_kind", towards)):
-            mask &= self._is_in(column, (kind,)) if kind else True
+            mask &= _is_in(self.event[column], (kind,)) if kind else True
         return mask
 
     def valued(self, sign: str, number: float) -> Bool[np.ndarray, "E"]:
@@ -66,9 +66,10 @@ class EventTable:
         """Scenes with any of some events."""
         return np.bincount(self.scene[events], minlength=len(self.table)) > 0
 
-    def _is_in(self, column: str, words: tuple[str, ...]) -> Bool[np.ndarray, "E"]:
-        coded = self.event[column].dictionary_encode()
-        codes = [
-            n for n, one in enumerate(coded.dictionary.to_pylist()) if one in words
-        ]
-        return np.isin(coded.indices.to_numpy(), codes)
+
+def _is_in(column: pa.Array, words: tuple[str, ...]) -> Bool[np.ndarray, "N"]:
+    """Which texts are among some words, which are in small letters."""
+    coded = column.dictionary_encode()
+    texts = coded.dictionary.to_pylist()
+    codes = [code for code, one in enumerate(texts) if one.lower() in words]
+    return np.isin(coded.indices.to_numpy(), codes)

@@ -18,23 +18,16 @@ from pd_editor.base.regular_file import check_path, write_whole
 from pd_editor.editor.scenario_store import open_scenario
 
 INDEX_NAME: Final = "scenes.index.parquet"
+_TEXTS: Final = ("kind", "agent_id", "agent_kind", "other_id", "other_kind")
 _EVENT: Final = pa.struct(
     {
-        "kind": pa.string(),
-        "agent_id": pa.string(),
-        "agent_kind": pa.string(),
-        "other_id": pa.string(),
-        "other_kind": pa.string(),
-        "begin_s": pa.float64(),
-        "end_s": pa.float64(),
-        "value": pa.float64(),
+        **dict.fromkeys(_TEXTS, pa.string()),
+        **dict.fromkeys(("begin_s", "end_s", "value"), pa.float64()),
     }
 )
 SCHEMA: Final = pa.schema(
     {
-        "path": pa.string(),
-        "stamp": pa.string(),
-        "scenario_id": pa.string(),
+        **dict.fromkeys(("path", "stamp", "scenario_id"), pa.string()),
         **{n: pa.float64() if t is float else pa.string() for n, t in FACTS.items()},
         "events": pa.list_(_EVENT),
     }
@@ -77,28 +70,22 @@ class SceneIndex:
 
     def place_of(self, path: str) -> str:
         """A scene's path, as another command takes it."""
-        whole = os.path.normpath(self.folder / path)
-        near = os.path.relpath(whole)
-        return near if not near.startswith("..") else whole
+        return os.path.join(self.folder, path)
 
 
 def stamp_of(scene: str) -> str:
     """Sizes and times of a scene's files, with the rules by which they are read."""
-    files = [scene, *_inside(scene)]
-    told = [RULES]
-    for one in sorted(files):
-        status = os.stat(one)
-        if os.path.isfile(one):
-            told.append(
-                f"{os.path.basename(one)} {status.st_size} {status.st_mtime_ns}"
-            )
-    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:32]
-
-
-def _inside(scene: str) -> list[str]:
-    if not os.path.isdir(scene):
-        return []
-    return [entry.path for entry in os.scandir(scene)]
+    files = (
+        sorted(os.scandir(scene), key=lambda one: one.name)
+        if os.path.isdir(scene)
+        else [Path(scene)]
+    )
+    told = [
+        f"{one.name} {one.stat().st_size} {one.stat().st_mtime_ns}"
+        for one in files
+        if one.is_file()
+    ]
+    return hashlib.sha256("\n".join([RULES, *told]).encode()).hexdigest()[:32]
 
 
 def row_of(scene: str) -> Row:
@@ -109,13 +96,13 @@ def row_of(scene: str) -> Row:
     """
     stamp = stamp_of(scene)
     opened = open_scenario(scene)
-    kind_of = dict(zip(opened.agents.ids, opened.agents.kinds, strict=True))
+    kind_of = dict(zip(opened.agents.ids, map(str, opened.agents.kinds), strict=True))
     content = scene_content(opened)
     events = [
         {
             **asdict(one),
-            "agent_kind": str(kind_of[one.agent_id]),
-            "other_kind": str(kind_of[one.other_id]) if one.other_id else "",
+            "agent_kind": kind_of[one.agent_id],
+            "other_kind": kind_of.get(one.other_id, ""),
         }
         for one in content.events
     ]

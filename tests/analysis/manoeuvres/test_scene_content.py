@@ -145,6 +145,24 @@ def test_who_stops_and_goes_on_is_told_apart_from_parked_cars_that_jitter():
     }
 
 
+def test_a_box_that_only_the_tracker_turns_makes_no_turn():
+    agents = driven([along(0, 3, 9.0)])
+    heading = agents.heading_rad + np.linspace(0, np.pi / 2, agents.num_steps)
+    agents = replace(agents, heading_rad=heading)
+    assert not events(scenario_with(agents, RoadMap(lanes=())))
+
+
+def test_a_track_that_goes_on_under_a_new_id_crosses_nobody():
+    """Its first box is where the other's last ones are, turned by noise."""
+    agents = driven([along(0, 10), along(1, 10)])
+    is_valid = agents.is_valid.copy()
+    is_valid[0, 52:], is_valid[1, :50] = False, False
+    heading = agents.heading_rad.copy()
+    heading[1, 50:54] += 0.8
+    agents = replace(agents, is_valid=is_valid, heading_rad=heading)
+    assert not events(scenario_with(agents, road()), "crossing", "near-miss", "merge")
+
+
 def test_a_walker_is_on_the_crosswalk():
     def walks(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros_like(time), 1.5 * time
