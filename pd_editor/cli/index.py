@@ -1,10 +1,9 @@
 """``pd-editor index``: read what happens in many scenes into one file."""
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
@@ -38,20 +37,22 @@ class Indexed:
         )
 
 
+_Roots = Annotated[
+    str | Path | tuple[str | Path, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="ROOT [...]", help_behavior_hint="(required)"),
+]
+_File = Annotated[
+    str | Path | None,
+    tyro.conf.arg(metavar="FILE", help_behavior_hint=f"(default: ROOT/{INDEX_NAME})"),
+]
+
+
 def index(
-    root: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="ROOT [...]", help_behavior_hint="(required)"),
-    ],
+    root: _Roots,
     /,
     *,
-    out: Annotated[
-        str | Path | None,
-        tyro.conf.arg(
-            metavar="FILE", help_behavior_hint=f"(default: ROOT/{INDEX_NAME})"
-        ),
-    ] = None,
+    out: _File = None,
     engine: EngineName = "local",
     address: AddressOption = None,
     workers: WorkersOption = None,
@@ -74,33 +75,21 @@ def index(
     choice = EngineChoice(name=engine, address=address, num_workers=workers)
     scenes = [one for each in roots for one in scenes_of(str(each), SCENE_FILES, file)]
     writer = IndexWriter(file, dict.fromkeys(scenes))
-    earlier, saved = len(writer.done), time.monotonic()
-
-    def take(scene: str, row: dict[str, Any]) -> None:
-        nonlocal saved
-        writer.add(scene, row)
-        if time.monotonic() - saved > 30:
-            writer.write()
-            saved = time.monotonic()
-
-    items = {one: one for one in scenes}
+    earlier = len(writer.done)
     with choice.engine() as runner:
         try:
             failures = run_items(
                 runner,
                 row_of,
-                items,
-                on_value=take,
+                {one: one for one in scenes},
+                on_value=writer.add,
                 on_progress=work_shown("scenes"),
                 done=writer.done,
             )
         finally:
-            num_scenes = writer.write()
+            count = writer.write()
     return Indexed(
-        file=file,
-        num_scenes=num_scenes,
-        num_read=num_scenes - earlier,
-        failures=failures,
+        file=file, num_scenes=count, num_read=count - earlier, failures=failures
     )
 
 

@@ -46,7 +46,7 @@ class EventTable:
         column = self.table.column(fact)
         if isinstance(value, float):
             return np.asarray(COMPARISONS[sign](column.to_numpy(), value), bool)
-        return _is_in(column.combine_chunks(), (value,)) == (sign == "=")
+        return _is_in(column.combine_chunks(), (str(value),)) == (sign == "=")
 
     def events(
         self, kinds: tuple[str, ...], by: str, towards: str

@@ -3,6 +3,7 @@
 import hashlib
 import io
 import os
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -118,6 +119,7 @@ class IndexWriter:
         self.file = file
         self.path_of = {one: self._path(one) for one in scenes}
         self._rows: dict[str, Row] = {}
+        self._written = time.monotonic()
         try:
             earlier = SceneIndex.read(file).table.to_pylist()
         except InputError:
@@ -134,8 +136,10 @@ class IndexWriter:
         return tuple(self._rows)
 
     def add(self, scene: str, row: Mapping[str, Any]) -> None:
-        """Take the row of a scene."""
+        """Take the row of a scene; half a minute of work is never lost."""
         self._rows[scene] = {**row, "path": self.path_of[scene]}
+        if time.monotonic() - self._written > 30:
+            self.write()
 
     def write(self) -> int:
         """Replace the file in one step; returns the number of scenes.
@@ -147,6 +151,7 @@ class IndexWriter:
         sink = io.BytesIO()
         pq.write_table(pa.Table.from_pylist(rows, schema=SCHEMA), sink)
         write_whole(self.file, sink.getvalue())
+        self._written = time.monotonic()
         return len(rows)
 
     def _path(self, scene: str) -> str:

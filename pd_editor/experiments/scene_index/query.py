@@ -10,7 +10,7 @@ from jaxtyping import Bool
 
 from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS
 from pd_editor.base.errors import InputError
-from pd_editor.base.plain_text import nearest_or_all, one_line
+from pd_editor.base.plain_text import MAX_TEXT_CHARACTERS, nearest_or_all, one_line
 from pd_editor.experiments.scene_index.event_table import COMPARISONS, EventTable
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 
@@ -22,7 +22,6 @@ EVENT_WORDS: Final = {
 """Kinds of events that a word stands for."""
 _QUANTITIES: Final = frozenset(filter(None, EVENT_KINDS.values()))
 _WORD: Final = re.compile(r'\s*(<=|>=|!=|[=<>()]|"[^"]*"|[^\s=<>()!"]+|\S)')
-_MOST: Final = {"characters": 2000, "nesting": 50}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +39,8 @@ def answer(text: str, table: EventTable) -> Answer:
         InputError: it is none; the message names the word, its place, and the nearest
             word that is known.
     """
-    if len(text) > _MOST["characters"]:
-        raise InputError(f"The query is longer than {_MOST['characters']} characters.")
+    if len(text) > MAX_TEXT_CHARACTERS:
+        raise InputError(f"The query is longer than {MAX_TEXT_CHARACTERS} characters.")
     words = [(one[1], one.start(1) + 1) for one in _WORD.finditer(text.rstrip())]
     parser = _Parser(words, table)
     found = parser.any_of()
@@ -90,7 +89,7 @@ class _Parser:
 
     def _one(self) -> Answer:
         self._depth += 1
-        if self._depth > _MOST["nesting"]:
+        if self._depth > 50:
             raise self.wrong("the query is nested too deeply")
         if self._takes("not"):
             found = self._one()

@@ -144,7 +144,7 @@ def test_the_events_that_were_asked_for_are_told_and_no_others():
         ("not " * 400 + "merge", ("nested",)),
         ('city = "', ('"',)),
         ("density > nan", ("'nan'",)),
-        ("merge " * 400, ("longer",)),
+        ("merge " * 2000, ("longer",)),
     ],
 )
 def test_a_wrong_word_is_named_with_its_place_and_the_nearest(
