@@ -70,7 +70,7 @@ class TabElements:
         self.selecting = Selecting(ui)
         SpeedCurve(ui, self.timeline)
         Hover(ui)
-        PlansView(ui)
+        self.plans = PlansView(ui)
         Hints(ui)
         self.key_sheet = KeySheet(ui.overlay)
         self.viewpoint.restore()

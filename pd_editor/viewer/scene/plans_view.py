@@ -1,7 +1,5 @@
 """Draws what policies planned at the playhead's time, as thin lines."""
 
-from typing import Final
-
 import numpy as np
 import viser
 from jaxtyping import Float
@@ -10,12 +8,8 @@ from pd_editor.viewer.meshes.colors import inverse_aces, srgb_to_linear
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
 from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import path_heights, path_ribbons
+from pd_editor.viewer.scene.original_view import DASH_WIDTH_M, HEIGHT_M
 from pd_editor.viewer.tab.ui_context import UiContext
-
-HEIGHT_M: Final = 0.14
-"""Above the ribbons of all agents."""
-WIDTHS_M: Final = (0.55, 0.25)
-"""Of the rim, which sets a line off from the ribbon below, and of the line."""
 
 
 class PlansView:
@@ -25,17 +19,19 @@ class PlansView:
         """Draw nothing yet."""
         self._ui = ui
         self._handle: viser.GlbHandle | None = None
-        self._drawn: list[int] = []
+        self._palette: Palette | None = None
+        self.shown: list[Float[np.ndarray, "F 2"]] = []
+        """The plans that are drawn."""
         for signal in (ui.model.poses_drawn, ui.model.run_changed):
             signal.subscribe(self.show)
 
     def show(self) -> None:
         """Show the plans that were in force at the playhead."""
         plans, palette = self._plans(), self._ui.model.palette
-        drawn = [*map(id, plans), id(palette)]
-        if drawn == self._drawn:
+        is_drawn = list(map(id, plans)) == list(map(id, self.shown))
+        if is_drawn and palette is self._palette:
             return
-        self._drawn = drawn
+        self.shown, self._palette = plans, palette
         if self._handle is not None:
             self._handle.visible = bool(plans)
         if not plans:
@@ -68,7 +64,8 @@ def _lines(plans: list[Float[np.ndarray, "F 2"]], palette: Palette) -> Primitive
     points = np.stack([one[along.clip(max=len(one) - 1)] for one in plans])
     lengths = np.array([len(one) for one in plans])
     colors = np.array([palette.lane, palette.plan]) / 255.0
-    widths = np.tile(WIDTHS_M, len(plans))
+    # The rim sets a line off from the ribbon below.
+    widths = np.tile((2 * DASH_WIDTH_M, DASH_WIDTH_M), len(plans))
     return path_ribbons(
         np.repeat(points, 2, axis=0),
         along < np.repeat(lengths, 2)[:, None],

@@ -18,9 +18,7 @@ def roll_out(tab) -> ContinueScene:
 
 
 def shown(tab):
-    nodes = tab.ui.client.scene._handle_from_node_name
-    node = nodes.get("/plans")
-    return node is not None and node.visible
+    return [len(one) for one in tab.elements.plans.shown]
 
 
 def at(tab, value: int) -> None:
@@ -33,22 +31,18 @@ def test_a_plan_is_shown_from_its_step_on_and_goes_with_undo(tab):
     at(tab, -3)
     assert not shown(tab)
     at(tab, 2)
-    assert shown(tab)
-    legend = tab.ui.overlay._shown["legend"]
-    assert "Plan of a policy" not in legend
-    tab.run(tab.model.run_changed.emit)
-    assert "Plan of a policy" in tab.ui.overlay._shown["legend"]
+    assert shown(tab) == [4]
     # Another edit keeps it.
     size = SetAgentSize(agent_ids=command.motion.ids[:1], length_m=5.0, width_m=2.0)
     tab.run(lambda: tab.session.apply(size))
     at(tab, 7)
-    assert shown(tab)
+    assert shown(tab) == [6]
     tab.run(lambda: tab.session.apply(BeginAt(time_s=1.0)))
     at(tab, 1)
     assert not shown(tab)
     tab.run(tab.session.undo)
     at(tab, 7)
-    assert shown(tab)
+    assert shown(tab) == [6]
     tab.run(tab.session.undo)
     tab.run(tab.session.undo)
     at(tab, 8)
