@@ -249,7 +249,7 @@ export interface ToolbarEvent {
 }
 
 export interface TimelineMark {
-  readonly kind: "finding" | "problem";
+  readonly kind: "finding" | "notice" | "problem";
   readonly step: number;
   readonly text: string;
 }
@@ -271,7 +271,7 @@ export interface PlayheadState {
 }
 
 export interface TimelineEvent {
-  readonly kind: "current" | "finding" | "loop" | "play" | "problem" | "seek" | "speed" | "step";
+  readonly kind: "current" | "finding" | "loop" | "notice" | "play" | "problem" | "seek" | "speed" | "step";
   readonly value?: number;
 }
 

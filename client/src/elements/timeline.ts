@@ -89,7 +89,7 @@ define("timeline", (api) => {
   }
 
   function markOf({ kind, step, text }: TimelineMark) {
-    const what = kind === "finding" ? "Finding" : "Problem";
+    const what = { problem: "Problem", notice: "Notice", finding: "Finding" }[kind];
     const mark = button(`pd-mark pd-${kind}`, "", () => api.send({ kind, value: step }), {
       "aria-label": `${what} at ${inWords(step, axis)}`,
     });

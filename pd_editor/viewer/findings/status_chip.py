@@ -1,10 +1,12 @@
 """The status chip with problems and progress, and the list that it opens."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any, Final, Literal
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
+from pd_editor.editor.commands import ContinueScene
 from pd_editor.editor.cures import Cure, cures
 from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.viewer.files.export_panel import ExportPanel
@@ -16,7 +18,7 @@ from pd_editor.viewer.overlay.messages import (
     StatusState,
 )
 from pd_editor.viewer.scene.framing import FreePart
-from pd_editor.viewer.scene.timeline import Timeline, marks_of
+from pd_editor.viewer.scene.timeline import Mark, Timeline, marks_of
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -78,7 +80,9 @@ class StatusChip:
         self._is_open = False
         self._num_closed = 0
         self._overlay.on("status", self._heard)
-        timeline.mark_chosen["problem"].subscribe(self._mark_chosen)
+        chosen = timeline.mark_chosen
+        chosen["problem"].subscribe(partial(self._mark_chosen, "new"))
+        chosen["notice"].subscribe(partial(self._mark_chosen, "notices"))
         self._model.shown.subscribe(self.show)
         self._model.run_changed.subscribe(self.show)
         self._model.checked.subscribe(self._after_check)
@@ -88,8 +92,12 @@ class StatusChip:
         """Show what is known now."""
         groups = self._groups()
         self._follow_active(groups)
-        marks = [(p.shown_step, p.message) for p in groups["new"] if _has_time(p)]
-        self._timeline.set_marks("problem", marks_of(marks))
+        self._timeline.set_marks("problem", _marks(groups["new"]))
+        # A roll-out is long: where somebody brakes hard is to be found fast.
+        commands = self._ui.session.commands_in_force
+        is_rolled = any(isinstance(one, ContinueScene) for one in commands)
+        harsh = [one for one in groups["notices"] if one.kind == "harsh-motion"]
+        self._timeline.set_marks("notice", _marks(harsh if is_rolled else ()))
         run, count = self._model.run, len(groups["new"])
         text, tone = "No new problems", "good"
         if count:
@@ -218,10 +226,10 @@ class StatusChip:
             time=time if _has_time(problem) else "",
         )
 
-    def _mark_chosen(self, step: int) -> None:
-        for problem in self._watch.new:
+    def _mark_chosen(self, group: Group, step: int) -> None:
+        for problem in self._groups()[group]:
             if _has_time(problem) and problem.shown_step == step:
-                self.choose("new", problem)
+                self.choose(group, problem)
                 return
 
     def _heard(self, event: Mapping[str, Any]) -> None:
@@ -279,6 +287,11 @@ def _step_to_show(problem: Finding, ui: UiContext) -> int:
     return (
         problem.shown_step if _has_time(problem) else ui.session.scenario.current_step
     )
+
+
+def _marks(findings: Iterable[Finding]) -> tuple[Mark, ...]:
+    """Marks of findings on the timeline."""
+    return marks_of((one.shown_step, one.message) for one in findings if _has_time(one))
 
 
 def _has_time(finding: Finding) -> bool:

@@ -306,7 +306,7 @@ class ToolbarEvent(Message, frozen=True):
 
 
 class TimelineMark(Message, frozen=True):
-    kind: Literal["problem", "finding"]
+    kind: Literal["problem", "notice", "finding"]
     step: int
     text: str
 
@@ -333,7 +333,15 @@ class TimelineEvent(Message, frozen=True):
     """A button of the timeline, a step to go to, or steps to go on by."""
 
     kind: Literal[
-        "play", "current", "speed", "loop", "seek", "step", "problem", "finding"
+        "play",
+        "current",
+        "speed",
+        "loop",
+        "seek",
+        "step",
+        "problem",
+        "notice",
+        "finding",
     ]
     value: int = 0
 

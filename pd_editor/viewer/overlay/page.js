@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (9d2c98f2aad0bc33); not to be edited. */
+/* Built by .ci/client.py from client/ (3fe6330eae54b6fe); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3294,7 +3294,7 @@
       track.drawn.tell();
     }
     function markOf({ kind, step, text }) {
-      const what = kind === "finding" ? "Finding" : "Problem";
+      const what = { problem: "Problem", notice: "Notice", finding: "Finding" }[kind];
       const mark = button(`pd-mark pd-${kind}`, "", () => api.send({ kind, value: step }), {
         "aria-label": `${what} at ${inWords(step, axis)}`
       });

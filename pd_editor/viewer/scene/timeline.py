@@ -16,7 +16,7 @@ MIN_TOLD_S: Final = 0.005
 """Nearer to t = 0 the picture shows the state that edits act on."""
 
 
-MarkKind = Literal["problem", "finding"]
+MarkKind = Literal["problem", "notice", "finding"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +56,7 @@ class Timeline:
         self._marks: dict[MarkKind, tuple[Mark, ...]] = {}
         self.mark_chosen: dict[MarkKind, Signal[int]] = {
             "problem": Signal(),
+            "notice": Signal(),
             "finding": Signal(),
         }
         """The step of a mark that the user has clicked."""
@@ -126,7 +127,9 @@ class Timeline:
     def _shown_marks(self) -> list[tuple[MarkKind, Mark]]:
         """All marks; at the step of a problem, its mark stands for the findings."""
         findings = {mark.step: mark for mark in self._marks.get("finding", ())}
-        shown: list[tuple[MarkKind, Mark]] = []
+        shown: list[tuple[MarkKind, Mark]] = [
+            ("notice", mark) for mark in self._marks.get("notice", ())
+        ]
         for mark in self._marks.get("problem", ()):
             also = findings.pop(mark.step, None)
             text = mark.text if also is None else f"{mark.text}\n{also.text}"
@@ -162,7 +165,7 @@ class Timeline:
             self.seek(float(_within(playback.axis.current_step + value, playback)))
         elif kind == "step" and isinstance(value, int):
             self.step_by(_within(value, playback))
-        elif kind in ("problem", "finding") and isinstance(value, int):
+        elif kind in ("problem", "notice", "finding") and isinstance(value, int):
             self.mark_chosen[kind].emit(
                 _within(playback.axis.current_step + value, playback)
             )

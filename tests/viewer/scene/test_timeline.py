@@ -1,5 +1,8 @@
 """What the timeline makes of the page's events."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from pd_editor.editor.commands import ContinueScene
@@ -8,7 +11,7 @@ from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.viewer.scene.timeline import marks_of
 from tests.builders import two_agents_that_pass
-from tests.viewer.fake_browser import connected_tab, running_app
+from tests.viewer.fake_browser import connected_tab, running_app, until
 
 
 @pytest.fixture
@@ -59,15 +62,44 @@ def test_a_finding_at_the_step_of_a_problem_is_told_by_its_mark(tab):
         findings = marks_of([(70, "C brakes"), (60, "A collides"), (70, "D brakes")])
         timeline.set_marks("problem", problems)
         timeline.set_marks("finding", findings)
-        found = timeline._shown_marks()
+        found = marks(tab)
         timeline.set_marks("problem", ())
         timeline.set_marks("finding", ())
-        return [(kind, mark.step, mark.text) for kind, mark in found]
+        return found
 
     assert tab.run(shown) == [
         ("finding", 70, "C brakes\nD brakes"),
         ("problem", 60, "A and B collide.\nA collides"),
     ]
+
+
+def test_hard_braking_in_a_roll_out_is_marked(tab):
+    """Braking is no problem, but is looked for in a long scene."""
+    agents = tab.session.scenario.agents.cut_to(slice(49, 110))
+    time = np.arange(61) * 0.1
+    braking = np.clip(time - 2.0, 0.0, 1.5) * 6.0
+    speed = agents.velocity_mps[0, :, 0] - braking
+    position, velocity = agents.position_m.copy(), agents.velocity_mps.copy()
+    position[0, 1:, 0] = position[0, 0, 0] + np.cumsum((speed[1:] + speed[:-1]) / 20)
+    velocity[0, :, 0] = speed
+    slower = replace(agents, position_m=position, velocity_mps=velocity)
+    command = ContinueScene(motion=RolledMotion.of(slower), generator="test")
+    tab.run(lambda: tab.session.apply(command))
+    until(lambda: marks(tab))
+    ((kind, step, text),) = marks(tab)
+    assert kind == "notice"
+    assert 69 <= step <= 85
+    assert "brakes with " in text
+    tab.hear("timeline", kind="notice", value=step - 49)
+    tab.run(lambda: None)
+    assert tab.session.selection == agents.ids[:1]
+    tab.run(tab.session.undo)
+    until(lambda: not marks(tab))
+
+
+def marks(tab) -> list[tuple[str, int, str]]:
+    found = tab.elements.timeline._shown_marks()
+    return [(kind, mark.step, mark.text) for kind, mark in found]
 
 
 def test_a_roll_out_makes_the_timeline_longer_and_undo_shorter(tab):
