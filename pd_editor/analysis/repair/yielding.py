@@ -56,7 +56,7 @@ _ROWS_TOGETHER: Final = 16
 """Agents whose clocks are chosen together, which bounds the memory."""
 _SLACK_M: Final = 0.01
 """For rounding, where paths are compared roughly."""
-_LEAST_WAY_M: Final = 0.5
+LEAST_WAY_M: Final = 0.5
 """Agents with a shorter trajectory cannot yield."""
 _MOST_CHECKED: Final = 16
 """Clocks of an agent whose braking is looked at closely."""
@@ -245,7 +245,7 @@ class _Scene(BoxStates):
         size = agents.size_m
         radius = np.hypot(size[:, 0] + 2 * GAP_M, size[:, 1]) / 2
         pairs = pairs_that_meet(position, is_valid, radius)
-        may_yield = may_yield & (way.sum(axis=1) > _LEAST_WAY_M)
+        may_yield = may_yield & (way.sum(axis=1) > LEAST_WAY_M)
         pairs = pairs[counted(agents, pairs) & may_yield[pairs].any(axis=1)]
 
         def apart(grown_m: Float[np.ndarray, "A 2"]) -> Bool[np.ndarray, "P"]:

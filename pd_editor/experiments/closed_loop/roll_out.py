@@ -193,7 +193,7 @@ class Rolling:
         drivers = self.drivers
         sample = yield from _generated(request, self.generator, world, drivers, wanted)
         if sample is not None:
-            sample = self.entrances.entering(sample, world)
+            sample = self.entrances.entering(world.with_fresh_ids(sample), world)
             known = world.scenario.agents.row_of
             self.num_entered += sum(name not in known for name in sample.ids)
             self.world = world.planned(sample)

@@ -8,12 +8,15 @@ import numpy as np
 from jaxtyping import Bool
 
 from pd_editor.analysis.metrics.road.off_road import is_past_lanes
+from pd_editor.analysis.repair.yielding import LEAST_WAY_M
+from pd_editor.editor.commands.agents import new_agent_ids
 from pd_editor.editor.commands.motion import agents_with_trajectory
 from pd_editor.editor.commands.roll_out import RolledMotion
-from pd_editor.editor.commands.traffic import blank_tracks
+from pd_editor.editor.commands.traffic import NEW_PREFIX, blank_tracks
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.scene.traffic_sample import TrafficSample
 
@@ -97,9 +100,21 @@ class World:
             signals=(),
         )
 
+    def with_fresh_ids(self, sample: TrafficSample) -> TrafficSample:
+        """The sample, in which nobody who enters has the id of one who has left.
+
+        Its track would go on with a jump.
+        """
+        agents, there = self.scenario.agents, self.is_present()
+        present = {agents.ids[row] for row in np.flatnonzero(there)}
+        count = sum(name not in present for name in sample.ids)
+        fresh = iter(new_agent_ids(self.scenario, count, NEW_PREFIX))
+        ids = (name if name in present else next(fresh) for name in sample.ids)
+        return replace(sample, ids=tuple(ids))
+
     def planned(self, sample: TrafficSample) -> "World":
         """With a sample as the plan of its agents, of which some may be new."""
-        agents = self.scenario.agents
+        agents, sample = self.scenario.agents, _at_rest(sample)
         new = [row for row, name in enumerate(sample.ids) if name not in agents.row_of]
         if new:
             blank = blank_tracks(sample, np.array(new), agents.num_steps)
@@ -150,3 +165,20 @@ class World:
         agents = self.scenario.agents.cut_to(slice(first, self.step + 1))
         agents = agents.taken(agents.is_valid.any(axis=1))
         return RolledMotion.of(agents)
+
+
+def _at_rest(sample: TrafficSample) -> TrafficSample:
+    """The sample, in which agents stand that stand now and would hardly move.
+
+    Those do not yield, so that window after window they would creep into the next one.
+    """
+    begin = sample.position_m[:, :1]
+    way = np.linalg.norm(sample.position_m - begin, axis=-1).max(axis=1)
+    speed = np.linalg.norm(sample.velocity_mps[:, 0], axis=-1)
+    rests = ((way < LEAST_WAY_M) & (speed < STANDING_MPS))[:, None]
+    return replace(
+        sample,
+        position_m=np.where(rests[..., None], begin, sample.position_m),
+        heading_rad=np.where(rests, sample.heading_rad[:, :1], sample.heading_rad),
+        velocity_mps=np.where(rests[..., None], 0.0, sample.velocity_mps),
+    )

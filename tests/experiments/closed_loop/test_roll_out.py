@@ -13,16 +13,20 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.experiments.closed_loop.policies import policy_of
 from pd_editor.experiments.closed_loop.roll_out import (
+    Rolling,
     RollOut,
     RollOutRequest,
     roll_out,
     route_of,
 )
 from pd_editor.experiments.closed_loop.scores import drive_scores
+from pd_editor.experiments.closed_loop.world import World
 from pd_editor.generation.generators import make_generator
+from pd_editor.scene.generation import GeneratedTraffic
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.policy import Controls, Plan
 from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.traffic_sample import TrafficSample
 from tests.builders import scenario_with, straight_drivers
 
 JUNCTION = "signalised-junction"
@@ -216,6 +220,60 @@ def test_several_policies_drive_at_once(junction):
     assert kept == pytest.approx(second, abs=0.1)
 
 
+class Creeps:
+    """A generator whose agents move by 5 cm a second."""
+
+    name = "creeps"
+
+    def generate(self, request):
+        agents, now = request.scenario.agents, request.scenario.current_step
+        rows = agents.rows(request.agent_ids)
+        heading = np.repeat(agents.heading_rad[rows, now, None], 61, axis=1)
+        way = np.stack([np.cos(heading), np.sin(heading)], axis=-1) * 0.05
+        sample = TrafficSample(
+            ids=request.agent_ids,
+            kinds=tuple(agents.kinds[row] for row in rows),
+            size_m=agents.size_m[rows],
+            position_m=agents.position_m[rows, now, None]
+            + way * 0.1 * np.arange(61)[:, None],
+            heading_rad=heading,
+            velocity_mps=way,
+        )
+        yield from ()
+        return GeneratedTraffic(
+            samples=(sample,), generator="creeps", model_sha256="", seed=0, elapsed_s=0
+        )
+
+
+def test_agents_that_stand_do_not_creep_into_each_other():
+    """Window after window a queue closed up until its boxes overlapped."""
+    scene = scenario_with(straight_drivers([(0, 0, 0, 0), (5.2, 0, 0, 0)]))
+    rolling = Rolling.started(RollOutRequest(scenario=scene, duration_s=20.0), Creeps())
+    while not rolling.is_over:
+        list(rolling.next_steps())
+    agents, now = rolling.result().scenario.agents, scene.current_step
+    moved = agents.position_m[:, now:] - agents.position_m[:, now, None]
+    assert np.abs(moved).max() < 1e-6
+
+
+def test_who_enters_never_has_the_id_of_one_who_has_left():
+    """Its track had a hole at the origin, and boxes there collided."""
+    scene = scenario_with(straight_drivers([(0, 0, 0, 5), (30, 0, 0, 5)]))
+    stays, gone = scene.agents.ids
+    world = World.beginning(scene, 50).without([gone])
+    sample = TrafficSample(
+        ids=(stays, gone),
+        kinds=scene.agents.kinds,
+        size_m=scene.agents.size_m,
+        position_m=np.zeros((2, 61, 2)),
+        heading_rad=np.zeros((2, 61)),
+        velocity_mps=np.zeros((2, 61, 2)),
+    )
+    first, second = world.with_fresh_ids(sample).ids
+    assert first == stays
+    assert second not in scene.agents.ids
+
+
 def test_a_folder_is_a_policy(tmp_path):
     (tmp_path / "policy.py").write_text(
         "from pd_editor.experiments.closed_loop.policies import IdmOnRoute\n"
@@ -345,3 +403,6 @@ def test_the_model_keeps_the_road_as_full_as_it_was(av2_root):
     new = [row for row, name in enumerate(agents.ids) if name.startswith("new-")]
     assert (agents.is_valid[new, now:].sum(axis=1) > 0).all()
     assert not agents.is_valid[new, : now + 1].any()
+    lasts = agents.is_valid[:, now:-1] & agents.is_valid[:, now + 1 :]
+    moved = np.linalg.norm(np.diff(agents.position_m[:, now:], axis=1), axis=-1)
+    assert moved[lasts].max() < 5.0
