@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from pd_editor.analysis.manoeuvres import EVENT_KINDS
+from pd_editor.base.plain_text import one_line
 from pd_editor.cli.options.arguments import Switch
 from pd_editor.experiments.scene_index.find import FoundScene, find_scenes
 
@@ -56,4 +57,4 @@ def _lines(scene: FoundScene) -> list[str]:
         value = "" if one.value is None else f"  {EVENT_KINDS[one.kind]} {one.value:g}"
         time = f"{one.begin_s:6.1f} to {one.end_s:.1f} s"
         lines.append(f"{scene.path}  {one.kind:<18}{who:<20}{time}{value}")
-    return lines or [scene.path]
+    return [one_line(line) for line in lines or [scene.path]]

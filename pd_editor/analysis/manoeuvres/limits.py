@@ -84,7 +84,9 @@ class ManoeuvreLimits:
     """Conflicts have a shorter time to collision (FHWA SSAM)."""
     near_pet_s: float = 1.0
     """So have those with a shorter time after one another (Allen and others 1978)."""
-    near_s: float = 0.4
+    slip_rad: float = 0.35
+    """No vehicle goes at a larger angle, 20 degrees, to where its box points."""
+    near_s: float = 0.6
     """Shorter conflicts are the noise of tracked velocities."""
     closing_mps: float = 2.0
     """Slower approaches are manoeuvring in queues."""

@@ -12,7 +12,7 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,6 +92,13 @@ class Motion:
     def forward(self) -> Float[np.ndarray, "A S 2"]:
         """Unit vectors along the headings."""
         return unit_vector(self.agents.heading_rad)
+
+    @cached_property
+    def is_sound(self) -> Bool[np.ndarray, "A S"]:
+        """Whether a box points along its motion, or hardly moves; others are noise."""
+        along = np.einsum("asd,asd->as", self.agents.velocity_mps, self.forward)
+        speed = self.agents.speed_mps()
+        return (along > np.cos(LIMITS.slip_rad) * speed) | (speed < 2 * MOVING_MPS)
 
     def runs(
         self, holds: Bool[np.ndarray, "R S"], least_s: float, pause_s: float = 0.0

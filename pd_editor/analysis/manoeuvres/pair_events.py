@@ -198,6 +198,8 @@ def near_misses(motion: Motion, met: Iterable[SceneEvent]) -> Iterator[SceneEven
     )
     # Boxes that touch already are mostly too large: tracks have no true sizes.
     good = (closing > LIMITS.closing_mps) & (time > 0)
+    sound = motion.is_sound[moves]
+    good &= sound[a, at] & sound[b, at]
     a, b, at, time = (one[good] for one in (a, b, at, time))
     pairs, index = np.unique(a * len(agents) + b, return_inverse=True)
     after = round(LIMITS.near_ttc_s / motion.step_s)

@@ -71,5 +71,5 @@ def _is_in(column: pa.Array, words: tuple[str, ...]) -> Bool[np.ndarray, "N"]:
     """Which texts are among some words, which are in small letters."""
     coded = column.dictionary_encode()
     texts = coded.dictionary.to_pylist()
-    codes = [code for code, one in enumerate(texts) if one.lower() in words]
+    codes = [code for code, one in enumerate(texts) if (one or "").lower() in words]
     return np.isin(coded.indices.to_numpy(), codes)
