@@ -205,6 +205,27 @@ export const NUMBER = "input.mantine-NumberInput-input";
 export const DIALOG = ".mantine-Modal-content";
 export const BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
 
+const ICON_NAMES: readonly [selector: string, name: string][] = [
+  [".mantine-Notification-closeButton", "Close the notice"],
+  ["button:has(> * > .tabler-icon-list-search)", "All commands"],
+  ["button:has(> * > .tabler-icon-adjustments)", "Settings of viser"],
+];
+/** Name controls for screen readers: viser labels neither sliders, texts nor second numbers. */
+export function nameControls(): void {
+  for (const [selector, name] of ICON_NAMES)
+    for (const found of document.querySelectorAll(`${selector}:not([aria-label])`))
+      found.setAttribute("aria-label", name);
+  for (const label of document.querySelectorAll<HTMLLabelElement>("p > label[for]")) {
+    const row = label.closest("p")?.parentElement?.parentElement;
+    const fields = [...(row?.querySelectorAll<HTMLElement>("[role=slider], input:not([type=hidden])") ?? [])];
+    for (const [index, field] of fields.entries()) {
+      if (field.getAttribute("aria-label") || (field instanceof HTMLInputElement && field.labels?.length)) continue;
+      const isFirst = index === 0 || fields[0].matches("[role=slider]");
+      field.setAttribute("aria-label", `${label.textContent}${isFirst ? "" : `, number ${index + 1}`}`);
+    }
+  }
+}
+
 /** Open a tab: docked ones, which can be dragged, listen to presses and keys. */
 export function openTab(tab: HTMLElement): void {
   tab.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));

@@ -1,5 +1,7 @@
 """Locks by real mouse: set, kept through generation and edits, unlocked and undone."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -128,7 +130,9 @@ def test_state_and_first_seconds_are_locked_by_menu_and_panel(editor):
 
     # The list shows the lock, and its button unlocks.
     editor.key("Control+f")
-    row = page.get_by_role("option", name=f"{agent_id}, focal agent, locked")
+    row = page.get_by_role(
+        "option", name=re.compile(f"{agent_id}.*focal agent.*locked")
+    )
     row.wait_for()
     region = page.get_by_role("region", name="Agent list")
     region.get_by_role("button", name="Lock", exact=True).click()

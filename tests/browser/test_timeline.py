@@ -78,7 +78,7 @@ def test_the_playhead_runs_between_two_messages_of_the_server(editor):
 
 def test_speed_and_loop(editor):
     playback = editor.workspace.playback
-    editor.press("Speed")
+    editor.press("Speed 1\u00d7")
     editor.until(lambda: playback.speed == 2.0, "twice the speed")
     editor.press("Loop")
     editor.until(lambda: not playback.loops, "no loop")

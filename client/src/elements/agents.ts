@@ -75,11 +75,12 @@ define("agents", (api) => {
       for (const [place, heading] of headings.entries()) {
         const [word, , other] = COLUMNS[place];
         const sign = order.isDown ? " \u25be" : " \u25b4";
-        heading.textContent = other === order.column ? word + sign : word;
+        heading.textContent = word;
+        if (other === order.column) heading.append(make("span", "", { "aria-hidden": "true" }, sign));
       }
       arrange();
     };
-    return button("", text, sort, { title, "aria-label": title });
+    return button("", text, sort, { title, "aria-label": `${text}. ${title}` });
   });
   columns.append(...headings);
 
@@ -142,7 +143,11 @@ define("agents", (api) => {
     const [id, kind, speed, distance, marks] = state.rows[row];
     const [word, color] = state.kinds[kind];
     const element = make("div", "pd-agents-row", { role: "option" });
-    const glyph = make("span", `pd-glyph pd-${SHAPES[word] ?? "thing"}`, { title: word });
+    const glyph = make("span", `pd-glyph pd-${SHAPES[word] ?? "thing"}`, {
+      title: word,
+      role: "img",
+      "aria-label": word,
+    });
     glyph.style.background = marks & 1 ? state.focal : marks & 2 ? state.ego : color;
     const name = make("span", "pd-name", { title: `${word} ${id}` }, id);
     const numbers = [speed, distance].map((value) =>
@@ -150,9 +155,8 @@ define("agents", (api) => {
     );
     const badges = make("span", "pd-badges");
     const own = MARKS.filter(([bit]) => marks & bit);
-    for (const [, letter, title, style] of own) badges.append(make("span", `pd-badge ${style}`, { title }, letter));
-    const words = [`${word} ${id}`, ...own.map(([, , title]) => title)];
-    element.setAttribute("aria-label", words.join(", "));
+    for (const [, letter, title, style] of own)
+      badges.append(make("span", `pd-badge ${style}`, { title, role: "img", "aria-label": title }, letter));
     element.append(glyph, name, ...numbers, badges);
     element.addEventListener("click", (event) => pick(row, event));
     element.addEventListener("pointerenter", () => point(row));

@@ -7,6 +7,7 @@ import { define, hearFirst, listen, markBody, onDispose, root } from "../frame.t
 
 const PATIENCE_MS = 8000;
 const RETRY_MS = 250;
+const NAMING_PAUSE_MS = 500;
 
 define("panel", (api) => {
   let wanted: string | null = null;
@@ -128,9 +129,17 @@ define("panel", (api) => {
     if (target instanceof Element && target.matches(viser.BESIDE_DIALOG)) leaveDialog();
   });
 
-  const observer = new MutationObserver(tell);
+  let naming: ReturnType<typeof setTimeout> | undefined;
+  const observer = new MutationObserver(() => {
+    tell();
+    naming ??= setTimeout(() => {
+      naming = undefined;
+      viser.nameControls();
+    }, NAMING_PAUSE_MS);
+  });
   onDispose(() => {
     observer.disconnect();
+    clearTimeout(naming);
     markBody("pd-debug", false);
   });
 

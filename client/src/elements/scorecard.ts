@@ -100,7 +100,7 @@ define("scorecard", (api) => {
   ])
     columns.append(make("span", `pd-score-${name}`, {}, text));
   columns.title = "Usual: 5 to 95 % of recorded scenes";
-  const list = make("div", "pd-score-rows", { role: "list" });
+  const list = make("div", "pd-score-rows", { role: "group", "aria-label": "Metrics" });
   const charts = make("div", "pd-charts");
   const foot = make("label", "pd-score-draw");
   const draws = make("input", "", { type: "checkbox" });
@@ -134,7 +134,6 @@ define("scorecard", (api) => {
     const where = row.where ? `The worst: ${row.where}` : "No agent stands out";
     const item = button("pd-score-row", "", () => send({ kind: "row", name: row.name }), {
       title: `${row.meaning} ${where}`,
-      "aria-label": `${row.title}: ${row.value}, ${row.level}; usual ${row.usual}`,
       "aria-expanded": String(row.findings !== null),
     });
     item.disabled = !row.where;
@@ -142,7 +141,7 @@ define("scorecard", (api) => {
     if (row.mark) name.append(make("i", `pd-score-mark pd-score-${row.mark}`));
     const dot = `pd-score-dot pd-${row.tone}`;
     item.append(
-      make("span", dot, { "aria-hidden": "true" }, SHAPES[row.level]),
+      make("span", dot, { role: "img", "aria-label": row.level }, SHAPES[row.level]),
       name,
       make("span", "pd-score-value", {}, row.value),
       make("span", "pd-score-usual", {}, row.usual),

@@ -45,6 +45,8 @@ define("timeline", (api) => {
   const current = action("t = 0", "Go to t = 0, where edits act", "current");
   current.textContent = "t = 0";
   const shown = make("output", "pd-time", { "aria-label": "Time shown" });
+  // Marks lie over the track, since a slider holds no buttons.
+  const rail = make("div", "pd-rail");
   const track = make("div", "pd-track", { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal" });
   const lane = make("div", "pd-lane");
   const past = make("div", "pd-past");
@@ -55,18 +57,19 @@ define("timeline", (api) => {
   const problems = make("div", "pd-marks");
   const hint = make("div", "pd-solid pd-mark-hint", { role: "tooltip" });
   hint.hidden = true;
-  track.append(lane, scale, knob, problems, hint);
+  track.append(lane, scale, knob);
+  rail.append(track, problems, hint);
   const speed = action("Speed", "Speed of playback", "speed");
   speed.classList.add("pd-speed");
   const loop = action("Loop", "Begin again at the end", "loop");
   loop.append(loopIcon);
-  bar.append(play, current, shown, track, speed, loop);
+  bar.append(play, current, shown, rail, speed, loop);
   api.box.append(bar);
 
   const length = () => Math.max(axis.lastStep - axis.firstStep, 1);
   const inside = (step: number) => clamp(step, axis.firstStep, axis.lastStep);
   const share = (step: number) => (100 * (inside(step) - axis.firstStep)) / length();
-  sharedTrack.box = track;
+  sharedTrack.box = rail;
   sharedTrack.share = (step) => (step - axis.firstStep) / length();
 
   function drawAxis() {
@@ -94,7 +97,6 @@ define("timeline", (api) => {
       "aria-label": `${what} at ${inWords(step, axis)}`,
     });
     mark.style.left = `${share(step)}%`;
-    mark.addEventListener("pointerdown", (event) => event.stopPropagation());
     mark.addEventListener("pointerenter", () => {
       hint.textContent = text;
       hint.hidden = false;
@@ -123,6 +125,7 @@ define("timeline", (api) => {
       play.replaceChildren(head.isPlaying ? pauseIcon : playIcon);
     }
     speed.textContent = `${head.speed}\u00d7`;
+    speed.setAttribute("aria-label", `Speed ${speed.textContent}`);
     loop.setAttribute("aria-pressed", String(head.loops));
   };
 

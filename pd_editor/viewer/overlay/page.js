@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (3fe6330eae54b6fe); not to be edited. */
+/* Built by .ci/client.py from client/ (75f2021c63c1989c); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -106,6 +106,25 @@
   var NUMBER = "input.mantine-NumberInput-input";
   var DIALOG = ".mantine-Modal-content";
   var BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
+  var ICON_NAMES = [
+    [".mantine-Notification-closeButton", "Close the notice"],
+    ["button:has(> * > .tabler-icon-list-search)", "All commands"],
+    ["button:has(> * > .tabler-icon-adjustments)", "Settings of viser"]
+  ];
+  function nameControls() {
+    for (const [selector, name] of ICON_NAMES)
+      for (const found of document.querySelectorAll(`${selector}:not([aria-label])`))
+        found.setAttribute("aria-label", name);
+    for (const label of document.querySelectorAll("p > label[for]")) {
+      const row = label.closest("p")?.parentElement?.parentElement;
+      const fields = [...row?.querySelectorAll("[role=slider], input:not([type=hidden])") ?? []];
+      for (const [index, field] of fields.entries()) {
+        if (field.getAttribute("aria-label") || field instanceof HTMLInputElement && field.labels?.length) continue;
+        const isFirst = index === 0 || fields[0].matches("[role=slider]");
+        field.setAttribute("aria-label", `${label.textContent}${isFirst ? "" : `, number ${index + 1}`}`);
+      }
+    }
+  }
   function openTab(tab) {
     tab.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
     if (tab.getAttribute("aria-selected") !== "true") tab.click();
@@ -609,11 +628,12 @@
         for (const [place, heading] of headings.entries()) {
           const [word, , other] = COLUMNS[place];
           const sign = order.isDown ? " ▾" : " ▴";
-          heading.textContent = other === order.column ? word + sign : word;
+          heading.textContent = word;
+          if (other === order.column) heading.append(make("span", "", { "aria-hidden": "true" }, sign));
         }
         arrange();
       };
-      return button("", text, sort, { title, "aria-label": title });
+      return button("", text, sort, { title, "aria-label": `${text}. ${title}` });
     });
     columns.append(...headings);
     const list = make("div", "pd-agents-list", {
@@ -671,7 +691,11 @@
       const [id, kind, speed, distance2, marks] = state.rows[row];
       const [word, color] = state.kinds[kind];
       const element = make("div", "pd-agents-row", { role: "option" });
-      const glyph = make("span", `pd-glyph pd-${SHAPES[word] ?? "thing"}`, { title: word });
+      const glyph = make("span", `pd-glyph pd-${SHAPES[word] ?? "thing"}`, {
+        title: word,
+        role: "img",
+        "aria-label": word
+      });
       glyph.style.background = marks & 1 ? state.focal : marks & 2 ? state.ego : color;
       const name = make("span", "pd-name", { title: `${word} ${id}` }, id);
       const numbers = [speed, distance2].map(
@@ -679,9 +703,8 @@
       );
       const badges = make("span", "pd-badges");
       const own = MARKS.filter(([bit]) => marks & bit);
-      for (const [, letter, title, style2] of own) badges.append(make("span", `pd-badge ${style2}`, { title }, letter));
-      const words = [`${word} ${id}`, ...own.map(([, , title]) => title)];
-      element.setAttribute("aria-label", words.join(", "));
+      for (const [, letter, title, style2] of own)
+        badges.append(make("span", `pd-badge ${style2}`, { title, role: "img", "aria-label": title }, letter));
       element.append(glyph, name, ...numbers, badges);
       element.addEventListener("click", (event) => pick(row, event));
       element.addEventListener("pointerenter", () => point(row));
@@ -2284,6 +2307,7 @@
   // src/elements/panel.ts
   var PATIENCE_MS = 8e3;
   var RETRY_MS = 250;
+  var NAMING_PAUSE_MS = 500;
   define("panel", (api) => {
     let wanted = null;
     let told = null;
@@ -2382,9 +2406,17 @@
     hearFirst("click", ({ target }) => {
       if (target instanceof Element && target.matches(BESIDE_DIALOG)) leaveDialog();
     });
-    const observer = new MutationObserver(tell);
+    let naming;
+    const observer = new MutationObserver(() => {
+      tell();
+      naming ??= setTimeout(() => {
+        naming = void 0;
+        nameControls();
+      }, NAMING_PAUSE_MS);
+    });
     onDispose(() => {
       observer.disconnect();
+      clearTimeout(naming);
       markBody("pd-debug", false);
     });
     return (state) => {
@@ -2936,7 +2968,7 @@
     ])
       columns.append(make("span", `pd-score-${name}`, {}, text));
     columns.title = "Usual: 5 to 95 % of recorded scenes";
-    const list = make("div", "pd-score-rows", { role: "list" });
+    const list = make("div", "pd-score-rows", { role: "group", "aria-label": "Metrics" });
     const charts = make("div", "pd-charts");
     const foot = make("label", "pd-score-draw");
     const draws = make("input", "", { type: "checkbox" });
@@ -2968,7 +3000,6 @@
       const where = row.where ? `The worst: ${row.where}` : "No agent stands out";
       const item = button("pd-score-row", "", () => send2({ kind: "row", name: row.name }), {
         title: `${row.meaning} ${where}`,
-        "aria-label": `${row.title}: ${row.value}, ${row.level}; usual ${row.usual}`,
         "aria-expanded": String(row.findings !== null)
       });
       item.disabled = !row.where;
@@ -2976,7 +3007,7 @@
       if (row.mark) name.append(make("i", `pd-score-mark pd-score-${row.mark}`));
       const dot = `pd-score-dot pd-${row.tone}`;
       item.append(
-        make("span", dot, { "aria-hidden": "true" }, SHAPES2[row.level]),
+        make("span", dot, { role: "img", "aria-label": row.level }, SHAPES2[row.level]),
         name,
         make("span", "pd-score-value", {}, row.value),
         make("span", "pd-score-usual", {}, row.usual)
@@ -3253,6 +3284,7 @@
     const current = action("t = 0", "Go to t = 0, where edits act", "current");
     current.textContent = "t = 0";
     const shown = make("output", "pd-time", { "aria-label": "Time shown" });
+    const rail = make("div", "pd-rail");
     const track2 = make("div", "pd-track", { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal" });
     const lane = make("div", "pd-lane");
     const past = make("div", "pd-past");
@@ -3263,17 +3295,18 @@
     const problems = make("div", "pd-marks");
     const hint = make("div", "pd-solid pd-mark-hint", { role: "tooltip" });
     hint.hidden = true;
-    track2.append(lane, scale, knob, problems, hint);
+    track2.append(lane, scale, knob);
+    rail.append(track2, problems, hint);
     const speed = action("Speed", "Speed of playback", "speed");
     speed.classList.add("pd-speed");
     const loop = action("Loop", "Begin again at the end", "loop");
     loop.append(loopIcon);
-    bar.append(play, current, shown, track2, speed, loop);
+    bar.append(play, current, shown, rail, speed, loop);
     api.box.append(bar);
     const length = () => Math.max(axis.lastStep - axis.firstStep, 1);
     const inside = (step) => clamp(step, axis.firstStep, axis.lastStep);
     const share = (step) => 100 * (inside(step) - axis.firstStep) / length();
-    track.box = track2;
+    track.box = rail;
     track.share = (step) => (step - axis.firstStep) / length();
     function drawAxis() {
       const zero = share(0);
@@ -3299,7 +3332,6 @@
         "aria-label": `${what} at ${inWords(step, axis)}`
       });
       mark.style.left = `${share(step)}%`;
-      mark.addEventListener("pointerdown", (event) => event.stopPropagation());
       mark.addEventListener("pointerenter", () => {
         hint.textContent = text;
         hint.hidden = false;
@@ -3327,6 +3359,7 @@
         play.replaceChildren(head2.isPlaying ? pauseIcon : playIcon);
       }
       speed.textContent = `${head2.speed}×`;
+      speed.setAttribute("aria-label", `Speed ${speed.textContent}`);
       loop.setAttribute("aria-pressed", String(head2.loops));
     };
     let sent = null;

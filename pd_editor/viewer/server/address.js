@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (3fe6330eae54b6fe); not to be edited. */
+/* Built by .ci/client.py from client/ (75f2021c63c1989c); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

@@ -1,0 +1,46 @@
+"""Accessibility by axe-core, an independent checker: no serious fault in any tab."""
+
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+AXE = Path(__file__).parents[2] / "client/node_modules/axe-core/axe.min.js"
+TABS = ("Scene", "Road", "Agents", "Guide", "Drive", "Study", "History", "View")
+GRAVE = ("serious", "critical")
+
+
+def faults(editor) -> list[str]:
+    """What axe finds now; names of controls are set a moment after they appear."""
+    editor.page.wait_for_timeout(800)
+    found = editor.page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+    return [
+        f"{one['id']}: {node['html'][:200]}"
+        for one in found["violations"]
+        if one["impact"] in GRAVE
+        for node in one["nodes"]
+    ]
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="needs the tools of `make check`")
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_serious_fault(open_editor, scheme):
+    editor = open_editor()
+    editor.page.emulate_media(color_scheme=scheme)
+    editor.go_to_now()
+    editor.close_notifications()
+    editor.page.evaluate(AXE.read_text())
+    for tab in TABS:
+        editor.open_tab(tab)
+        assert not faults(editor), tab
+    session = editor.session
+    name = session.scenario.agents.ids[0]
+    editor.tab().ui.post(lambda: session.select((name,)))
+    editor.key("Control+f")
+    editor.page.get_by_role("region", name="Agent list").wait_for()
+    assert not faults(editor), "agent list"
+    editor.key("Control+f")
+    editor.key("i")
+    editor.page.get_by_role("region", name="Scorecard").wait_for()
+    assert not faults(editor), "scorecard"
