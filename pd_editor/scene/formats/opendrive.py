@@ -97,12 +97,7 @@ def read(path: Path) -> Scenario:
         raise header.error(
             f"is of version {major}.{minor}; expected 1.0 to 1.{MOST_MINOR}."
         )
-    roads: dict[str, _Road] = {}
-    for place in root.children("road"):
-        road = _Road(place)
-        if road.name in roads:
-            raise place.error("comes twice; expected ids that are unique.")
-        roads[road.name] = road
+    roads = _roads(root)
     network = _Network(root, roads)
     paved = [area for road in roads.values() for area in road.paved()]
     walks = [walk for road in roads.values() for walk in road.crosswalks()]
@@ -132,6 +127,16 @@ def read(path: Path) -> Scenario:
         attribution=told_of(header.element, "vendor", "name", "license", "copyright"),
     ).scenario(data + motion.data)
     return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
+
+
+def _roads(root: Place) -> "dict[str, _Road]":
+    roads: dict[str, _Road] = {}
+    for place in root.children("road"):
+        road = _Road(place)
+        if road.name in roads:
+            raise place.error("comes twice; expected ids that are unique.")
+        roads[road.name] = road
+    return roads
 
 
 def _offset(header: Place) -> Float[np.ndarray, "2"]:
