@@ -7,12 +7,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool
 
+from pd_editor.analysis.manoeuvres import scene_content
 from pd_editor.analysis.metrics.road.off_road import is_past_lanes
 from pd_editor.analysis.repair.yielding import LEAST_WAY_M
 from pd_editor.editor.commands.agents import new_agent_ids
 from pd_editor.editor.commands.motion import agents_with_trajectory
 from pd_editor.editor.commands.roll_out import RolledMotion
 from pd_editor.editor.commands.traffic import NEW_PREFIX, blank_tracks
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.scenario import Scenario
@@ -36,23 +38,26 @@ class World:
     step: int
     """The present."""
     replayed: frozenset[str] = frozenset()
-    """Agents that keep the tracks that they had."""
+    """Agents that keep the tracks that they had, or are parked."""
 
     @classmethod
     def beginning(cls, scenario: Scenario, num_steps: int) -> "World":
         """The present of a scenario, whose agents have no future but locked ones.
 
-        Static objects stay where they are.
+        Static objects and parked agents stay where they are.
         """
         now = scenario.current_step
         agents = scenario.agents
         count = now + 1 + num_steps + HORIZON
-        replayed = frozenset(
+        locked = {
             name for name, lock in scenario.locks.items() if lock.keeps_trajectory
-        )
-        keeps = np.array([name in replayed for name in agents.ids], bool)
+        }
+        keeps = np.array([name in locked for name in agents.ids], bool)
         agents = agents.without_future(now, count, keeps)
-        static = ~agents.kind_mask(ROAD_USER_KINDS) & agents.is_valid[:, now] & ~keeps
+        parked = _is_parked(scenario)
+        static = parked | ~agents.kind_mask(ROAD_USER_KINDS)
+        static &= agents.is_valid[:, now] & ~keeps
+        replayed = locked.union(agents.ids[row] for row in np.flatnonzero(parked))
         agents = agents_with_trajectory(
             agents,
             np.flatnonzero(static),
@@ -63,7 +68,7 @@ class World:
         )
         axis = scenario.time_axis.lasting(count)
         scenario = replace(scenario, agents=agents, time_axis=axis, signals=())
-        return cls(scenario=scenario, step=now, replayed=replayed)
+        return cls(scenario=scenario, step=now, replayed=frozenset(replayed))
 
     def is_present(self) -> Bool[np.ndarray, "A"]:
         """Whether each agent is there now."""
@@ -165,6 +170,14 @@ class World:
         agents = self.scenario.agents.cut_to(slice(first, self.step + 1))
         agents = agents.taken(agents.is_valid.any(axis=1))
         return RolledMotion.of(agents)
+
+
+def _is_parked(scenario: Scenario) -> Bool[np.ndarray, "A"]:
+    """Which agents are parked, by their activity or by their tracks."""
+    events = scene_content(scenario).events
+    never_left = {one.agent_id for one in events if one.kind == "parked"}
+    of_tracks = np.array([name in never_left for name in scenario.agents.ids], bool)
+    return of_tracks | (scenario.activity() == Activity.PARKED)
 
 
 def _at_rest(sample: TrafficSample) -> TrafficSample:

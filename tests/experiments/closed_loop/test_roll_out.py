@@ -340,6 +340,22 @@ def test_a_policy_sees_nothing_of_the_future(junction):
     assert not rolled(junction, duration_s=2.0, policies={"AV": Looks()}).ended
 
 
+def test_parked_agents_stay_where_they_are(junction):
+    """The model lets them drift, window by window, until they collide."""
+    now = junction.current_step
+    names = [name for name in junction.agents.ids if name.startswith("parked")]
+    parked = junction.agents.rows(names)
+    assert len(parked) > 3
+    found = rolled(junction, duration_s=6.0, replan_s=1.0, model="path-diffuser")
+    agents = found.scenario.agents
+    rows = agents.rows(names)
+    assert agents.is_valid[rows, now:].all()
+    place = junction.agents.position_m[parked, now, None]
+    assert (agents.position_m[rows, now:] == place).all()
+    moves = agents.speed_mps()[:, now:].max(axis=1) > 1
+    assert moves.any()
+
+
 def test_locked_tracks_are_replayed(junction):
     agents, now = junction.agents, junction.current_step
     whole = agents.is_valid[:, now:].all(axis=1)
