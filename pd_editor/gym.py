@@ -1,11 +1,11 @@
 """A Gymnasium environment: one agent drives among traffic that answers (extra ``gym``)."""
 
 from pathlib import Path
-from typing import Any, ClassVar, Final, cast
+from typing import Any, Final, cast
 
-import gymnasium  # pyright: ignore[reportMissingImports]
+import gymnasium
 import numpy as np
-from gymnasium import spaces  # pyright: ignore[reportMissingImports]
+from gymnasium import spaces
 from jaxtyping import Float
 
 from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
@@ -50,7 +50,7 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
     which ends the episode, as does leaving the road.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata = {  # noqa: RUF012  (Gymnasium has it so)
         "render_modes": ["rgb_array"],
         "render_fps": round(1 / LEAST_PLAN_S),
     }
@@ -80,13 +80,12 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
         self.render_mode = render_mode
         limits = np.array([[-6.0, -0.2], [3.0, 0.2]], np.float32)
         self.action_space = spaces.Box(limits[0], limits[1])
-        self.observation_space = spaces.Dict(
-            {
-                "ego": spaces.Box(0.0, np.inf, (1,)),
-                "route": spaces.Box(-np.inf, np.inf, (NUM_ROUTE_POINTS, 2)),
-                "others": spaces.Box(-np.inf, np.inf, (NUM_OTHERS, 7)),
-            }
-        )
+        seen: dict[str, spaces.Space[Any]] = {
+            "ego": spaces.Box(0.0, np.inf, (1,)),
+            "route": spaces.Box(-np.inf, np.inf, (NUM_ROUTE_POINTS, 2)),
+            "others": spaces.Box(-np.inf, np.inf, (NUM_OTHERS, 7)),
+        }
+        self.observation_space = cast("spaces.Space[Seen]", spaces.Dict(seen))
         self._held = _Held()
 
     def reset(
