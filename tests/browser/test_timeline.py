@@ -100,6 +100,8 @@ def test_a_speed_is_pulled_by_mouse_and_keys(editor):
     name = agents.ids[row]
     editor.tab().ui.post(lambda: session.select((name,)))
     curve = page.get_by_role("group", name=f"Speed of {name}")
+    # In a window as low as this one it is folded at first.
+    page.get_by_role("button", name="Curve of speed").click()
     curve.wait_for()
     track = page.get_by_role("slider", name="Time", exact=True).bounding_box()
     x = track["x"] + track["width"] * (now + 20) / (agents.num_steps - 1)

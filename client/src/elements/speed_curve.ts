@@ -14,6 +14,7 @@ const PULL_PAUSE_MS = 30;
 const KEY_MPS = 0.5;
 const FINE = 0.2; // Of a pull with Shift.
 const KEY_FOLDED = "pd-speed-folded";
+const ROOMY_PX = 700; // In a lower window the curve is folded until it is asked for.
 const KEY_REST_MS = 800;
 
 interface Pull {
@@ -33,7 +34,7 @@ define("speedCurve", (api) => {
   const picture = svg("svg", "", { "aria-hidden": "true" });
   const title = make("span", "pd-speed-title");
   const value = make("output", "pd-speed-value");
-  const isFolded = () => recall(KEY_FOLDED) === true;
+  const isFolded = () => recall(KEY_FOLDED) ?? window.innerHeight < ROOMY_PX;
   const fold = button("pd-speed-fold", "", () => {
     remember(KEY_FOLDED, !isFolded());
     draw();

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (75f2021c63c1989c); not to be edited. */
+/* Built by .ci/client.py from client/ (265d11256efd3f51); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3436,6 +3436,7 @@
   var KEY_MPS = 0.5;
   var FINE = 0.2;
   var KEY_FOLDED = "pd-speed-folded";
+  var ROOMY_PX = 700;
   var KEY_REST_MS = 800;
   define("speedCurve", (api) => {
     let state = { agent: "", beginStep: 0, speeds: [], former: [], harsh: [] };
@@ -3446,7 +3447,7 @@
     const picture2 = svg("svg", "", { "aria-hidden": "true" });
     const title = make("span", "pd-speed-title");
     const value = make("output", "pd-speed-value");
-    const isFolded = () => recall(KEY_FOLDED) === true;
+    const isFolded = () => recall(KEY_FOLDED) ?? window.innerHeight < ROOMY_PX;
     const fold = button("pd-speed-fold", "", () => {
       remember(KEY_FOLDED, !isFolded());
       draw();
