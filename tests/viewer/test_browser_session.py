@@ -341,7 +341,7 @@ def test_a_scene_plays_as_soon_as_the_page_can_draw(tab):
 
 def test_themes_layers_and_views_switch(tab):
     tab.enter(tab.inputs()["Dark theme"][0], True)
-    assert tab.tab.workspace.is_dark
+    until(lambda: tab.tab.workspace.is_dark)
     tab.run(lambda: tab.elements.picture.map.set_layer_visible("markings", False))
     assert not tab.elements.picture.map._handles["markings"].visible
     tab.run(tab.elements.viewpoint.switch)
