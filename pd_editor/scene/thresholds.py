@@ -1,5 +1,6 @@
 """Thresholds that the whole project shares."""
 
+import math
 from typing import Final
 
 STANDING_MPS: Final = 0.3
@@ -8,3 +9,6 @@ MOVING_MPS: Final = 0.5
 """From this speed on an agent is under way: it drives, and its velocity tells where to."""
 FIRM_ACCELERATION_MPS2: Final = 2.5
 """Most that candidates, agents after a curve and guided ones accelerate."""
+PARKED_OFFSET_M: Final = 1.2
+PARKED_TURN_RAD: Final = math.radians(30)
+"""Stationary agents further from their lane, or at a larger angle, are parked."""

@@ -104,7 +104,8 @@ def test_edits_away_from_t_0_bring_the_playhead_there(editor):
     session, playback = editor.session, editor.workspace.playback
     before = len(session.scenario.agents)
     editor.seek(3.1)
-    banner(editor).get_by_text("You see t = 3.1 s; edits act at t = 0 s.").wait_for()
+    told = "You see t = 3.1 s; edits in the picture act at t = 0 s."
+    banner(editor).get_by_text(told).wait_for()
     editor.screenshot("10_other_time")
     editor.press("Go to t = 0")
     editor.until(lambda: playback.step == playback.axis.current_step, "t = 0")

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
+from pd_editor.scene.thresholds import PARKED_OFFSET_M, PARKED_TURN_RAD
+
 
 @dataclass(frozen=True, kw_only=True)
 class ManoeuvreLimits:
@@ -52,10 +54,8 @@ class ManoeuvreLimits:
     """Shorter stops are the noise of tracks."""
     parked_m: float = 1.5
     """Who never leaves a place by more has not moved; tracks of parked cars jitter."""
-    off_lane_m: float = 1.2
-    """Standing agents further from a lane's centre are parked, as the generators have it."""
-    off_lane_rad: float = 0.52
-    """So are those at an angle of more than 30 degrees."""
+    off_lane_m: float = PARKED_OFFSET_M
+    off_lane_rad: float = PARKED_TURN_RAD
     moved_m: float = 2.0
     """Way before and after a stop that makes it stop and go."""
     braking_s: float = 0.4

@@ -17,11 +17,8 @@ from pd_editor.scene.paths.driving_paths import (
 )
 from pd_editor.scene.paths.lanes.route_choice import RouteChoice, choose_routes
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.thresholds import MOVING_MPS, PARKED_OFFSET_M, PARKED_TURN_RAD
 
-PARKED_OFFSET_M: Final = 1.2
-PARKED_TURN_RAD: Final = np.radians(30)
-"""Stationary agents further from their lane, or at a larger angle, are parked."""
 START_PROBABILITY: Final = 0.4
 """Probability that a stationary driver on a lane starts within the horizon."""
 START_DELAY_S: Final = 3.0

@@ -145,7 +145,7 @@ class Timeline:
             return
         self._banner.show(
             "time",
-            f"You see t = {in_seconds(time_s)}; edits act at t = 0 s.",
+            f"You see t = {in_seconds(time_s)}; edits in the picture act at t = 0 s.",
             buttons={
                 "Go to t = 0": self.go_to_current,
                 "Start from here": self.start_here,
