@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 import viser
 from viser import _messages
 
@@ -58,7 +59,8 @@ class Overlay:
         An element replaces what it showed before as a whole.
         """
         element = _ELEMENTS[type(state)]
-        values = msgspec.to_builtins(state)
+        # Numbers of NumPy, too, of which msgspec knows nothing.
+        values = msgspec.to_builtins(state, enc_hook=np.generic.item)
         text = json.dumps(values, separators=(",", ":"), allow_nan=False)
         if self._shown.get(element) != text:
             self._shown[element] = text

@@ -2,11 +2,16 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
-from pd_editor.viewer.overlay.messages import CompareState, MapWindowState
+from pd_editor.viewer.overlay.messages import (
+    CompareState,
+    MapWindowState,
+    PlayheadState,
+)
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import connected_tab, running_app
 
@@ -64,3 +69,17 @@ def test_an_element_is_sent_again_only_when_it_changes(tab, monkeypatch):
     assert len(sent) == 2
     with pytest.raises(ValueError, match="JSON"):
         overlay.show(MapWindowState(square=(0.0, 0.0, float("nan"))))
+
+
+def test_numbers_of_numpy_are_numbers(tab, monkeypatch):
+    """The progress of possible encounters was one: each step of it was told as a bug."""
+    sent = []
+    monkeypatch.setattr(tab.ui.overlay, "_run", sent.append)
+    head = PlayheadState(
+        step=np.float64(1.25),  # pyright: ignore[reportArgumentType]
+        is_playing=False,
+        speed=1.0,
+        loops=True,
+    )
+    tab.run(lambda: tab.ui.overlay.show(head))
+    assert '"step":1.25' in sent[-1]
