@@ -9,7 +9,7 @@ Clips follow statistics of 35 scenarios of Argoverse 2's train split:
 """
 
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,7 @@ from pd_editor.scene.activity import true_activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
+from pd_editor.scene.signals import signals_of_lanes
 from pd_editor.scene.time_axis import TimeAxis
 
 SIDE_M: Final = 200.0
@@ -100,6 +101,10 @@ def cut_scenario(
         time_axis=_time_axis(recording, first, num_steps),
         focal_id=window.focal_id,
         provenance=Provenance(notes=(_NOTE,)),
+        signals=tuple(
+            replace(one, states=one.states[first : first + num_steps])
+            for one in signals_of_lanes(recording.signals, road_map.lane_of)
+        ),
     )
 
 

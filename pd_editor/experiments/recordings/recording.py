@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.signals import Signal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +41,8 @@ class Recording:
     position_m: Float[np.ndarray, "P 2"]
     heading_rad: Float[np.ndarray, "P"]
     velocity_mps: Float[np.ndarray, "P 2"]
+    signals: tuple[Signal, ...] = ()
+    """Traffic signals, with their states at all steps."""
 
     def __post_init__(self) -> None:
         count = len(self.ids)

@@ -10,6 +10,7 @@ from pd_editor.experiments.recordings.map_codec import coded_map, decoded_map
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.signals import Signal
 
 POSITION_STEP_M: Final = 0.01
 HEADING_STEP_RAD: Final = 0.001
@@ -37,6 +38,7 @@ def coded_recording(recording: Recording) -> tuple[dict[str, Any], bytes, bytes]
         "first_step": recording.first_step.tolist(),
         "counts": np.diff(recording.first_row).tolist(),
         "map": map_about,
+        "signals": [_coded_signal(one) for one in recording.signals],
     }
     columns = np.column_stack(
         [
@@ -121,6 +123,28 @@ def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Reco
         position_m=np.stack(columns[:2], axis=-1),
         heading_rad=wrap_angle(columns[2]),
         velocity_mps=np.stack(columns[3:], axis=-1),
+        signals=tuple(
+            _decoded_signal(one, about["num_steps"]) for one in about.get("signals", ())
+        ),
+    )
+
+
+def _coded_signal(signal: Signal) -> list[Any]:
+    """Name, lanes, places of stop lines, and the steps from which states hold."""
+    begins = np.flatnonzero(np.diff(signal.states, prepend=-1))
+    share = signal.stop_share.round(3).tolist()
+    states = signal.states[begins].tolist()
+    return [signal.signal_id, signal.lane_ids, share, begins.tolist(), states]
+
+
+def _decoded_signal(values: list[Any], num_steps: int) -> Signal:
+    name, lanes, share, begins, states = values
+    times = np.diff([*begins, num_steps])
+    return Signal(
+        signal_id=name,
+        lane_ids=tuple(lanes),
+        stop_share=np.array(share, float).reshape(-1),
+        states=np.repeat(np.array(states, np.int8), times),
     )
 
 

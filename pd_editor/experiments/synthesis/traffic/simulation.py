@@ -13,6 +13,11 @@ from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
 from pd_editor.experiments.synthesis.sumo.floating_car_data import read_raw_tracks
 from pd_editor.experiments.synthesis.sumo.signal_plans import sample_signal_plans
+from pd_editor.experiments.synthesis.sumo.signal_states import (
+    STATES_NAME,
+    read_signals,
+    state_outputs,
+)
 from pd_editor.experiments.synthesis.sumo.sumo_tools import (
     SIMULATION_LIMIT_S,
     run_sumo_tool,
@@ -37,6 +42,7 @@ from pd_editor.experiments.synthesis.traffic.track_smoothing import (
     traffic_tracks,
 )
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.signals import Signal
 
 STEP_S: Final = 0.1
 WARM_UP_S: Final = 20.0
@@ -74,12 +80,12 @@ def simulate(
     options = demand or DemandOptions()
     graph = read_traffic_graph(network.net_file)
     random = np.random.default_rng(seed)
-    tracks = _traffic(network, graph, options, duration_s, seed, random)
+    tracks, signals = _traffic(network, graph, options, duration_s, seed, random)
     for _ in range(MAX_RETRIES):
         if _slow_share(tracks) <= JAM_SHARE:
             break
         options = replace(options, flow_per_lane=LESS_FLOW * options.flow_per_lane)
-        tracks = _traffic(network, graph, options, duration_s, seed, random)
+        tracks, signals = _traffic(network, graph, options, duration_s, seed, random)
     tracks = tracks.taken(~has_artefact(tracks, STEP_S))
     tracks = tracks.taken(without_overlaps(tracks))
     num_steps = round(duration_s / STEP_S)
@@ -89,7 +95,8 @@ def simulate(
         )
         tracks = tracks.joined(pedestrians)
     parked = sample_parked_vehicles(network, tracks, options.parking, random)
-    return _recording(network, seed, tracks, parked, num_steps)
+    found = _recording(network, seed, tracks, parked, num_steps)
+    return replace(found, signals=signals)
 
 
 def _traffic(
@@ -99,13 +106,14 @@ def _traffic(
     duration_s: float,
     seed: int,
     random: np.random.Generator,
-) -> TrafficTracks:
-    """Tracks of all simulated road users, after the warm-up."""
+) -> tuple[TrafficTracks, tuple[Signal, ...]]:
+    """Tracks of all simulated road users, and signals, after the warm-up."""
     end_s = WARM_UP_S + duration_s
     sampled = sample_demand(graph, options, end_s, random)
     plans = sample_signal_plans(network.net_file, options.green_share, random)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        plans.extend(state_outputs([one.attrib["id"] for one in plans]))
         sampled.write(folder / "trips.rou.xml")
         ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
         write_with_curve_speeds(network.net_file, folder / "roads.net.xml")
@@ -113,7 +121,17 @@ def _traffic(
         raw = read_raw_tracks(
             (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
         )
-    return traffic_tracks(raw.shifted(round(WARM_UP_S / STEP_S)), sampled.types, STEP_S)
+        signals = read_signals(
+            folder / STATES_NAME,
+            network.net_file,
+            network.road_map,
+            network.lane_of_sumo,
+            first_s=WARM_UP_S,
+            num_steps=round(duration_s / STEP_S),
+            step_s=STEP_S,
+        )
+    shifted = raw.shifted(round(WARM_UP_S / STEP_S))
+    return traffic_tracks(shifted, sampled.types, STEP_S), signals
 
 
 def _slow_share(tracks: TrafficTracks) -> float:
