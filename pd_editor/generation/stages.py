@@ -25,6 +25,7 @@ INITIAL_STATES: Final = StageKind(
     name="init",
     file_name="initial_states.safetensors",
     config_type=InitialStateConfig,
+    earlier={"sees_signals": False},
     make_model=InitialStateDenoiser,
     sampling_types={
         "sampler": InitialStateSamplerConfig,
@@ -37,7 +38,9 @@ TRAJECTORIES: Final = StageKind(
     name="traj",
     file_name="trajectories.safetensors",
     config_type=TrajectoryConfig,
+    earlier={"sees_signals": False},
     make_model=TrajectoryDenoiser,
+    make_for=TrajectoryDenoiser.for_weights,
     sampling_types={
         "sampler": TrajectorySamplerConfig,
         "guidance": TrajectoryGuidance,

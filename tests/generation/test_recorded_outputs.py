@@ -110,6 +110,7 @@ def trajectory_outputs(
 
 PLAIN_STATES = dict.fromkeys(
     (
+        "sees_signals",
         "sees_boundary",
         "relates_map_tokens",
         "sees_box_gaps",
@@ -119,9 +120,9 @@ PLAIN_STATES = dict.fromkeys(
     False,
 )
 NETWORKS = {
-    "initial states": (initial_state_outputs, {}),
+    "initial states": (initial_state_outputs, {"sees_signals": False}),
     "plain initial states": (initial_state_outputs, PLAIN_STATES),
-    "trajectories": (trajectory_outputs, {}),
+    "trajectories": (trajectory_outputs, {"sees_signals": False}),
     "plain trajectories": (trajectory_outputs, trajectory_scenes.PLAIN),
 }
 
@@ -132,7 +133,9 @@ def recorded_inputs(name: str) -> tuple[SceneTensors, torch.Tensor]:
         arrays = {
             field.name: torch.from_numpy(file[f"{kind}/{field.name}"])
             for field in fields(SceneTensors)
+            if field.name != "piece_signal"
         }
+        arrays["piece_signal"] = torch.zeros(*arrays["piece_kind"].shape, 2)
         return SceneTensors(**arrays), torch.from_numpy(file[f"{kind}/noisy"])
 
 

@@ -5,11 +5,12 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 from torch.overrides import TorchFunctionMode
 
 from pd_editor.base.errors import ModelError
@@ -38,6 +39,10 @@ class StageKind:
     config_type: type[Any]
     """Flat dataclass of plain values that ``make_model`` takes."""
     make_model: Callable[[Any], nn.Module]
+    earlier: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the configuration that older models lack, with what they mean there."""
+    make_for: Callable[[Any, Mapping[str, Tensor]], nn.Module] | None = None
+    """Makes a network for tensors of a file, if these determine some of its sizes."""
     sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
     """Flat dataclasses of sampling settings by name, with defaults."""
     statistics: frozenset[str] = frozenset()
@@ -199,8 +204,13 @@ def _loaded_stage(
             f"{folder / kind.file_name}: differs from what {CONFIG_NAME} lists "
             "(SHA-256); the folder is damaged or mixed from several models."
         )
+    if kind.make_for is not None:
+        made = partial(kind.make_for, given=file.tensors)
+        kind = replace(kind, make_model=made)
     source = f"{path}, {name}"
-    config = config_from_json(kind.config_type, entry["config"], source)
+    config = config_from_json(
+        kind.config_type, {**kind.earlier, **entry["config"]}, source
+    )
     # On the device meta a network takes no memory, so that sizes that do not fit are
     # detected before anything is allocated.
     with torch.device("meta"), _WithoutRandomValues():

@@ -23,7 +23,7 @@ from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.scene_features import NUM_CANDIDATES
 from pd_editor.generation.features.scene_fields import LATENT_SIZE, SCENE_FIELDS
 
-FORMAT_VERSION: Final = 5
+FORMAT_VERSION: Final = 6
 """Version of the file format and of the features' definitions."""
 _INDEX_NAME: Final = "store.json"
 _PART_PREFIX: Final = "part-"

@@ -64,6 +64,10 @@ class LanePieces:
     shape: Float[np.ndarray, "P F"]
     """Features named by ``PIECE_SHAPE``."""
     kind: Int[np.ndarray, "P"]
+    lane: Int[np.ndarray, "P"]
+    """Row of each piece's lane in the map's ``LaneGraph``; -1 for crosswalks."""
+    middle: Float[np.ndarray, "P"]
+    """Place of the midpoint on the lane, from 0 at its start to 1."""
 
 
 _pieces: WeakKeyDictionary[RoadMap, LanePieces] = WeakKeyDictionary()
@@ -129,6 +133,8 @@ def _pieces_of_lanes(road_map: RoadMap, graph: LaneGraph) -> LanePieces:
         pose=np.column_stack([middle, heading]),
         shape=np.stack([columns[name] for name in PIECE_SHAPE], axis=1).astype(float),
         kind=kinds[cut.lane],
+        lane=cut.lane,
+        middle=cut.part[:, 1],
     )
 
 
@@ -236,6 +242,8 @@ def _crossings(crosswalks: tuple[Crosswalk, ...]) -> LanePieces:
         pose=np.stack([there, back], axis=1).reshape(-1, 3),
         shape=np.repeat(shape, 2, axis=0),
         kind=np.full(2 * len(length), CROSSWALK_KIND),
+        lane=np.full(2 * len(length), -1),
+        middle=np.full(2 * len(length), 0.5),
     )
 
 
@@ -252,6 +260,8 @@ def _no_pieces() -> LanePieces:
         pose=np.zeros((0, 3)),
         shape=np.zeros((0, len(PIECE_SHAPE))),
         kind=np.zeros(0, int),
+        lane=np.zeros(0, int),
+        middle=np.zeros(0),
     )
 
 
@@ -260,4 +270,6 @@ def _joined(one: LanePieces, other: LanePieces) -> LanePieces:
         pose=np.concatenate([one.pose, other.pose]),
         shape=np.concatenate([one.shape, other.shape]),
         kind=np.concatenate([one.kind, other.kind]),
+        lane=np.concatenate([one.lane, other.lane]),
+        middle=np.concatenate([one.middle, other.middle]),
     )

@@ -25,6 +25,7 @@ from pd_editor.generation.features.scene_fields import (
     NUM_NEAR_PIECES,
     SceneTokens,
 )
+from pd_editor.generation.features.signal_tokens import piece_signals
 from pd_editor.scene.activity import activity_at
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.geometry.angles import wrap_angle
@@ -61,7 +62,7 @@ AGENT_KINDS: Final = (
 PEDESTRIAN: Final = AGENT_KINDS.index(AgentKind.PEDESTRIAN)
 """Index of the pedestrian kind, which follows no lane."""
 NUM_CANDIDATES: Final = 24
-NUM_FUTURE_STEPS: Final = 59
+NUM_FUTURE_STEPS: Final = 60
 STEP_S: Final = 0.1
 PIECE_REACH_M: Final = 130.0
 """Pieces further from the scene's centre are left out, unless an agent is near."""
@@ -135,6 +136,7 @@ def scene_features(
         piece_pose=_single(pieces.pose[kept] - middle),
         piece_shape=_single(pieces.shape[kept]),
         piece_kind=pieces.kind[kept],
+        piece_signal=_single(piece_signals(scenario, pieces)[kept]),
         boundary_pose=_single(boundary.pose[seen] - middle),
         boundary_shape=_single(boundary.shape[seen]),
         agent_row=rows,

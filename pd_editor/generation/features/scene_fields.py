@@ -9,6 +9,7 @@ from numpy.typing import DTypeLike
 
 from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
+from pd_editor.generation.features.signal_tokens import PIECE_SIGNAL
 
 NUM_NEAR_PIECES: Final = 24
 NUM_NEAR_BOUNDARY: Final = 8
@@ -31,6 +32,8 @@ class SceneTokens:
     """Length, turn, width and so on: see ``PIECE_SHAPE``."""
     piece_kind: Int[np.ndarray, "P"]
     """0 vehicle, 1 bike, 2 bus lane, 3 crosswalk (one per direction)."""
+    piece_signal: Float[np.ndarray, "P S"]
+    """What the signal ahead says: see ``PIECE_SIGNAL``."""
     boundary_pose: Float[np.ndarray, "E 3"]
     """Middle of each piece of the drivable area's boundary, the ground on its left."""
     boundary_shape: Float[np.ndarray, "E G"]
@@ -80,6 +83,9 @@ SCENE_FIELDS: Final = (
         name="piece_shape", axis="piece", shape=(len(PIECE_SHAPE),), stored=np.float16
     ),
     SceneField(name="piece_kind", axis="piece", stored=np.int8),
+    SceneField(
+        name="piece_signal", axis="piece", shape=(len(PIECE_SIGNAL),), stored=np.float16
+    ),
     SceneField(name="boundary_pose", axis="boundary", shape=(3,)),
     SceneField(
         name="boundary_shape",

@@ -41,6 +41,7 @@ class SceneTensors:
     piece_pose: Float[Tensor, "#B P 3"]
     piece_shape: Float[Tensor, "#B P F"]
     piece_kind: Int[Tensor, "#B P"]
+    piece_signal: Float[Tensor, "#B P S"]
     has_piece: Bool[Tensor, "#B P"]
     boundary_pose: Float[Tensor, "#B E 3"]
     boundary_shape: Float[Tensor, "#B E G"]

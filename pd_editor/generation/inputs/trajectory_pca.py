@@ -70,7 +70,11 @@ class TrajectoryBasis:
     def encode(
         self, future_m: Float[np.ndarray, "*shape H 2"], speed_mps: np.ndarray
     ) -> Float[np.ndarray, "*shape 10"]:
-        """Encode trajectories as latents; speeds are broadcast against leading axes."""
+        """Encode trajectories as latents; speeds are broadcast against leading axes.
+
+        Points after the last step of the basis are ignored.
+        """
+        future_m = future_m[..., : self.num_steps, :]
         time = self.step_s * np.arange(1, self.num_steps + 1)
         offset = self.mean_m @ self.along.T
         pace = time @ self.along.T

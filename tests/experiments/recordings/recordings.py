@@ -5,6 +5,7 @@ import numpy as np
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import Signal
 from tests.builders import LANE_WIDTH_M, two_lane_road
 
 
@@ -37,6 +38,14 @@ def drive(
         position_m=table[:, :2].copy(),
         heading_rad=table[:, 2].copy(),
         velocity_mps=table[:, 3:].copy(),
+        signals=(
+            Signal(
+                signal_id="one",
+                lane_ids=(1, 3),
+                stop_share=np.array([1.0, 0.25]),
+                states=np.sort(random.integers(0, 4, num_steps)).astype(np.int8),
+            ),
+        ),
     )
 
 

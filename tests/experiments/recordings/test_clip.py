@@ -61,6 +61,16 @@ def test_states_are_those_of_the_recording():
     np.testing.assert_array_equal(agents.size_m[focal], recording.size_m[1])
 
 
+def test_signals_have_the_states_of_the_window():
+    recording = drive()
+    (window,) = choose_windows(recording, 1, num_windows=1)
+    (signal,) = cut_scenario(recording, window).signals
+    first = window.current_step - 49
+    expected = recording.signals[0].states[first : first + 110]
+    assert signal.states.tolist() == expected.tolist()
+    assert set(signal.lane_ids) <= {1, 3}
+
+
 def test_agents_outside_the_square_now_are_there_while_inside_it():
     recording = drive(30)
     window = window_about(recording, 1, 150)

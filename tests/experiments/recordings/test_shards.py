@@ -46,6 +46,10 @@ def check_rounded(before, after):
             assert getattr(one, name) == getattr(two, name)
         for name in ("successors", "predecessors", "left_neighbor", "right_neighbor"):
             assert getattr(one, name) == getattr(two, name)
+    for one, two in zip(before.signals, after.signals, strict=True):
+        assert (one.signal_id, one.lane_ids) == (two.signal_id, two.lane_ids)
+        np.testing.assert_array_equal(one.stop_share, two.stop_share)
+        np.testing.assert_array_equal(one.states, two.states)
 
 
 @given(st.integers(0, 1000), st.integers(1, 20))

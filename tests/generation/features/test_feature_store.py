@@ -43,6 +43,7 @@ def some_scene(seed: int, num_pieces: int, num_agents: int) -> PackedScene:
         piece_pose=numbers(num_pieces, 3),
         piece_shape=numbers(num_pieces, len(PIECE_SHAPE)),
         piece_kind=random.integers(0, 4, num_pieces),
+        piece_signal=numbers(num_pieces, 2),
         boundary_pose=numbers(num_boundary, 3),
         boundary_shape=numbers(num_boundary, len(BOUNDARY_SHAPE)),
         agent_pose=numbers(num_agents, 3),

@@ -49,6 +49,7 @@ def packed_scene(
         piece_pose=pieces.astype(np.float32),
         piece_shape=shape.astype(np.float32),
         piece_kind=(np.arange(num_pieces) % 4),
+        piece_signal=np.linspace(0, 1, 2 * num_pieces, dtype="f4").reshape(-1, 2),
         boundary_pose=boundary.astype(np.float32),
         boundary_shape=other.normal(0, 1, (num_pieces, len(BOUNDARY_SHAPE))).astype(
             np.float32

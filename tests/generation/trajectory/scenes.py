@@ -23,6 +23,7 @@ TIME_S = 0.1 * np.arange(1, 60)
 PLAIN = {
     "num_near_agents": 8,
     "sees_gaps": False,
+    "sees_signals": False,
     "sees_boundary": False,
     "sees_activity": False,
     "knows_leaders": False,
@@ -76,6 +77,7 @@ def packed_scene(num_agents: int, num_pieces: int = 30, seed: int = 0) -> Packed
         piece_pose=pieces.astype(np.float32),
         piece_shape=random.normal(0, 1, (num_pieces, len(PIECE_SHAPE))).astype("f4"),
         piece_kind=random.integers(0, 4, num_pieces),
+        piece_signal=np.linspace(0, 1, 2 * num_pieces, dtype="f4").reshape(-1, 2),
         boundary_pose=boundary.astype(np.float32),
         boundary_shape=other.normal(0, 1, (num_pieces, len(BOUNDARY_SHAPE))).astype(
             np.float32

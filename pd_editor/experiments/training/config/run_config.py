@@ -113,6 +113,8 @@ class Augmentation:
     """Greatest share of the moving vehicles that crawl (below 3 m/s); simulated scenes with
     more are left out. Of the corpus 28 % crawl, with 0.5 18, in recordings 19
     (``train``)."""
+    signals_dropped_share: float = 0.4
+    """Share of scenarios whose traffic signals are left out, as most maps have none."""
     center_m: float = 12.0
     """Standard deviation of the middle of a scene about its focal agent."""
 

@@ -65,7 +65,10 @@ def augmented(
     road_map = _remaining_map(scenario.road_map, augmentation, random)
     if augmentation.jitter_m > 0 and road_map.polylines:
         road_map = road_map.moved(_waves(augmentation, random))
-    scenario = replace(scenario, road_map=road_map, agents=agents)
+    signals = scenario.signals
+    if signals and random.random() < augmentation.signals_dropped_share:
+        signals = ()
+    scenario = replace(scenario, road_map=road_map, agents=agents, signals=signals)
     if random.random() < augmentation.warp_share and road_map.polylines:
         # Without the limit, training trajectories would exceed the friction of tyres.
         scenario = warp_scenario(

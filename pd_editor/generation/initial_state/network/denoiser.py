@@ -33,6 +33,7 @@ from pd_editor.generation.features.scene_features import (
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
+from pd_editor.generation.features.signal_tokens import PIECE_SIGNAL
 from pd_editor.generation.initial_state.network.agent_count_prior import AgentCounts
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_YES,
@@ -127,6 +128,8 @@ class InitialStateConfig:
     """Whether relations of agents include the gaps between boxes."""
     folds_turns: bool = True
     """Whether relations include directions modulo a half and a quarter turn."""
+    sees_signals: bool = True
+    """Whether the states of traffic signals ahead are an input."""
     samples_activity: bool = True
     """Whether states include activities: parked, waiting or driving."""
     sees_relations: bool = True
@@ -189,7 +192,9 @@ class InitialStateDenoiser(nn.Module):
         self.config = config
         self.schedule = config.schedule()
         width, relation_width = config.width, config.relation_width
-        self.map_token = _mlp(_NUM_TOKEN_FEATURES + 2 + NUM_POSITION_FEATURES, width)
+        num_signal = len(PIECE_SIGNAL) * config.sees_signals
+        num_token = _NUM_TOKEN_FEATURES + 2 + NUM_POSITION_FEATURES + num_signal
+        self.map_token = _mlp(num_token, width)
         self.kind_token = nn.Embedding(len(AGENT_KINDS), width)
         self.given_token = nn.Parameter(torch.zeros(width))
         self.moves_token = _attribute_token(width)
@@ -208,7 +213,9 @@ class InitialStateDenoiser(nn.Module):
         self.pair_sizes_in = nn.Linear(4, relation_width)
         if relates:
             self.near_in = nn.Linear(num_near, relation_width, bias=False)
-            self.near_token_in = nn.Linear(_NUM_TOKEN_FEATURES, relation_width + width)
+            self.near_token_in = nn.Linear(
+                _NUM_TOKEN_FEATURES + num_signal, relation_width + width
+            )
             """Embedding of each map token for relations to it and for the lane-anchored
             head."""
         self.layers = nn.ModuleList(
@@ -329,8 +336,11 @@ class InitialStateDenoiser(nn.Module):
         relates = self.config.sees_relations
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         features = torch.cat([scene.piece_shape, kinds], dim=-1)
-        tokens = [self.map_token(_token_inputs(features, scene.piece_pose))]
-        near = [self.near_token_in(features)] if relates else []
+        inputs = [_token_inputs(features, scene.piece_pose), features]
+        if self.config.sees_signals:
+            inputs = [torch.cat([one, scene.piece_signal], dim=-1) for one in inputs]
+        tokens = [self.map_token(inputs[0])]
+        near = [self.near_token_in(inputs[1])] if relates else []
         if self.config.sees_boundary:
             shape, pose = scene.boundary_shape, scene.boundary_pose
             tokens.append(self.boundary_token(_token_inputs(shape, pose)))

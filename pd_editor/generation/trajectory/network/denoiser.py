@@ -6,7 +6,7 @@ relative, so results are invariant to rotations and translations. Interaction fe
 describe neighbours at the waypoints that the previous block has predicted.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -27,6 +27,7 @@ from pd_editor.generation.features.scene_features import (
     NUM_FUTURE_STEPS,
     NUM_NEAR_AGENTS,
 )
+from pd_editor.generation.features.signal_tokens import PIECE_SIGNAL
 from pd_editor.generation.inputs.relative_pose import gathered
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
@@ -86,6 +87,8 @@ class TrajectoryConfig:
     boxes; requires ``sees_way_points``."""
     sees_boundary: bool = True
     """Whether the nearest pieces of the drivable area's boundary are an input."""
+    sees_signals: bool = True
+    """Whether the states of traffic signals ahead are an input."""
     sees_activity: bool = True
     """Whether known activities (parked, waiting, driving) are an input."""
     knows_leaders: bool = True
@@ -113,22 +116,26 @@ class TrajectoryDenoiser(nn.Module):
     """Predicts clean latents of its trajectory basis."""
 
     def __init__(
-        self, config: TrajectoryConfig, basis: TrajectoryBasis | None = None
+        self,
+        config: TrajectoryConfig,
+        basis: TrajectoryBasis | None = None,
+        num_steps: int = NUM_FUTURE_STEPS,
     ) -> None:
-        """Make a network; without a basis, one must be loaded with the weights."""
+        """Make a network; without a basis, one of so many steps must be loaded."""
         super().__init__()
         self.config = config
         self.schedule = VariancePreserving(
             kind=config.schedule, prediction=config.prediction
         )
-        self.decoder = TrajectoryDecoder(basis, NUM_FUTURE_STEPS)
+        self.decoder = TrajectoryDecoder(basis, num_steps)
         width, blocks, heads = config.width, config.num_blocks, config.num_heads
         self.agent_in = nn.Linear(NUM_AGENT_FEATURES, width)
         self.noisy_in = nn.Linear(LATENT_SIZE, width, bias=False)
         self.level_in = nn.Linear(NUM_LEVEL_FEATURES, (1 + blocks) * width)
         """Embedding of noise levels for the first layer and for each block."""
         self.embed = nn.Linear(width, width)
-        self.map_tokens = TokenEncoder(NUM_PIECE_FEATURES, width, blocks, heads)
+        num_piece = NUM_PIECE_FEATURES + len(PIECE_SIGNAL) * config.sees_signals
+        self.map_tokens = TokenEncoder(num_piece, width, blocks, heads)
         self.candidate_tokens = TokenEncoder(LATENT_SIZE, width, blocks, heads)
         self.edge_in = nn.Linear(NUM_EDGE_FEATURES, blocks * config.edge_width)
         self.blocks = nn.ModuleList(
@@ -153,6 +160,15 @@ class TrajectoryDenoiser(nn.Module):
         if config.sees_activity:
             self.activity_in = _without_effect(width)
             self.neighbor_activity_in = _without_effect(blocks * config.edge_width)
+
+    @classmethod
+    def for_weights(
+        cls, config: TrajectoryConfig, given: Mapping[str, Tensor]
+    ) -> "TrajectoryDenoiser":
+        """Make a network for weights whose basis may have fewer steps than scenes."""
+        mean = given.get("decoder.mean_m")
+        steps = NUM_FUTURE_STEPS if mean is None else mean.numel()
+        return cls(config, num_steps=min(steps, NUM_FUTURE_STEPS))
 
     def encode_context(self, scene: SceneTensors) -> TrajectoryContext:
         """Compute the values that do not depend on noisy trajectories."""
@@ -270,7 +286,8 @@ class TrajectoryDenoiser(nn.Module):
     def _tokens(self, scene: SceneTensors) -> list[tuple[Tokens, Tokens]]:
         """Map tokens and candidates for each block."""
         of_map = self.map_tokens(
-            piece_features(scene).flatten(0, 1), seen_pieces(scene).flatten(0, 1)
+            piece_features(scene, sees_signals=self.config.sees_signals).flatten(0, 1),
+            seen_pieces(scene).flatten(0, 1),
         )
         candidates = self.candidate_tokens(
             scene.candidates.flatten(0, 1), scene.has_candidate.flatten(0, 1)

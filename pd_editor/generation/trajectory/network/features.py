@@ -79,10 +79,14 @@ def seen_boundary(scene: SceneTensors) -> Bool[Tensor, "B A N"]:
     return (near >= 0) & gathered(scene.has_boundary, near)
 
 
-def piece_features(scene: SceneTensors) -> Float[Tensor, "B A M E"]:
+def piece_features(
+    scene: SceneTensors, *, sees_signals: bool = False
+) -> Float[Tensor, "B A M E"]:
     """Features of the lane pieces near each agent, in its frame."""
     kind = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
     shape = torch.cat([scene.piece_shape, kind.to(scene.piece_shape)], dim=-1)
+    if sees_signals:
+        shape = torch.cat([shape, scene.piece_signal], dim=-1)
     return _as_seen(scene, scene.piece_pose, shape, scene.near_pieces)
 
 

@@ -14,7 +14,9 @@ from pd_editor.experiments.synthesis.sumo.traffic_graph import read_traffic_grap
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.simulation import simulate
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.angles import heading_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
+from pd_editor.scene.signals import SignalState
 
 DURATION_S = 40.0
 
@@ -119,3 +121,30 @@ def test_more_demand_is_more_traffic(network: Network):
 def test_a_missing_network_is_named(tmp_path: Path):
     with pytest.raises(FormatError, match=r"none\.net\.xml"):
         read_traffic_graph(tmp_path / "none.net.xml")
+
+
+def test_hardly_anybody_passes_a_red_light(recording: Recording):
+    obeyed = {lane: one for one in recording.signals for lane in one.lane_ids}
+    assert obeyed
+    lane_of = recording.road_map.lane_of
+    passed = dict.fromkeys(SignalState, 0)
+    moving = np.hypot(*recording.velocity_mps.T) > 2.0
+    step = np.concatenate(
+        [
+            first + np.arange(count)
+            for first, count in zip(
+                recording.first_step, np.diff(recording.first_row), strict=True
+            )
+        ]
+    )
+    for lane, signal in obeyed.items():
+        line = lane_of[lane].centerline_m
+        ahead = unit_vector(heading_of(line[1] - line[0]))
+        gap = recording.position_m - line[0]
+        along = gap @ ahead
+        near = moving & (np.abs(along) < 0.7) & (np.hypot(*gap.T) < 1.2)
+        near &= recording.velocity_mps @ ahead > 2.0
+        for state in signal.states[step[near]]:
+            passed[SignalState(state)] += 1
+    assert passed[SignalState.GO] > 20
+    assert passed[SignalState.STOP] <= 0.05 * sum(passed.values())

@@ -235,6 +235,7 @@ def test_all_noise_levels_at_once_are_each_of_them_alone():
 
 
 ADDITIONS = (
+    "sees_signals",
     "sees_boundary",
     "relates_map_tokens",
     "sees_box_gaps",

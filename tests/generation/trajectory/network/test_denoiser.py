@@ -3,6 +3,7 @@ from dataclasses import fields, replace
 import pytest
 import torch
 
+from pd_editor.experiments.training.warm_start import start_from
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors
@@ -144,10 +145,7 @@ def test_waypoints_of_neighbors_are_seen_only_if_wanted() -> None:
 def grown(former: TrajectoryDenoiser, **changes: object) -> TrajectoryDenoiser:
     """A fresh network with the weights of a former one where there are such."""
     model = small_model(seed=1, **changes)
-    weights = model.state_dict()
-    for name, one in former.state_dict().items():
-        weights[name][tuple(slice(size) for size in one.shape)] = one
-    model.load_state_dict(weights)
+    start_from(model, former.state_dict(), "former")
     return model
 
 
@@ -162,6 +160,7 @@ def test_a_network_grown_from_a_former_one_computes_the_same_at_first() -> None:
 @pytest.mark.parametrize(
     ("switch", "weights", "changes"),
     [
+        ("sees_signals", "agent_in", {"piece_signal": 0.3}),
         ("sees_boundary", "boundary_out", {"boundary_shape": 0.3}),
         ("sees_activity", "activity_in", {"agent_activity": 1}),
         ("sees_activity", "neighbor_activity_in", {"agent_activity": 1}),
