@@ -14,7 +14,6 @@ from pd_editor.experiments.synthesis.sumo.traffic_graph import read_traffic_grap
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.simulation import simulate
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.geometry.angles import heading_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.signals import SignalState
 
@@ -139,7 +138,7 @@ def test_hardly_anybody_passes_a_red_light(recording: Recording):
     )
     for lane, signal in obeyed.items():
         line = lane_of[lane].centerline_m
-        ahead = unit_vector(heading_of(line[1] - line[0]))
+        ahead = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
         gap = recording.position_m - line[0]
         along = gap @ ahead
         near = moving & (np.abs(along) < 0.7) & (np.hypot(*gap.T) < 1.2)
