@@ -8,6 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from pd_editor.generation.core.devices import constant, is_known
+
 _NORM_EPSILON: Final = 1e-5
 _VECTOR_LENGTH: Final = 16
 
@@ -24,12 +26,12 @@ class Mask(NamedTuple):
     @classmethod
     def of(cls, is_visible: Bool[Tensor, "*b #Q K"]) -> "Mask":
         """Make the mask from the visible keys of each query."""
-        if bool(is_visible.all()):
+        if is_known(is_visible.all()):
             return cls(None, None)
         sees_any = is_visible.any(dim=-1, keepdim=True)
         # Rows without a visible key stay finite, so that no gradient becomes NaN.
         added = minus_infinity_unless(is_visible | ~sees_any)
-        return cls(added, None if bool(sees_any.all()) else sees_any.to(added))
+        return cls(added, None if is_known(sees_any.all()) else sees_any.to(added))
 
     def weights(self, logits: Float[Tensor, "*b #Q K"]) -> Float[Tensor, "*b Q K"]:
         """Softmax over the visible keys; all 0 for queries without one."""
@@ -73,7 +75,7 @@ def _own_group(numbers: Sequence[int], like: Tensor) -> Float[Tensor, "1 1 1 G M
         [0.0 if one == own else -math.inf for one in group]
         for own in range(len(numbers))
     ]
-    return like.new_tensor(rows)[None, None, None]
+    return constant(rows, like)[None, None, None]
 
 
 def softmax(logits: Float[Tensor, "*b K"]) -> Float[Tensor, "*b K"]:

@@ -2,11 +2,12 @@
 
 import contextlib
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import torch
-from torch import nn
+from jaxtyping import Bool
+from torch import Tensor, nn
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.defaults import DeviceName
@@ -29,6 +30,17 @@ def sampling_device(name: DeviceName) -> torch.device:
             "auto, or check the driver and that torch is built for CUDA."
         )
     return torch.device("cuda" if has_gpu and name != "cpu" else "cpu")
+
+
+def constant(values: Sequence[object], like: Tensor) -> Tensor:
+    """Numbers in the type and on the device of a tensor; nothing waits for a GPU."""
+    here = torch.tensor(values, dtype=like.dtype, device="cpu")
+    return here.to(like.device, non_blocking=True)
+
+
+def is_known(fact: Bool[Tensor, ""]) -> bool:
+    """Whether something holds, and asking does not wait for a GPU."""
+    return fact.is_cpu and bool(fact)
 
 
 def keep_freed_memory() -> None:

@@ -13,6 +13,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pd_editor.generation.core.devices import constant
+
 ScheduleKind = Literal["cosine", "betas"]
 StateScheduleKind = Literal["exploding", "betas"]
 Prediction = Literal["clean", "velocity", "noise"]
@@ -116,8 +118,8 @@ class VarianceExploding:
 
     def sigma(self, level: Float[Tensor, "*b 1"]) -> Float[Tensor, "*b P"]:
         """Standard deviation of the noise; 0 at negative levels."""
-        low = level.new_tensor([math.log(one) for one in self.lowest])
-        high = level.new_tensor([math.log(one) for one in self.highest])
+        low = constant([math.log(one) for one in self.lowest], level)
+        high = constant([math.log(one) for one in self.highest], level)
         return torch.where(level < 0, 0.0, (low + (high - low) * level).exp())
 
 

@@ -31,7 +31,7 @@ from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.scene.thresholds import MOVING_MPS
 
 _MIN_HALF_SIDE_M: Final = 25.0
-_PARTS: Final = {"position": (0, 1), "heading": (2, 3), "speed": (4,)}
+_PARTS: Final = {"position": 2, "heading": 2, "speed": 1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,9 +83,9 @@ def initial_state_loss(
         scene, random, config, within_kinds=not model.config.orders_all_kinds
     )
     clean = model.encode_states(scene)
-    level = _levels(scene.num_scenes, random, config).to(clean)
+    level = _levels(scene.num_scenes, random, config).to(clean, non_blocking=True)
     shape = (config.num_levels, *clean.shape)
-    noise = torch.randn(shape, generator=random).to(clean)
+    noise = torch.randn(shape, generator=random).to(clean, non_blocking=True)
     context = model.encode_context(scene, task)
     found = model.denoise(
         noised(model.schedule, clean, noise, level[..., None, None]),
@@ -100,7 +100,8 @@ def initial_state_loss(
     squared = squared_error(error, clean[..., 2:4], noise_m, config)
     of_motion, of_activity = squared.tensor_split([NUM_MOTION_PARTS], dim=-1)
     of_motion = (of_motion * is_sampled[..., None]).sum(dim=(0, 1, 2)) / count
-    parts = {name: of_motion[list(where)].mean() for name, where in _PARTS.items()}
+    split = of_motion.split([*_PARTS.values()])
+    parts = {name: one.mean() for name, one in zip(_PARTS, split, strict=True)}
     if model.config.samples_activity:
         is_known = is_sampled * (scene.agent_activity > 0)
         count = is_known.sum().clamp_min(1) * config.num_levels
@@ -142,7 +143,7 @@ def training_task(
     device, num_scenes = scene.has_agent.device, scene.num_scenes
 
     def chance(*shape: int) -> Float[Tensor, "*s"]:
-        return torch.rand(shape, generator=random).to(device)
+        return torch.rand(shape, generator=random).to(device, non_blocking=True)
 
     side = POSITION_UNIT_M * torch.ones(num_scenes, device=device)
     small = _MIN_HALF_SIDE_M + chance(num_scenes) * (side - _MIN_HALF_SIDE_M)

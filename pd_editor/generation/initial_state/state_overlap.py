@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from pd_editor.generation.core.devices import constant
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.network.state_encoding import (
     POSITION_UNIT_M,
@@ -51,7 +52,7 @@ class OverlapVectors:
     @classmethod
     def of(cls, scene: SceneTensors, *, gap_m: float = 0.0) -> "OverlapVectors":
         """Geometry of the agents of a scene, with a gap between them."""
-        places = torch.tensor(_PLACES, device=scene.agent_size.device)
+        places = constant(_PLACES, scene.agent_size)
         radii = _radii_m(scene)
         nudge = torch.ones_like(radii[0]).triu() * 2 - 1
         reach, counts = _reach_m(scene), _counts(scene)
@@ -96,7 +97,7 @@ def _offsets_m(
     position_m = states[..., :2] * POSITION_UNIT_M
     axis = unit_vectors(states[..., 2:4])
     reach = _reach_m(scene)[..., None, None]
-    places = torch.tensor(_PLACES, device=states.device)[:, None]
+    places = constant(_PLACES, states)[:, None]
     discs = position_m[..., None, :] + axis[..., None, :] * places * reach
     offset = discs[..., :, None, :, None, :] - discs[..., None, :, None, :, :]
     return offset.flatten(-3, -2)

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pd_editor.generation.core.devices import constant
 from pd_editor.generation.features.boundary_tokens import MIRRORED_BOUNDARY
 from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.scene_features import (
@@ -87,12 +88,12 @@ class SceneTensors:
 
     def mirrored(self) -> "SceneTensors":
         """Mirror the scenes, exchanging left and right."""
-        shape_signs = self.piece_shape.new_tensor(MIRRORED_SHAPE_SIGNS)
+        shape_signs = constant(MIRRORED_SHAPE_SIGNS, self.piece_shape)
         # The drivable area stays on the left, so boundary pieces are reversed.
-        boundary = self.boundary_pose * self.boundary_pose.new_tensor([1.0, -1.0, -1.0])
+        boundary = self.boundary_pose * constant([1.0, -1.0, -1.0], self.boundary_pose)
         boundary[..., 2] += torch.pi * self.has_boundary
-        latent_signs = self.future.new_tensor(MIRRORED_LATENT_SIGNS)
-        pose_signs = self.agent_pose.new_tensor([1.0, -1.0, -1.0])
+        latent_signs = constant(MIRRORED_LATENT_SIGNS, self.future)
+        pose_signs = constant([1.0, -1.0, -1.0], self.agent_pose)
         return replace(
             self,
             piece_pose=self.piece_pose * pose_signs,

@@ -69,7 +69,7 @@ def trajectory_loss(
     level, is_sampled = _levels(scene, random, config)
     clean = scene.future
     shape = (config.num_levels, *clean.shape)
-    noise = torch.randn(shape, generator=random).to(clean)
+    noise = torch.randn(shape, generator=random).to(clean, non_blocking=True)
     noisy = torch.where(
         scene.has_future[..., None],
         noised(model.schedule, clean, noise, level[..., None]),
@@ -123,7 +123,8 @@ def trajectory_loss(
 
 def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"]:
     """Stationary agents that are displaced at the end of their trajectory."""
-    last = torch.tensor([model.decoder.num_steps - 1], device=scene.future.device)
+    end = model.decoder.num_steps
+    last = torch.arange(end - 1, end, device=scene.future.device)
     x, y = model.decoder.points(scene.future, scene.agent_speed, last)
     has_left = torch.hypot(x, y)[..., 0] > _STARTED_M
     return has_left & (scene.agent_speed < STANDING_MPS) & scene.has_future
@@ -139,7 +140,7 @@ def _levels(
     device = scene.has_agent.device
 
     def chance(*shape: int) -> Tensor:
-        return torch.rand(shape, generator=random).to(device)
+        return torch.rand(shape, generator=random).to(device, non_blocking=True)
 
     scenes = scene.num_scenes
     offset = chance(config.num_levels, scenes)
@@ -164,7 +165,7 @@ def with_unknown_activity(
     unknown = unknown | (
         torch.rand(activity.shape, generator=random) < config.unknown_agents
     )
-    unknown = unknown.to(activity.device)
+    unknown = unknown.to(activity.device, non_blocking=True)
     return replace(
         scene, agent_activity=activity.masked_fill(unknown, Activity.UNKNOWN)
     )

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pd_editor.generation.core.devices import constant
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.features import Neighbors
@@ -63,7 +64,7 @@ def _disc_centers(
     ahead_y = torch.diff(y, dim=-1, prepend=torch.zeros_like(y[..., :1]))
     length = torch.sqrt(ahead_x.square() + ahead_y.square() + 1e-6)
     half = 0.5 * (size[:, 0] - size[:, 1]).clamp_min(0)
-    along = half[:, None, None] * latent.new_tensor(_DISCS)
+    along = half[:, None, None] * constant(_DISCS, latent)
     return (
         x[..., None] + (ahead_x / length)[..., None] * along,
         y[..., None] + (ahead_y / length)[..., None] * along,

@@ -38,4 +38,4 @@ def augmented_scenes(scene: SceneTensors, random: torch.Generator) -> SceneTenso
     turn = torch.rand(scene.num_scenes, generator=random) * 2 * torch.pi
     if torch.rand((), generator=random) < 0.5:
         scene = scene.mirrored()
-    return scene.rotated(turn.to(scene.agent_pose))
+    return scene.rotated(turn.to(scene.agent_pose, non_blocking=True))

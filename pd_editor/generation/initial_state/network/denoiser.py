@@ -18,6 +18,7 @@ from pd_editor.generation.core.attention import (
     visible_agents,
 )
 from pd_editor.generation.core.config_limits import check_sizes
+from pd_editor.generation.core.devices import is_known
 from pd_editor.generation.core.noise_schedule import (
     DiffusionSteps,
     NoiseSchedule,
@@ -307,7 +308,7 @@ class InitialStateDenoiser(nn.Module):
             pairs=self.pair_sizes_in(pairs)[:, None],
             boxes=BoxPairs.of(scene.agent_size) if self.config.sees_box_gaps else None,
             is_visible=Mask.of(visible_agents(has_agent, task.is_central)[:, :, None]),
-            is_given=task.is_given if bool(task.is_given.any()) else None,
+            is_given=None if is_known(~task.is_given.any()) else task.is_given,
             given=self.encode_states(scene),
         )
 

@@ -8,6 +8,8 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from pd_editor.generation.core.devices import constant
+
 POSITION_WAVELENGTHS_M: Final = (16.0, 32.0, 64.0, 128.0, 256.0)
 """Wavelengths of the encoding of a position in the square."""
 RELATION_WAVELENGTHS_M: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
@@ -100,7 +102,7 @@ def noise_factors(
     faded = fading(RELATION_WAVELENGTHS_M, noise_m)
     scale = [_LENGTH_SCALE] * (num_first + 1) + [1.0] * 2
     scale += [1.0] * 4 * folds_turns + [_LENGTH_SCALE] * (len(lengths) - num_first)
-    others = noise_m.new_tensor(scale).expand(*noise_m.shape, -1)
+    others = constant(scale, noise_m).expand(*noise_m.shape, -1)
     return NoiseFactors(
         torch.cat([faded, faded, others], dim=-1), torch.stack(lengths, dim=-1)
     )

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from pd_editor.generation.core.attention import Mask, grouped
+from pd_editor.generation.core.devices import is_known
 from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.network.features import (
@@ -47,7 +48,7 @@ class TokenGroup(NamedTuple):
         is_crossing = scene.piece_kind == CROSSWALK_KIND
         group = cls._of(scene.piece_pose, scene.has_piece, encoded)
         return group._replace(
-            is_crossing=is_crossing if bool(is_crossing.any()) else None
+            is_crossing=None if is_known(~is_crossing.any()) else is_crossing
         )
 
     @classmethod
@@ -68,8 +69,8 @@ class TokenGroup(NamedTuple):
             middle_m=pose[..., :2].contiguous(),
             axis=torch.complex(pose[..., 2].cos(), pose[..., 2].sin()),
             encoded=encoded,
-            exists=None if bool(exists.all()) else exists,
-            least=int(exists.sum(dim=-1).min()),
+            exists=None if is_known(exists.all()) else exists,
+            least=int(exists.sum(dim=-1).min()) if exists.is_cpu else 0,
         )
 
     def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "TokenGroup":

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pd_editor.generation.core.devices import constant
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.thresholds import MOVING_MPS
 
@@ -51,7 +52,7 @@ def encode_states(
         torch.stack([heading.cos(), heading.sin(), code], dim=-1),
     ]
     if activity is not None:
-        values = torch.tensor(ACTIVITIES, device=activity.device)
+        values = constant(ACTIVITIES, activity)
         is_one = (activity[..., None] == values).to(code)
         parts.append((is_one - 0.5) * (activity > 0)[..., None])
     return torch.cat(parts, dim=-1)
