@@ -19,13 +19,16 @@ from pd_editor.editor.commands import (
     ContinueScene,
     DeleteAgents,
     DuplicateAgents,
+    GiveGreen,
     PlaceAgent,
     PullSpeed,
     RegeneratedEdit,
     RemoveAllAgents,
     RemoveGuidance,
+    RemoveSignals,
     ReplaceTraffic,
     RequestSummary,
+    SampleSignals,
     SetAgentActivity,
     SetAgentHeading,
     SetAgentKind,
@@ -50,10 +53,16 @@ from pd_editor.scene.generation import GuidanceSetting, TrafficSample
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import Lock
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
-from tests.builders import scenario_with, straight_drivers
+from tests.builders import (
+    scenario_with,
+    straight_drivers,
+    straight_lane,
+    two_lane_road,
+)
 
 ABSENT_ID = "105"
 """The agent of ``busy_scenario`` that has no state at the current step."""
@@ -87,9 +96,22 @@ def busy_scenario() -> Scenario:
             heading_rad=np.where(is_valid, agents.heading_rad, 0.0),
             velocity_mps=np.where(mask, agents.velocity_mps, 0.0),
             observed=agents.observed & is_valid,
-        )
+        ),
+        with_crossing(two_lane_road()),
     )
     return replace(scenario, guidance=(SpeedLimit(speed_mps=20.0),))
+
+
+def with_crossing(road_map: RoadMap) -> RoadMap:
+    """The map and, far from it, two pairs of lanes that cross."""
+    ways = {
+        91: ((100, -200), (120, -200)),
+        92: ((110, -210), (110, -190)),
+        93: ((120, -196), (100, -196)),
+        94: ((106, -190), (106, -210)),
+    }
+    lanes = [straight_lane(n, *ends, is_intersection=True) for n, ends in ways.items()]
+    return replace(road_map, lanes=(*road_map.lanes, *lanes))
 
 
 def numbers(low: float, high: float) -> st.SearchStrategy[float]:
@@ -285,6 +307,9 @@ def placements(scenario: Scenario) -> st.SearchStrategy[PlaceAgent]:
 
 
 STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]] = {
+    SampleSignals: lambda _: st.builds(SampleSignals, seed=st.integers(0, 99)),
+    GiveGreen: lambda _: st.builds(GiveGreen, lane_id=st.sampled_from([91, 92, 93])),
+    RemoveSignals: lambda _: st.just(RemoveSignals()),
     SetRoadWarp: lambda _: st.builds(
         SetRoadWarp,
         warp=st.none() | warps(),

@@ -40,6 +40,7 @@ from pd_editor.editor.commands.poses import (
 from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.editor.commands.roll_out import BeginAt, ContinueScene
+from pd_editor.editor.commands.signals import GiveGreen, RemoveSignals, SampleSignals
 from pd_editor.editor.commands.traffic import (
     ReplaceTraffic,
     RequestSummary,
@@ -50,6 +51,9 @@ COMMANDS: Final[dict[str, type[Command]]] = {
     command.__name__: command
     for command in (
         SetRoadWarp,
+        SampleSignals,
+        GiveGreen,
+        RemoveSignals,
         TransformAgents,
         SetAgentPosition,
         SetAgentHeading,

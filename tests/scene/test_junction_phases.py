@@ -1,0 +1,134 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.junction_phases import (
+    junctions,
+    sampled_signals,
+    signals_with_green,
+)
+from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import Signal, SignalState, states_at
+from tests.builders import empty_tracks, scenario_with, straight_lane, two_lane_road
+
+WEST, SOUTH, EAST, NORTH, LEFT = 2, 3, 4, 5, 6
+"""Where the lanes through the crossing come from; ``LEFT`` turns left from the west."""
+
+
+def crossing(turn_rad: float = 0.0) -> Scenario:
+    """Four ways that cross at right angles, and a left turn; lane 1 leads to two of them."""
+    inside = {
+        WEST: ((-10, -2), (10, -2)),
+        SOUTH: ((2, -10), (2, 10)),
+        EAST: ((10, 2), (-10, 2)),
+        NORTH: ((-2, 10), (-2, -10)),
+    }
+    lanes = [
+        straight_lane(n, *ends, is_intersection=True) for n, ends in inside.items()
+    ]
+    angle = np.linspace(-np.pi / 2, 0, 9)
+    arc = np.column_stack(
+        [-10 + 12 * np.cos(angle), 10 + 12 * np.sin(angle), np.zeros(9)]
+    )
+    lanes.append(replace(lanes[0], lane_id=LEFT, centerline=arc))
+    lanes.append(straight_lane(1, (-60, -2), (-10, -2), successors=(WEST, LEFT)))
+    road_map = RoadMap(lanes=tuple(lanes))
+    turned = RigidMotion(x_m=0.0, y_m=0.0, rotation_rad=turn_rad)
+    return scenario_with(empty_tracks(110), road_map.moved(turned.apply))
+
+
+def green(scenario: Scenario) -> set[int]:
+    states = states_at(scenario.signals, scenario.current_step)
+    assert set(states.values()) <= {SignalState.GO, SignalState.STOP}
+    return {lane for lane, state in states.items() if state is SignalState.GO}
+
+
+@given(st.integers(0, 2**63 - 1), st.floats(-7, 7))
+def test_no_two_lanes_with_green_cross_unless_they_turn_off_together(seed, turn_rad):
+    scenario = crossing(turn_rad)
+    signals = sampled_signals(scenario, seed)
+    told = replace(scenario, signals=signals)
+    assert {lane for one in signals for lane in one.lane_ids} == {2, 3, 4, 5, 6}
+    lanes = [scenario.road_map.lane_of[lane] for lane in green(told)]
+    lines = [shapely.LineString(lane.centerline_m) for lane in lanes]
+    starts = [lane.centerline_m[0] for lane in lanes]
+    for one, line in enumerate(lines):
+        for other in range(one):
+            apart = np.linalg.norm(starts[one] - starts[other]) > 2
+            assert not (apart and line.intersects(lines[other]))
+
+
+def test_all_phases_come_and_the_same_seed_gives_the_same():
+    scenario = crossing()
+    found = {
+        frozenset(green(replace(scenario, signals=sampled_signals(scenario, seed))))
+        for seed in range(60)
+    }
+    assert found == {
+        frozenset({WEST, EAST}),
+        frozenset({SOUTH, NORTH}),
+        frozenset({WEST, LEFT}),
+    }
+    again = [sampled_signals(scenario, 3) for _ in range(2)]
+    assert again[0][0].lane_ids == again[1][0].lane_ids
+
+
+@pytest.mark.parametrize(
+    ("lane", "goes"),
+    [
+        (WEST, {WEST, EAST}),
+        (SOUTH, {SOUTH, NORTH}),
+        (LEFT, {LEFT, WEST}),
+        (1, {WEST, EAST}),
+    ],
+)
+def test_a_lane_that_is_given_green_goes_with_its_phase(lane: int, goes: set[int]):
+    scenario = crossing()
+    signals = signals_with_green(scenario, lane)
+    assert signals is not None
+    assert green(replace(scenario, signals=signals)) == goes
+
+
+def test_other_junctions_keep_their_signals():
+    scenario = crossing()
+    other = replace(
+        scenario.road_map.lanes[0],
+        lane_id=77,
+        centerline=scenario.road_map.lanes[0].centerline + np.array([500.0, 0, 0]),
+    )
+    road_map = replace(scenario.road_map, lanes=(*scenario.road_map.lanes, other))
+    scenario = replace(scenario, road_map=road_map)
+    known = Signal(
+        signal_id="known",
+        lane_ids=(77,),
+        stop_share=np.zeros(1),
+        states=np.full(110, SignalState.GO, np.int8),
+    )
+    signals = signals_with_green(replace(scenario, signals=(known,)), SOUTH)
+    assert signals is not None
+    assert signals[0].lane_ids == (77,)
+
+
+def test_without_crossing_traffic_there_are_no_phases():
+    scenario = scenario_with(empty_tracks(110), two_lane_road())
+    assert junctions(scenario.road_map) == ()
+    assert sampled_signals(scenario, 0) == ()
+    assert signals_with_green(scenario, 1) is None
+
+
+def test_real_junctions_have_two_streets_and_let_some_go(av2_scenario_folders):
+    number = 0
+    for folder in av2_scenario_folders:
+        scenario = read_scenario(folder)
+        for junction in junctions(scenario.road_map):
+            number += 1
+            goes = junction.sampled_phase(np.random.default_rng(number))
+            assert 0 < goes.sum() < len(goes)
+    assert number > len(av2_scenario_folders) / 2
