@@ -42,6 +42,7 @@ from pd_editor.cli.output.progress import run_showing_progress
 from pd_editor.cli.output.sample_table import SampleTable
 from pd_editor.editor.commands import (
     AddGuidance,
+    SampleSignals,
     SetAgentActivity,
     SetFocalAgent,
     traffic_command,
@@ -148,6 +149,7 @@ def generate(
     lock: LocksOption = (),
     parked: StandingOption = (),
     waiting: StandingOption = (),
+    sample_signals: Switch = False,
     quality: Quality = "fast",
     samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
     rank: RankOption = "realism",
@@ -190,6 +192,7 @@ def generate(
         lock: What is kept of single agents, as ID=WHAT: state, trajectory, or the first seconds of it, such as AV=2.5.
         parked: Ids of standing agents that are parked; fewer of them start.
         waiting: Ids of standing agents that wait in traffic.
+        sample_signals: Give each junction a plausible phase, by which agents wait or go; it takes the place of the scene's signals.
         quality: Quality of sampled states: fast, or high with more denoising steps.
         samples: Number of samples; several are listed in a table with their numbers, which DIR/<name>-samples.csv keeps.
         rank: Order of the table: realism (fewest problems), collisions (fewest), off-road (least), interaction (closest) or movement (most).
@@ -222,6 +225,7 @@ def generate(
     edits = (
         *([SetFocalAgent(agent_id=focal)] if focal else []),
         *_activities(several(parked), several(waiting)),
+        *([SampleSignals(seed=seed)] if sample_signals else []),
         *(AddGuidance(term=term) for term in terms),
         *lock_commands(several(lock)),
     )

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -72,8 +73,17 @@ class Junction:
         ]
 
 
+_junctions: WeakKeyDictionary[RoadMap, tuple[Junction, ...]] = WeakKeyDictionary()
+
+
 def junctions(road_map: RoadMap) -> tuple[Junction, ...]:
-    """Junctions with movements that cross, of lanes for vehicles."""
+    """Junctions with movements that cross, of lanes for vehicles; once per map value."""
+    if road_map not in _junctions:
+        _junctions[road_map] = _found_junctions(road_map)
+    return _junctions[road_map]
+
+
+def _found_junctions(road_map: RoadMap) -> tuple[Junction, ...]:
     lanes = [
         lane
         for lane in road_map.lanes

@@ -7,6 +7,7 @@ import pytest
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.cli.generate import generate
+from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.generation.generators import registry
@@ -333,6 +334,16 @@ def test_activities_are_known_to_the_model_and_kept(
         assert sentence in shell.refused(
             "generate", JUNCTION, "--parked", *options, *out
         )
+
+
+def test_sampled_signals_stand_in_the_recipe_and_come_again(tmp_path: Path):
+    done = generate(JUNCTION, out=tmp_path, sample_signals=True, seed=4)
+    assert done.scenarios[0].signals
+    recipe = Recipe.from_text((done.folder / "recipe.json").read_text())
+    assert SampleSignals(seed=4) in recipe.commands
+    again = replay(recipe, open_scenario(JUNCTION)).signals
+    states = [one.states.tolist() for one in done.scenarios[0].signals]
+    assert [one.states.tolist() for one in again] == states
 
 
 def test_as_many_as_suit_the_road_is_the_models_choice(

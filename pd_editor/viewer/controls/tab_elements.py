@@ -25,6 +25,7 @@ from pd_editor.viewer.generation.sample_strip import SampleStrip
 from pd_editor.viewer.guidance.guidance_panel import GuidancePanel
 from pd_editor.viewer.guidance.steering import Steering
 from pd_editor.viewer.road.road_panel import RoadPanel
+from pd_editor.viewer.road.signals_panel import SignalsPanel
 from pd_editor.viewer.scene.hover import Hover
 from pd_editor.viewer.scene.measure import Measure
 from pd_editor.viewer.scene.picture import Picture
@@ -91,6 +92,8 @@ class TabElements:
             self.basket = BasketPanel(ui, self.export)
         with tabs.add_tab("Road"):
             self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
+            with gui.add_folder("Signals"):
+                SignalsPanel(ui)
         with tabs.add_tab(AGENTS):
             self.agent = AgentPanel(ui, self.placing)
         with tabs.add_tab("Guide"):
