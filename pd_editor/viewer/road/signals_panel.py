@@ -59,8 +59,8 @@ class SignalsPanel:
         set_property(self._sample, "disabled", not has_some)
         set_property(self._remove, "disabled", not scenario.signals)
         if scenario.signals:
-            self._text.show("Click a stop line to give its lane green.")
+            self._text.show("", "Click a stop line to give its lane green.")
         elif has_some:
-            self._text.show("No signals: who waits is the model's choice.")
+            self._text.show("", "No signals: who waits is the model's choice.")
         else:
-            self._text.show("No junction here has lanes that cross.")
+            self._text.show("", "No junction here has lanes that cross.")
