@@ -137,6 +137,11 @@ class SumoNet:
             result.setdefault(lane.edge, []).append(lane)
         return result
 
+    @property
+    def parking_strips_m(self) -> tuple[Float[np.ndarray, "_ 2"], ...]:
+        """Centre lines of parking strips."""
+        return tuple(lane.shape_m for lane in self.lanes.values() if lane.is_parking)
+
     @cached_property
     def crossed_junctions(self) -> set[str]:
         """Junctions with crossing connections, not only forks or merges."""

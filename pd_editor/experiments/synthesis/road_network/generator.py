@@ -98,8 +98,6 @@ def generate_network(
         road_map=mapped.road_map,
         lane_of_sumo=mapped.lane_of_sumo,
         has_signals=net.has_signals,
-        parking_strips_m=tuple(
-            lane.shape_m for lane in net.lanes.values() if lane.is_parking
-        ),
+        parking_strips_m=net.parking_strips_m,
         parking_bays=mapped.parking_bays,
     )

@@ -4,14 +4,15 @@ SUMO's position is the centre of the front bumper, its angle clockwise from nort
 """
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pyarrow
 import pyarrow.parquet
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.base.errors import SynthesisError
 from pd_editor.scene.formats.sumo_net import heading_of_sumo
@@ -32,16 +33,22 @@ class RawTracks:
     front_m: Float[np.ndarray, "P 2"]
     """SUMO's position: the centre of the front bumper."""
     heading_rad: Float[np.ndarray, "P"]
+    type_of: Mapping[str, str] = field(default_factory=dict)
+    """SUMO's type of each road user, where the files tell."""
 
     def shifted(self, steps: int) -> "RawTracks":
         """States from a step on, which becomes step 0."""
-        kept = self.step >= steps
-        return RawTracks(
-            names=self.names,
-            agent=self.agent[kept],
-            step=self.step[kept] - steps,
-            front_m=self.front_m[kept],
-            heading_rad=self.heading_rad[kept],
+        kept = self.taken(self.step >= steps)
+        return replace(kept, step=kept.step - steps)
+
+    def taken(self, wanted: Bool[np.ndarray, "P"]) -> "RawTracks":
+        """Select states by a mask."""
+        return replace(
+            self,
+            agent=self.agent[wanted],
+            step=self.step[wanted],
+            front_m=self.front_m[wanted],
+            heading_rad=self.heading_rad[wanted],
         )
 
 
@@ -53,6 +60,7 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
     """
     names: list[np.ndarray] = []
     values: list[np.ndarray] = []
+    type_of: dict[str, str] = {}
     for path in paths:
         if not os.path.exists(path):
             continue
@@ -72,6 +80,8 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
         coded = columns["id"].combine_chunks().dictionary_encode()
         code = coded.indices.fill_null(0).to_numpy()[there]
         names.append(np.array(coded.dictionary.to_pylist(), dtype=object)[code])
+        if "type" in columns:
+            type_of |= zip(names[-1], columns["type"].to_numpy()[there], strict=True)
         kept = [columns[name].to_numpy()[there] for name in ("time", *_COLUMNS)]
         values.append(np.column_stack(kept).astype(float))
     if not values or sum(len(part) for part in values) == 0:
@@ -86,6 +96,7 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
         step=step[order],
         front_m=numbers[order, 1:3],
         heading_rad=heading_of_sumo(numbers[order, 3]),
+        type_of=type_of,
     )
 
 

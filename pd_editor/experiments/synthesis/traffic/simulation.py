@@ -48,6 +48,9 @@ STEP_S: Final = 0.1
 WARM_UP_S: Final = 20.0
 """Time in which the initial vehicles reach an equilibrium; it is discarded."""
 
+ROADS_NAME: Final = "roads.net.xml"
+"""Name of the network that SUMO simulates."""
+
 LATERAL_RESOLUTION_M: Final = 0.6
 """Lateral resolution of SUMO's sublane model."""
 
@@ -86,17 +89,29 @@ def simulate(
             break
         options = replace(options, flow_per_lane=LESS_FLOW * options.flow_per_lane)
         tracks, signals = _traffic(network, graph, options, duration_s, seed, random)
+    num_steps = round(duration_s / STEP_S)
+    made = finished_recording(network, seed, tracks, options, num_steps, random)
+    return replace(made, signals=signals)
+
+
+def finished_recording(
+    network: Network,
+    seed: int,
+    tracks: TrafficTracks,
+    options: DemandOptions,
+    num_steps: int,
+    random: np.random.Generator,
+) -> Recording:
+    """Remove artefacts of the simulator, and add who stands or walks beside the road."""
     tracks = tracks.taken(~has_artefact(tracks, STEP_S))
     tracks = tracks.taken(without_overlaps(tracks))
-    num_steps = round(duration_s / STEP_S)
     if network.footways is not None and network.footways.lines_m:
         pedestrians = sample_pedestrians(
             network.footways, tracks, options, num_steps, STEP_S, random
         )
         tracks = tracks.joined(pedestrians)
     parked = sample_parked_vehicles(network, tracks, options.parking, random)
-    found = _recording(network, seed, tracks, parked, num_steps)
-    return replace(found, signals=signals)
+    return _recording(network, seed, tracks, parked, num_steps)
 
 
 def _traffic(
@@ -116,8 +131,9 @@ def _traffic(
         plans.extend(state_outputs([one.attrib["id"] for one in plans]))
         sampled.write(folder / "trips.rou.xml")
         ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
-        write_with_curve_speeds(network.net_file, folder / "roads.net.xml")
-        _run(folder, seed, end_s)
+        write_with_curve_speeds(network.net_file, folder / ROADS_NAME)
+        files = "--route-files trips.rou.xml --additional-files signals.add.xml"
+        run_traffic(folder, seed, files, (0.0, end_s))
         raw = read_raw_tracks(
             (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
         )
@@ -144,14 +160,31 @@ def _slow_share(tracks: TrafficTracks) -> float:
     return float((speed < SLOW_MPS).mean())
 
 
-def _run(folder: Path, seed: int, end_s: float) -> None:
-    files = "--net-file roads.net.xml --route-files trips.rou.xml --additional-files signals.add.xml"
-    files += " --fcd-output vehicles.parquet"
-    files += " --person-fcd-output persons.parquet"
-    files += " --fcd-output.attributes id,x,y,angle"
-    clock = f"--step-length {STEP_S} --device.fcd.begin {WARM_UP_S} --end {end_s}"
-    model = f"--lateral-resolution {LATERAL_RESOLUTION_M} --seed {seed % 2**31}"
-    model += " --pedestrian.striping.stripe-width 0.5"
+def run_traffic(
+    folder: Path,
+    seed: int,
+    options: str,
+    span_s: tuple[float, float],
+    *,
+    is_recorded: bool = True,
+) -> None:
+    """Simulate a span of time on ``ROADS_NAME``, with further options of SUMO.
+
+    States after the warm-up are in ``vehicles.parquet`` and ``persons.parquet``. What is
+    not recorded is simulated in long steps.
+
+    Raises:
+        SynthesisError: SUMO is missing, or refused a file.
+    """
+    files = f"--net-file {ROADS_NAME} {options}"
+    clock = f"--begin {span_s[0]} --end {span_s[1]}"
+    model = f"--seed {seed % 2**31} --pedestrian.striping.stripe-width 0.5"
+    if is_recorded:
+        files += " --fcd-output vehicles.parquet"
+        files += " --person-fcd-output persons.parquet"
+        files += " --fcd-output.attributes id,x,y,angle,type"
+        clock += f" --step-length {STEP_S} --device.fcd.begin {span_s[0] + WARM_UP_S}"
+        model += f" --lateral-resolution {LATERAL_RESOLUTION_M}"
     rules = f"--time-to-teleport {JAM_S} --time-to-teleport.remove true"
     rules += " --collision.action none --intermodal-collision.action none"
     rules += " --max-depart-delay 15 --ignore-route-errors true"
