@@ -57,6 +57,7 @@ class Synthesis:
             f"{record.num_windows} windows on {len(record.networks)} networks with "
             f"{record.num_agents} agents in {self.elapsed_s:.0f} s."
         )
+        lines += record.notes
         if record.num_windows < self.num_requested:
             lines.append(f"{self.num_requested} windows were asked for.")
         if failures:
@@ -75,6 +76,7 @@ def synth(
         tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(default: all)"),
     ] = (),
     maps: OptionalFolders = (),
+    networks: OptionalFolders = (),
     shards: Switch = False,
     report: OptionalFolders = (),
     noise: Switch = False,
@@ -83,7 +85,7 @@ def synth(
     workers: WorkersOption = None,
     resume: Switch = False,
 ) -> Synthesis:
-    """Simulate traffic on procedural roads or real maps, as Argoverse 2 scenarios.
+    """Simulate traffic on procedural roads, real maps or in cities, as Argoverse 2 scenarios.
 
     Needs SUMO (pip install 'pd-editor[synth]').
 
@@ -93,6 +95,7 @@ def synth(
         seed: Random seed; the same seed gives the same files.
         families: Families of procedural roads: grid, downtown, town, arterial, t-junctions, roundabout, merge, slip-lanes, winding-street, dead-ends.
         maps: Roots of Argoverse 2 datasets, on whose maps to drive instead.
+        networks: Folders of SUMO scenarios (a .sumocfg with network and demand) to take instead, a random time and place of one at a time.
         report: Write realism.md too: distances to real scenes below the first folder, and between those and scenes below a second one, if given.
         shards: Write compact shards for training instead of scenario folders.
         noise: Add a tracker's noise to states and break off tracks; not with --shards.
@@ -109,6 +112,7 @@ def synth(
         seed=seed,
         families=tuple(dict.fromkeys(families)),
         maps=folders(maps),
+        networks=folders(networks),
         as_shards=shards,
         with_noise=noise,
     )

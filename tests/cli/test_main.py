@@ -204,6 +204,7 @@ PATH_OPTIONS = (
     "model --traj {} --out o",
     "train init --data {} --out o",
     "synth --maps {} --num 1 --out o",
+    "synth --networks {} --num 1 --out o",
     "edit --models {}",
     "edit --data {}",
 )

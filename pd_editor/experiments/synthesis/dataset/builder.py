@@ -25,6 +25,10 @@ from pd_editor.experiments.synthesis.road_network.generator import (
     FAMILIES,
     FAMILY_SHARES,
 )
+from pd_editor.experiments.synthesis.sumo.sumo_scenario import (
+    city_name,
+    read_sumo_scenario,
+)
 from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
 from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
@@ -63,12 +67,20 @@ class DatasetPlan:
     """Families of procedural roads, in equal shares; all in their usual shares if empty."""
     maps: tuple[Path, ...] = ()
     """Roots of real scenarios whose maps are used in place of procedural networks."""
+    networks: tuple[Path, ...] = ()
+    """Folders of SUMO scenarios that are used with their demand; a name each."""
     as_shards: bool = False
     with_noise: bool = False
 
     def __post_init__(self) -> None:
-        for root in self.maps:
+        for root in (*self.maps, *self.networks):
             check_path(root)
+        if sum(map(bool, (self.families, self.maps, self.networks))) > 1:
+            raise InputError(
+                "--families, --maps and --networks exclude each other; choose one."
+            )
+        if len(set(self.cities)) < len(self.cities):
+            raise InputError("Two folders of --networks have equal names; rename one.")
         unknown = [name for name in self.families if name not in FAMILIES]
         if unknown:
             raise InputError(
@@ -92,14 +104,19 @@ class DatasetPlan:
         return usual_families(index + 1)[index]
 
     @property
+    def cities(self) -> tuple[str, ...]:
+        """Names of the folders of SUMO scenarios."""
+        return tuple(city_name(folder) for folder in self.networks)
+
+    @property
     def settings(self) -> DatasetSettings:
         """Settings that finished networks depend on."""
         return DatasetSettings(
             version=version("pd-editor"),
             num=self.num,
             seed=self.seed,
-            families=() if self.maps else (self.families or FAMILIES),
-            maps=tuple(os.path.realpath(root) for root in self.maps),
+            families=self.cities or (() if self.maps else (self.families or FAMILIES)),
+            maps=tuple(map(os.path.realpath, (*self.maps, *self.networks))),
             form="shards" if self.as_shards else "folders",
             noise=self.with_noise,
         )
@@ -114,6 +131,8 @@ class DatasetRecord:
     failures: Mapping[str, str]
     """Reason of each network without windows."""
     num_resumed: int
+    notes: tuple[str, ...] = ()
+    """What cities lack."""
 
     @property
     def num_windows(self) -> int:
@@ -140,18 +159,20 @@ def build_dataset(
 
     Raises:
         SynthesisError: SUMO is missing, or not a single network gave a window.
+        InputError: a SUMO scenario cannot be used.
         ExportError: the folder cannot be written.
     """
     for tool in ("netconvert", "sumo"):
         sumo_tool(tool)
-    maps = scenario_folders(plan.maps) if plan.maps else []
+    notes = [note for city in plan.networks for note in read_sumo_scenario(city).notes]
+    places = scenario_folders(plan.maps) if plan.maps else [*plan.networks]
     networks: dict[str, NetworkRecord] = {}
     failures: dict[str, str] = {}
     num_resumed = num_planned = 0
     for _ in range(_MAX_ROUNDS):
         missing = plan.num - sum(one.num_windows for one in networks.values())
-        usable = [one for one in maps if not _is_hopeless(one, failures)]
-        if missing <= 0 or (maps and not usable):
+        usable = [one for one in places if not _is_hopeless(one, plan, failures)]
+        if missing <= 0 or (places and not usable):
             break
         items = _items(plan, usable, missing, num_planned)
         num_planned += len(items)
@@ -172,19 +193,24 @@ def build_dataset(
         reason = next(iter(failures.values()), "there is no map")
         raise SynthesisError(f"Not a single network gave traffic; the first: {reason}")
     folder.write_manifest(networks)
-    return DatasetRecord(networks=networks, failures=failures, num_resumed=num_resumed)
+    return DatasetRecord(
+        networks=networks,
+        failures=failures,
+        num_resumed=num_resumed,
+        notes=tuple(notes),
+    )
 
 
 def _items(
     plan: DatasetPlan,
-    maps: Sequence[Path],
+    places: Sequence[Path],
     num_windows: int,
     first: int,
 ) -> dict[str, NetworkItem]:
     """Further networks with equal numbers of windows, numbered from ``first``."""
     share = WINDOWS_PER_SHARD if plan.as_shards else FOLDERS_PER_NETWORK
-    kinds = len(maps) or len(plan.families or FAMILIES)
-    if maps:
+    kinds = len(places) or len(plan.families or FAMILIES)
+    if plan.maps:
         share = min(share, WINDOWS_PER_MAP)
     count = math.ceil(num_windows / share)
     if first == 0:  # Few windows are distributed over all families of roads.
@@ -192,13 +218,14 @@ def _items(
     items = {}
     for number in range(count):
         index = first + number
-        map_folder = maps[index % kinds] if maps else None
-        family = "" if maps else plan.family(index)
-        label = family if map_folder is None else f"av2-{map_folder.name}"
+        place = places[index % kinds] if places else None
+        family = plan.family(index) if place is None else ""
+        label = family if place is None else _label(place, plan)
         item = NetworkItem(
             key=f"{label}-{index:05d}",
             family=family,
-            map_folder=map_folder,
+            map_folder=place if plan.maps else None,
+            city_folder=place if plan.networks else None,
             seed=plan.seed * _SEEDS_PER_CORPUS + index,
             num_windows=num_windows // count + (number < num_windows % count),
             as_shard=plan.as_shards,
@@ -208,7 +235,11 @@ def _items(
     return items
 
 
-def _is_hopeless(map_folder: Path, failures: Mapping[str, str]) -> bool:
-    """Whether a map failed repeatedly; once may be chance, if no agent was eligible."""
-    keys = [key for key in failures if key.startswith(f"av2-{map_folder.name}-")]
-    return len(keys) > 1
+def _label(place: Path, plan: DatasetPlan) -> str:
+    return city_name(place) if plan.networks else f"av2-{place.name}"
+
+
+def _is_hopeless(place: Path, plan: DatasetPlan, failures: Mapping[str, str]) -> bool:
+    """Whether a place failed repeatedly; once may be chance, if no agent was eligible."""
+    label = _label(place, plan)
+    return sum(key.rpartition("-")[0] == label for key in failures) > 1

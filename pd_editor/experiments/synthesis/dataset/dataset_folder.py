@@ -21,8 +21,9 @@ class DatasetSettings:
     num: int
     seed: int
     families: tuple[str, ...]
+    """Families of procedural roads, or the names of cities."""
     maps: tuple[str, ...]
-    """Roots of real maps, which are used in place of procedural networks."""
+    """Roots of real maps, or folders of cities, used in place of procedural networks."""
     form: str
     """Format: ``folders`` or ``shards``."""
     noise: bool

@@ -20,6 +20,7 @@ from pd_editor.experiments.synthesis.dataset.dataset_folder import (
     NetworkRecord,
 )
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
+from pd_editor.experiments.synthesis.traffic.city_traffic import simulate_city
 from pd_editor.experiments.synthesis.traffic.demand_config import MAP_DEMAND
 from pd_editor.experiments.synthesis.traffic.simulation import simulate
 from pd_editor.scene.av2_io.read import read_scenario
@@ -38,9 +39,11 @@ class NetworkItem:
     key: str
     """Name of the network and its files."""
     family: str
-    """Family of procedural roads; empty if ``map_folder`` is used."""
+    """Family of procedural roads; empty if a folder is used."""
     map_folder: Path | None
     """Folder of a real scenario whose map is used."""
+    city_folder: Path | None
+    """Folder of a SUMO scenario, whose network and demand are used."""
     seed: int
     num_windows: int
     as_shard: bool
@@ -77,6 +80,8 @@ def make_network(item: NetworkItem) -> NetworkFiles:
 def _recording(item: NetworkItem) -> Recording:
     wanted_s = MIN_DURATION_S + WINDOW_SPACING_S * item.num_windows
     duration_s = min(wanted_s, MAX_DURATION_S)
+    if item.city_folder is not None:
+        return simulate_city(item.city_folder, item.seed, duration_s=duration_s)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if item.map_folder is None:

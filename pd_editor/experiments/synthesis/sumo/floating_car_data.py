@@ -81,7 +81,9 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
         code = coded.indices.fill_null(0).to_numpy()[there]
         names.append(np.array(coded.dictionary.to_pylist(), dtype=object)[code])
         if "type" in columns:
-            type_of |= zip(names[-1], columns["type"].to_numpy()[there], strict=True)
+            first = np.unique(code, return_index=True)[1]
+            kinds = columns["type"].to_numpy()[there][first]
+            type_of |= zip(names[-1][first], kinds, strict=True)
         kept = [columns[name].to_numpy()[there] for name in ("time", *_COLUMNS)]
         values.append(np.column_stack(kept).astype(float))
     if not values or sum(len(part) for part in values) == 0:

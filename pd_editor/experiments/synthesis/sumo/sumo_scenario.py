@@ -1,62 +1,65 @@
 """Reads SUMO scenarios that others made: networks with their demand."""
 
+import os
+import re
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import InputError, SynthesisError
-from pd_editor.scene.formats.packed_file import read_unpacked
 from pd_editor.scene.formats.sumo_net import SumoNet, read_sumo_net
-from pd_editor.scene.formats.xml_file import Place, parse_xml
+from pd_editor.scene.formats.xml_file import Place, added, parse_xml
 
-CONFIG_ENDINGS: Final = (".sumocfg", ".sumo.cfg")
-_TRAVELLERS: Final = ("vehicle", "trip", "person")
-_FLOWS: Final = ("flow", "personFlow")
-_ROUTES: Final = ("route", "routeDistribution")
-_TYPES: Final = ("vType", "vTypeDistribution")
-_PLACES: Final = (
-    "busStop", "trainStop", "parkingArea", "tlLogic", "WAUT", "wautJunction", "rerouter",
+_CONFIGS: Final = (".sumocfg", ".sumo.cfg")
+_FILES: Final = ("net-file", "additional-files", "route-files")
+_DEMAND: Final = (
+    "vehicle", "trip", "person", "flow", "personFlow", "route", "routeDistribution",
 )  # fmt: skip
-"""Contents of additional files that are used; detectors and outputs are left out."""
+_OTHERS: Final = (
+    "vType", "vTypeDistribution", "busStop", "trainStop", "parkingArea", "tlLogic", "WAUT",
+    "wautJunction", "rerouter",
+)  # fmt: skip
+"""What is used beside the demand: neither detectors nor outputs."""
+_USUAL_TYPES: Final = {
+    "DEFAULT_VEHTYPE": "passenger", "DEFAULT_TAXITYPE": "taxi",
+    "DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian",
+}  # fmt: skip
+"""Classes of SUMO's own types."""
 _NOT_ON_ROADS: Final = (
     "tram", "rail", "rail_urban", "rail_electric", "rail_fast", "subway", "cable_car",
     "ship", "aircraft", "drone",
 )  # fmt: skip
-_FLOW_STEP_S: Final = 60.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SumoScenario:
-    """A network and its demand; elements are those of the files, in their order."""
+    """A network and its demand."""
 
     name: str
-    """Name of its folder."""
+    """See ``city_name``."""
     net_file: Path
     net: SumoNet
-    types: tuple[etree._Element, ...]
-    """Types of vehicles and persons, and distributions of them."""
-    files: tuple[tuple[etree._Element, ...], ...]
-    """Elements of each additional file and each route file, types left out."""
-    departures_s: Float[np.ndarray, "D"]
-    """Sorted times of departures; of flows, a time each minute."""
-    options: tuple[str, ...]
-    """Options of its configuration that concern routing and the amount of traffic."""
+    files: tuple[etree._Element, ...]
+    """What is used of additional files and route files, after SUMO's own types."""
+    span_s: tuple[float, float]
+    """First and last departure."""
 
-    def write(self, folder: Path, net_name: str) -> list[str]:
-        """Write the network, unpacked, and the other files; returns their names."""
-        (folder / net_name).write_bytes(read_unpacked(self.net_file)[0])
-        names = []
-        for number, elements in enumerate(self.files):
-            root = etree.Element("additional")
-            root.extend(elements)
-            names.append(f"scenario{number}.add.xml")
-            (folder / names[-1]).write_bytes(etree.tostring(root))
-        return names
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each of signals and footways that the network lacks."""
+        walks = any(lane.is_sidewalk for lane in self.net.lanes.values())
+        lacks = {"signals": self.net.has_signals, "footways": walks}
+        return tuple(f"{self.name} has no {k}." for k, has in lacks.items() if not has)
+
+
+def city_name(folder: Path) -> str:
+    """Name of a scenario's folder, with characters that may stand in names of files."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", os.path.basename(os.path.realpath(folder)))
 
 
 def read_sumo_scenario(folder: Path) -> SumoScenario:
@@ -66,93 +69,74 @@ def read_sumo_scenario(folder: Path) -> SumoScenario:
         InputError: a file is missing or damaged, or names an edge that does not exist.
         SynthesisError: nobody departs.
     """
-    config, root = _config(folder)
-    net_file = _files(config, root, "net-file", "net", "n")[0]
+    net_file, *paths = _named_files(folder)
     net = read_sumo_net(net_file)
-    types: list[etree._Element] = []
-    files: list[tuple[etree._Element, ...]] = []
-    departures: list[float] = []
-    for path in _demand_files(config, root):
-        found, used = parse_xml(path, None)[0], []
-        for one in found.iterchildren(etree.Element):
-            if one.tag in _TYPES:
-                types.append(one)
-            elif one.tag in (*_TRAVELLERS, *_FLOWS, *_ROUTES):
+    roots = [parse_xml(path, None)[0] for path in paths]
+    types = {one.get("id"): one for root in roots for one in root.iter("vType")}
+    usual = etree.Element("additional")
+    for name, vehicle_class in _USUAL_TYPES.items():
+        if name not in types:
+            added(usual, "vType", id=name, vClass=vehicle_class)
+    rails = {k for k, one in types.items() if one.get("vClass") in _NOT_ON_ROADS}
+    times: list[float] = []
+    for path, root in zip(paths, roots, strict=True):
+        for one in root.xpath("//param[contains(@key, 'file')]"):
+            # SUMO would write the file.
+            one.getparent().remove(one)
+        for one in list(root):
+            if one.tag not in (*_DEMAND, *_OTHERS) or one.get("type") in rails:
+                root.remove(one)
+            elif one.tag in _DEMAND:
                 _check_edges(Place(path, one), net, net_file)
-                departures += _departures(one)
-                used.append(one)
-            elif one.tag in _PLACES:
-                used.append(one)
-        files.append(tuple(used))
-    if not departures:
+                times += map(_seconds, map(one.get, ("depart", "begin", "end")))
+            if one.tag == "personFlow":
+                # SUMO's saved states lack flows of persons.
+                root.remove(one)
+                root.extend(_persons(Place(path, one)))
+    times = [one for one in times if np.isfinite(one)]
+    if not times:
         raise SynthesisError(
-            f"{config}: has no demand; expected route files in which somebody departs."
+            f"{folder}: has no demand; expected route files in which somebody departs."
         )
-    rails = {
-        one.get("id")
-        for part in types
-        for one in part.iter("vType")
-        if one.get("vClass") in _NOT_ON_ROADS
-    }
     return SumoScenario(
-        name=folder.resolve().name,
+        name=city_name(folder),
         net_file=net_file,
         net=net,
-        types=tuple(types),
-        files=tuple(
-            tuple(one for one in part if one.get("type") not in rails) for part in files
-        ),
-        departures_s=np.sort(departures),
-        options=tuple(
-            text
-            for one in root.iter(etree.Element)
-            if one.tag == "scale"
-            or (one.tag.startswith("device.rerouting.") and "output" not in one.tag)
-            for text in (f"--{one.tag}", one.get("value") or "")
-        ),
+        files=(usual, *roots),
+        span_s=(min(times), max(times)),
     )
 
 
-def _config(folder: Path) -> tuple[Path, etree._Element]:
-    """The configuration without missing files that names most files of demand."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: is no folder; expected one with a SUMO scenario.")
-    paths = sorted(p for p in folder.iterdir() if p.name.endswith(CONFIG_ENDINGS))
-    best: tuple[int, Path, etree._Element] | None = None
-    failure = InputError(
-        f"{folder}: has no *.sumocfg; expected one that names a network and demand."
-    )
-    for path in paths:
-        try:
-            root = parse_xml(path, None)[0]
-            if not _files(path, root, "net-file", "net", "n"):
-                raise InputError(f"{path}: names no net-file; expected a SUMO network.")
-            count = len(_demand_files(path, root))
-        except InputError as error:
-            failure = error
-            continue
-        if best is None or count > best[0]:
-            best = count, path, root
-    if best is None:
-        raise failure
-    return best[1:]
-
-
-def _demand_files(config: Path, root: etree._Element) -> list[Path]:
-    """Additional files, which routes may refer to, then route files."""
-    return [
-        *_files(config, root, "additional-files", "additional", "a"),
-        *_files(config, root, "route-files", "routes", "r"),
-    ]
-
-
-def _files(config: Path, root: etree._Element, *options: str) -> list[Path]:
-    named = ",".join(one.get("value") or "" for one in root.iter(*options))
-    paths = [config.parent / name.strip() for name in named.split(",") if name.strip()]
-    for path in paths:
-        if not path.is_file():
-            raise InputError(f"{config}: names the file {path.name}, which is missing.")
-    return paths
+def _named_files(folder: Path) -> list[Path]:
+    """Network and files of demand of the configuration that has most, none missing."""
+    found: list[Path] = []
+    failure: InputError | None = None
+    try:
+        configs = [one for one in sorted(os.listdir(folder)) if one.endswith(_CONFIGS)]
+    except OSError as error:
+        raise InputError(
+            f"{folder}: is no folder that can be read ({error})."
+        ) from error
+    for config in (folder / name for name in configs):
+        root = parse_xml(config, None)[0]
+        names = [
+            name.strip()
+            for tag in _FILES
+            for one in root.iter(tag)
+            for name in (one.get("value") or "").split(",")
+            if name.strip()
+        ]
+        missing = [name for name in names if not os.path.isfile(folder / name)]
+        if missing or root.find(f".//{_FILES[0]}") is None:
+            what = f"{missing[0]}, which is missing" if missing else "no net-file"
+            failure = InputError(f"{config}: names {what}; expected a SUMO network.")
+        elif len(names) > len(found):
+            found = [folder / name for name in names]
+    if not found:
+        raise failure or InputError(
+            f"{folder}: has no *.sumocfg; expected one that names a network and demand."
+        )
+    return found
 
 
 def _check_edges(place: Place, net: SumoNet, net_file: Path) -> None:
@@ -165,25 +149,33 @@ def _check_edges(place: Place, net: SumoNet, net_file: Path) -> None:
                     )
 
 
-def _departures(one: etree._Element) -> Iterator[float]:
-    if one.tag in _TRAVELLERS:
-        yield from _seconds(one.get("depart"))
-    elif one.tag in _FLOWS:
-        begin, end = (list(_seconds(one.get(key))) for key in ("begin", "end"))
-        if begin:
-            last = max(end[0] if end else begin[0], begin[0])
-            yield from np.arange(begin[0], last + _FLOW_STEP_S, _FLOW_STEP_S).tolist()
-
-
-def _seconds(text: str | None) -> Iterator[float]:
-    """A time such as 3600.0, 01:00:00 or 0:01:00:00; none if it is no number."""
-    try:
-        parts = [float(part) for part in (text or "").split(":")]
-    except ValueError:
+def _persons(flow: Place) -> Iterator[etree._Element]:
+    """Persons of a flow, at equal intervals; none of a flow that does not end."""
+    told = flow.element.attrib
+    begin, end = _seconds(told.get("begin", "0")), _seconds(told.get("end"))
+    if not np.isfinite(end - begin):
         return
-    value = sum(
-        part * unit
-        for part, unit in zip(parts[::-1], (1, 60, 3600, 86400), strict=False)
-    )
-    if np.isfinite(value):
-        yield value
+    random = re.fullmatch(r"exp\((\d*\.?\d+)\)", told.get("period", ""))
+    if random is None and "period" in told:
+        step = flow.number("period")
+    else:
+        of_rate = {"perHour": 3600.0, "probability": 1.0, "number": end - begin}
+        key = next((one for one in of_rate if one in told), "period")
+        rate = float(random[1]) if random else flow.number(key) / of_rate[key]
+        step = 1.0 / max(rate, 1e-6)
+    kept = {key: told[key] for key in ("type", "departPos") if key in told}
+    for row, depart in enumerate(np.arange(begin, end, max(step, 0.1)).tolist()):
+        person = etree.Element(
+            "person", kept, id=f"{told['id']}.{row}", depart=f"{depart}"
+        )
+        person.extend(map(deepcopy, flow.element))
+        yield person
+
+
+def _seconds(text: str | None) -> float:
+    """A time such as 3600.0, 01:00:00 or 0:01:00:00; NaN if it is none."""
+    parts = re.fullmatch(r"(?:(?:(\d+):)?(\d+):(\d+):)?(\d+(?:\.\d*)?)", text or "")
+    if parts is None:
+        return np.nan
+    days, hours, minutes, seconds = (float(part or 0) for part in parts.groups())
+    return ((days * 24 + hours) * 60 + minutes) * 60 + seconds

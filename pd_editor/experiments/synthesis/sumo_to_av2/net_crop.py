@@ -1,6 +1,5 @@
 """Crops SUMO nets to a square, for maps of places in large cities."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -18,24 +17,15 @@ def cropped_net(
         low, high = points_m.min(axis=0) - center_m, points_m.max(axis=0) - center_m
         return bool((low < reach_m).all() and (high > -reach_m).all())
 
-    def near(
-        areas: Iterable[Float[np.ndarray, "_ 2"]],
-    ) -> tuple[Float[np.ndarray, "_ 2"], ...]:
-        return tuple(area for area in areas if is_near(area))
-
     edges = {lane.edge for lane in net.lanes.values() if is_near(lane.shape_m)}
     lanes = {name: lane for name, lane in net.lanes.items() if lane.edge in edges}
     return replace(
         net,
         lanes=lanes,
-        links=tuple(one for one in net.links if one[0] in lanes and one[1] in lanes),
+        links=tuple(one for one in net.links if lanes.keys() >= set(one)),
         junction_of={k: ends for k, ends in net.junction_of.items() if k in edges},
-        junction_areas_m={
-            name: area for name, area in net.junction_areas_m.items() if is_near(area)
-        },
-        walking_areas_m=near(net.walking_areas_m),
+        junction_areas_m={k: a for k, a in net.junction_areas_m.items() if is_near(a)},
+        walking_areas_m=tuple(area for area in net.walking_areas_m if is_near(area)),
         crossings=tuple(one for one in net.crossings if is_near(one[0])),
-        turns=tuple(
-            one for one in net.turns if one.start in lanes and one.end in lanes
-        ),
+        turns=tuple(one for one in net.turns if lanes.keys() >= {one.start, one.end}),
     )

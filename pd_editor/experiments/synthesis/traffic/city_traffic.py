@@ -1,7 +1,7 @@
 """Simulates a time and a place of a SUMO scenario with counted demand."""
 
 import tempfile
-from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -36,8 +36,10 @@ from pd_editor.experiments.synthesis.traffic.demand_config import (
     ParkingOptions,
 )
 from pd_editor.experiments.synthesis.traffic.simulation import (
+    PERSONS_NAME,
     ROADS_NAME,
     STEP_S,
+    VEHICLES_NAME,
     WARM_UP_S,
     finished_recording,
     run_traffic,
@@ -51,26 +53,18 @@ from pd_editor.experiments.synthesis.traffic.vehicle_types import (
     sample_vehicle_type,
 )
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.packed_file import read_unpacked
 
 FILL_S: Final = 600.0
 """Time in which the empty network is filled, in long steps; it is discarded."""
-_STATE_NAME: Final = "state.xml.gz"
-_REACTION: Final = "--default.action-step-length 0.3"
-"""Drivers decide less often than states are recorded, which halves the time."""
+FILL_STEP_S: Final = 1.0
 REACH_M: Final = 700.0
 """Half of the side of the square that is recorded about a place with traffic."""
-TYPES_PER_TYPE: Final = 24
-"""Sampled drivers and vehicles in place of one type of the files."""
+DRIVERS_PER_TYPE: Final = 24
+_STATE_NAME: Final = "state.xml.gz"
+_OUTPUTS_NAME: Final = "outputs.add.xml"
 _OPTIONS: Final = DemandOptions(parking=ParkingOptions(kerb_share=0.0))
 """Files say where there is room to park: rows along other kerbs are not invented."""
-_ON_FOOT: Final = "pedestrian"
-_USUAL_TYPES: Final = {
-    "DEFAULT_VEHTYPE": "passenger",
-    "DEFAULT_TAXITYPE": "taxi",
-    "DEFAULT_BIKETYPE": "bicycle",
-    "DEFAULT_PEDTYPE": _ON_FOOT,
-}
-"""Classes of SUMO's own types."""
 _LIKE: Final = {
     "moped": "motorcycle", "coach": "bus", "trailer": "truck", "emergency": "delivery",
 }  # fmt: skip
@@ -89,99 +83,99 @@ def simulate_city(folder: Path, seed: int, *, duration_s: float = 160.0) -> Reco
     """
     scenario = read_sumo_scenario(folder)
     random = np.random.default_rng([seed, crc32(scenario.name.encode())])
-    begin_s = _begin_s(scenario, duration_s, random)
-    num_steps = round(duration_s / STEP_S)
+    first, last = scenario.span_s
+    latest = max(last - duration_s - WARM_UP_S, first)
+    begin_s = float(np.rint(random.uniform(min(first + FILL_S, latest), latest)))
+    first_s, num_steps = begin_s + WARM_UP_S, round(duration_s / STEP_S)
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
-        raw, types = _simulated(scenario, work, seed, begin_s, duration_s, random)
-        center = _place(scenario, raw, types, random)
+        types, options = _write_files(scenario, work, random)
+        fill = (
+            f"{options} --save-state.times {begin_s} --save-state.files {_STATE_NAME}"
+        )
+        span_s = begin_s - FILL_S, begin_s + FILL_STEP_S
+        run_traffic(work, seed, fill, span_s, recorded_s=begin_s, step_s=FILL_STEP_S)
+        filled = read_raw_tracks((work / VEHICLES_NAME,), FILL_STEP_S).front_m
+        if not len(filled):
+            raise SynthesisError(f"{folder}: nobody drives at {begin_s:.0f} s.")
+        center = random.choice(filled)
         network = _network(scenario, work, center, random)
+        _write_outputs(work, center)
+        drive = f"{options},{_OUTPUTS_NAME} --load-state {_STATE_NAME}"
+        drive += " --fcd-output.filter-shapes square"
+        span_s = begin_s, first_s + duration_s
+        run_traffic(work, seed, drive, span_s, recorded_s=first_s)
+        raw = read_raw_tracks((work / VEHICLES_NAME, work / PERSONS_NAME), STEP_S)
         signals = read_signals(
             work / STATES_NAME,
             network.net_file,
             network.road_map,
             network.lane_of_sumo,
-            first_s=begin_s + WARM_UP_S,
+            first_s=first_s,
             num_steps=num_steps,
             step_s=STEP_S,
         )
-    raw = raw.taken((np.abs(raw.front_m - center) < REACH_M).all(axis=1))
-    type_of = {one: types[kind] for one, kind in raw.type_of.items()}
-    tracks = traffic_tracks(raw, type_of, STEP_S)
+    type_of = {name: types[kind] for name, kind in raw.type_of.items()}
+    raw = raw.shifted(round(first_s / STEP_S))
+    tracks = traffic_tracks(raw.taken(~_rides(raw, type_of)), type_of, STEP_S)
     made = finished_recording(network, seed, tracks, _OPTIONS, num_steps, random)
     return replace(made, signals=signals)
 
 
-def _begin_s(
-    scenario: SumoScenario, duration_s: float, random: np.random.Generator
-) -> float:
-    """A time at which somebody departs, if possible in a filled network."""
-    first, last = scenario.departures_s[[0, -1]]
-    latest = max(last - duration_s - WARM_UP_S, first)
-    earliest = min(first + FILL_S, latest)
-    times = np.clip(scenario.departures_s, earliest, latest)
-    return float(np.rint(random.choice(np.unique(times))))
+def _write_files(
+    scenario: SumoScenario, folder: Path, random: np.random.Generator
+) -> tuple[dict[str, SampledType], str]:
+    """Write network and demand, with types of our own in place of those of the files.
 
-
-def _simulated(
-    scenario: SumoScenario,
-    folder: Path,
-    seed: int,
-    begin_s: float,
-    duration_s: float,
-    random: np.random.Generator,
-) -> tuple[RawTracks, dict[str, SampledType]]:
-    """States from the beginning on, and the types of all road users."""
-    types, root = _sampled_types(scenario, random)
-    (folder / "types.add.xml").write_bytes(etree.tostring(root))
-    names = scenario.write(folder, "net.net.xml")
+    Returns the types, and SUMO's option with the names of the files.
+    """
+    (folder / "net.net.xml").write_bytes(read_unpacked(scenario.net_file)[0])
     write_with_curve_speeds(folder / "net.net.xml", folder / ROADS_NAME)
-    lights = ElementTree.parse(folder / ROADS_NAME).iter("tlLogic")
-    outputs = ElementTree.Element("additional")
-    outputs.extend(state_outputs({one.attrib["id"]: None for one in lights}))
-    ElementTree.ElementTree(outputs).write(folder / "signals.add.xml")
-    files = ",".join(["types.add.xml", *names, "signals.add.xml"])
-    options = f"--additional-files {files} {' '.join(scenario.options)}"
-    fill = f"{options} --save-state.times {begin_s} --save-state.files {_STATE_NAME}"
-    span_s = begin_s - FILL_S, begin_s + 1.0
-    run_traffic(folder, seed, fill, span_s, is_recorded=False)
-    first_s = begin_s + WARM_UP_S
-    drive = f"{options} --load-state {_STATE_NAME} {_REACTION}"
-    run_traffic(folder, seed, drive, (begin_s, first_s + duration_s))
-    raw = read_raw_tracks(
-        (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
-    ).shifted(round(first_s / STEP_S))
-    return raw.taken(~_rides(raw, _walks(raw, types))), types
+    types: dict[str, SampledType] = {}
+    names = []
+    for number, root in enumerate(map(deepcopy, scenario.files)):
+        for told in list(root.iter("vType")):
+            name, choice = told.get("id", ""), told.getparent()
+            if choice.tag != "vTypeDistribution":
+                choice = etree.Element("vTypeDistribution", id=name)
+                told.getparent().replace(told, choice)
+            for row in range(DRIVERS_PER_TYPE):
+                one = _sampled_type(f"{name}:{row}", told, random)
+                types[one.type_id] = one
+                chance = told.get("probability", "1")
+                etree.SubElement(
+                    choice, "vType", one.element.attrib, probability=chance
+                )
+            if told.getparent() is choice:
+                choice.remove(told)
+        names.append(f"demand{number}.add.xml")
+        (folder / names[-1]).write_bytes(etree.tostring(root))
+    return types, f"--additional-files {','.join(names)}"
 
 
-def _rides(raw: RawTracks, walks: Bool[np.ndarray, "A"]) -> Bool[np.ndarray, "P"]:
-    """Which states are those of persons in vehicles, whose positions they have."""
-    place = np.column_stack([raw.step, np.rint(100.0 * raw.front_m)])
-    _, at = np.unique(place, axis=0, return_inverse=True)
-    on_foot = walks[raw.agent]
-    has_vehicle = np.zeros(len(place), bool)
-    has_vehicle[at[~on_foot]] = True
-    return on_foot & has_vehicle[at]
+def _sampled_type(
+    type_id: str, told: etree._Element, random: np.random.Generator
+) -> SampledType:
+    """Sample a driver and vehicle that are like a type of a file."""
+    vehicle_class = told.get("vClass", "passenger")
+    if vehicle_class == "pedestrian":
+        return sample_pedestrian_type(type_id, random)
+    like = _LIKE.get(vehicle_class, vehicle_class)
+    if all(one.sumo_class != like for one in MODELS):
+        like = "passenger"
+    models = [one for one in MODELS if one.sumo_class == like]
+    if "length" in told.attrib:
+        length = float(told.attrib["length"])
 
+        def apart(model: VehicleModel) -> float:
+            return abs(model.length_m[0] - length)
 
-def _place(
-    scenario: SumoScenario,
-    raw: RawTracks,
-    types: Mapping[str, SampledType],
-    random: np.random.Generator,
-) -> Float[np.ndarray, "2"]:
-    """A place with traffic."""
-    drives = np.flatnonzero(~_walks(raw, types)[raw.agent])
-    if not len(drives):
-        raise SynthesisError(
-            f"{scenario.net_file}: nobody drives there; expected demand for it."
-        )
-    return raw.front_m[random.choice(drives)]
-
-
-def _walks(raw: RawTracks, types: Mapping[str, SampledType]) -> Bool[np.ndarray, "A"]:
-    kinds = [types[raw.type_of[one]].kind for one in raw.names]
-    return np.array([one is AgentKind.PEDESTRIAN for one in kinds], bool)
+        nearest = min(models, key=apart)
+        models = [nearest if apart(nearest) < _FAR_M else min(MODELS, key=apart)]
+    shares = np.array([_OPTIONS.shares[one.name] for one in models])
+    model = models[random.choice(len(models), p=shares / shares.sum())]
+    model = replace(model, sumo_class=vehicle_class)
+    return sample_vehicle_type(type_id, model, _OPTIONS, random)
 
 
 def _network(
@@ -205,74 +199,21 @@ def _network(
     )
 
 
-def _sampled_types(
-    scenario: SumoScenario, random: np.random.Generator
-) -> tuple[dict[str, SampledType], etree._Element]:
-    """Types in place of those of the files, and distributions of them by the old names."""
-    sampled: dict[str, SampledType] = {}
-    root = etree.Element("additional")
-    told = {
-        one.get("id", ""): one for part in scenario.types for one in part.iter("vType")
-    }
-    usual = {
-        name: etree.Element("vType", id=name, vClass=vehicle_class)
-        for name, vehicle_class in _USUAL_TYPES.items()
-    }
-    drawn: dict[str, list[str]] = {}
-    for name, one in {**usual, **told}.items():
-        drawn[name] = [f"{name}:{number}" for number in range(TYPES_PER_TYPE)]
-        for type_id in drawn[name]:
-            sampled[type_id] = _sampled_type(type_id, one, random)
-            root.append(etree.Element("vType", sampled[type_id].element.attrib))
-    shares = {name: {name: 1.0} for name in drawn}
-    shares |= {
-        part.get("id", ""): _shares(part)
-        for part in scenario.types
-        if part.tag == "vTypeDistribution"
-    }
-    for name, parts in shares.items():
-        ids = [type_id for part in parts for type_id in drawn.get(part, [part])]
-        chance = [
-            f"{share / TYPES_PER_TYPE:.6f}"
-            for part, share in parts.items()
-            for _ in drawn.get(part, [part])
-        ]
-        etree.SubElement(
-            root, "vTypeDistribution",
-            id=name, vTypes=" ".join(ids), probabilities=" ".join(chance),
-        )  # fmt: skip
-    return sampled, root
+def _write_outputs(folder: Path, center_m: Float[np.ndarray, "2"]) -> None:
+    """Have SUMO write the states of signals, and know the square that is recorded."""
+    root = ElementTree.Element("additional")
+    lights = ElementTree.parse(folder / ROADS_NAME).iter("tlLogic")
+    root.extend(state_outputs(dict.fromkeys(one.attrib["id"] for one in lights)))
+    corners = center_m + REACH_M * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in corners)
+    ElementTree.SubElement(root, "poly", id="square", shape=shape, color="red")
+    ElementTree.ElementTree(root).write(folder / _OUTPUTS_NAME)
 
 
-def _shares(distribution: etree._Element) -> dict[str, float]:
-    """Probability of each type of a distribution, whose types are inside or named."""
-    named = (distribution.get("vTypes") or "").split()
-    chances = (distribution.get("probabilities") or "1 " * len(named)).split()
-    inside = distribution.findall("vType")
-    named += [one.get("id", "") for one in inside]
-    chances += [one.get("probability", "1") for one in inside]
-    return dict(zip(named, map(float, chances), strict=False))
-
-
-def _sampled_type(
-    type_id: str, told: etree._Element, random: np.random.Generator
-) -> SampledType:
-    """Sample a driver and vehicle that are like a type of a file."""
-    vehicle_class = told.get("vClass", "passenger")
-    if vehicle_class == _ON_FOOT:
-        return sample_pedestrian_type(type_id, random)
-    like = _LIKE.get(vehicle_class, vehicle_class)
-    models = [one for one in MODELS if one.sumo_class == like]
-    models = models or [one for one in MODELS if one.sumo_class == "passenger"]
-    if "length" in told.attrib:
-        length = float(told.attrib["length"])
-
-        def apart(model: VehicleModel) -> float:
-            return abs(model.length_m[0] - length)
-
-        nearest = min(models, key=apart)
-        models = [nearest if apart(nearest) < _FAR_M else min(MODELS, key=apart)]
-    shares = np.array([_OPTIONS.shares[one.name] for one in models])
-    model = models[random.choice(len(models), p=shares / shares.sum())]
-    model = replace(model, sumo_class=vehicle_class)
-    return sample_vehicle_type(type_id, model, _OPTIONS, random)
+def _rides(raw: RawTracks, types: dict[str, SampledType]) -> Bool[np.ndarray, "P"]:
+    """Which states are those of persons in vehicles, whose positions they have."""
+    walks = [types[one].kind is AgentKind.PEDESTRIAN for one in raw.names]
+    on_foot = np.array(walks, bool)[raw.agent]
+    place = np.rint(100.0 * raw.front_m).astype(int)
+    key = (raw.step * 2**24 + place[:, 0]) * 2**24 + place[:, 1]
+    return on_foot & np.isin(key, key[~on_foot])

@@ -50,6 +50,8 @@ WARM_UP_S: Final = 20.0
 
 ROADS_NAME: Final = "roads.net.xml"
 """Name of the network that SUMO simulates."""
+VEHICLES_NAME: Final = "vehicles.parquet"
+PERSONS_NAME: Final = "persons.parquet"
 
 LATERAL_RESOLUTION_M: Final = 0.6
 """Lateral resolution of SUMO's sublane model."""
@@ -134,9 +136,7 @@ def _traffic(
         write_with_curve_speeds(network.net_file, folder / ROADS_NAME)
         files = "--route-files trips.rou.xml --additional-files signals.add.xml"
         run_traffic(folder, seed, files, (0.0, end_s))
-        raw = read_raw_tracks(
-            (folder / "vehicles.parquet", folder / "persons.parquet"), STEP_S
-        )
+        raw = read_raw_tracks((folder / VEHICLES_NAME, folder / PERSONS_NAME), STEP_S)
         signals = read_signals(
             folder / STATES_NAME,
             network.net_file,
@@ -166,31 +166,30 @@ def run_traffic(
     options: str,
     span_s: tuple[float, float],
     *,
-    is_recorded: bool = True,
+    recorded_s: float = WARM_UP_S,
+    step_s: float = STEP_S,
 ) -> None:
     """Simulate a span of time on ``ROADS_NAME``, with further options of SUMO.
 
-    States after the warm-up are in ``vehicles.parquet`` and ``persons.parquet``. What is
-    not recorded is simulated in long steps.
+    States from ``recorded_s`` on are in ``VEHICLES_NAME`` and ``PERSONS_NAME``. In longer
+    steps, vehicles keep to the middle of their lanes.
 
     Raises:
         SynthesisError: SUMO is missing, or refused a file.
     """
-    files = f"--net-file {ROADS_NAME} {options}"
-    clock = f"--begin {span_s[0]} --end {span_s[1]}"
-    model = f"--seed {seed % 2**31} --pedestrian.striping.stripe-width 0.5"
-    if is_recorded:
-        files += " --fcd-output vehicles.parquet"
-        files += " --person-fcd-output persons.parquet"
-        files += " --fcd-output.attributes id,x,y,angle,type"
-        clock += f" --step-length {STEP_S} --device.fcd.begin {span_s[0] + WARM_UP_S}"
-        model += f" --lateral-resolution {LATERAL_RESOLUTION_M}"
+    files = f"--net-file {ROADS_NAME} --fcd-output {VEHICLES_NAME}"
+    files += f" --person-fcd-output {PERSONS_NAME}"
+    files += " --fcd-output.attributes id,x,y,angle,type"
+    clock = f"--step-length {step_s} --device.fcd.begin {recorded_s}"
+    clock += f" --begin {span_s[0]} --end {span_s[1]}"
+    model = f"--lateral-resolution {LATERAL_RESOLUTION_M if step_s == STEP_S else 0}"
+    model += f" --seed {seed % 2**31} --pedestrian.striping.stripe-width 0.5"
     rules = f"--time-to-teleport {JAM_S} --time-to-teleport.remove true"
     rules += " --collision.action none --intermodal-collision.action none"
     rules += " --max-depart-delay 15 --ignore-route-errors true"
     quiet = "--no-step-log true --no-warnings true --duration-log.disable true"
     quiet += " --xml-validation never"
-    arguments = f"{files} {clock} {model} {rules} {quiet}".split()
+    arguments = f"{files} {options} {clock} {model} {rules} {quiet}".split()
     run_sumo_tool("sumo", arguments, folder, limit_s=SIMULATION_LIMIT_S)
 
 

@@ -21,7 +21,12 @@ from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.av2_io.read import read_scenario
 from tests.experiments.recordings.recordings import drive
 from tests.experiments.synthesis.serial_engine import SerialEngine
+from tests.experiments.synthesis.small_city import small_city
 
+TRIPS = """<routes>
+  <flow id="a" type="private" begin="0" end="900" period="5" from="wc" to="ce"/>
+  <flow id="b" begin="0" end="900" period="5" from="ec" to="cn"/>
+</routes>"""
 TWO = DatasetPlan(num=5, seed=7, families=("grid", "town"), as_shards=True)
 
 
@@ -158,6 +163,12 @@ def test_bad_wishes_are_refused(tmp_path: Path):
     ):
         with pytest.raises(InputError, match=sentence):
             DatasetPlan(**{"num": 5, "seed": 0, **wish})
+    for wish in ({"families": ("grid",), "maps": (tmp_path,)}, {"maps": (tmp_path,)}):
+        with pytest.raises(InputError, match="exclude each other"):
+            DatasetPlan(num=5, seed=0, networks=(tmp_path / "a",), **wish)
+    twins = tmp_path / "a" / "town", tmp_path / "b" / "town"
+    with pytest.raises(InputError, match=r"Two folders .* equal names"):
+        DatasetPlan(num=5, seed=0, networks=twins)
     plan = DatasetPlan(num=2, seed=0, maps=(tmp_path,))
     with pytest.raises(InputError, match="no Argoverse 2 scenario"):
         build(plan, tmp_path / "set")
@@ -177,6 +188,25 @@ def test_folders_are_guarded(drives: list[str], tmp_path: Path):
         build(plan, tmp_path / "mine", resume=True)
     with pytest.raises(ExportError, match="cannot be written"):
         build(plan, tmp_path / "mine" / "letter.txt" / "deeper")
+
+
+def test_cities_of_others_are_driven_in(tmp_path: Path):
+    one = small_city(tmp_path / "north-side", signals=False)
+    other = small_city(tmp_path / "south.side", footways=False, demand=TRIPS)
+    plan = DatasetPlan(num=4, seed=1, networks=(one, other), as_shards=True)
+    record = build(plan, tmp_path / "set")
+    assert record.num_windows == 4
+    assert record.notes == ("north-side has no signals.", "south-side has no footways.")
+    manifest = json.loads((tmp_path / "set" / "manifest.json").read_text())
+    assert manifest["families"] == ["north-side", "south-side"]
+    assert set(manifest["networks"]) == {"north-side-00000", "south-side-00001"}
+    reader = ShardReader(tmp_path / "set")
+    scenes = [reader.window(index) for index in range(len(reader))]
+    assert {one.city for one in scenes} == {"north-side", "south-side"}
+    assert any(one.signals for one in scenes if one.city == "south-side")
+    (other / "demand.rou.xml").unlink()
+    with pytest.raises(InputError, match=r"demand.rou.xml, which is missing"):
+        build(plan, tmp_path / "again")
 
 
 @pytest.mark.real_data
