@@ -75,9 +75,9 @@ class DatasetPlan:
     def __post_init__(self) -> None:
         for root in (*self.maps, *self.networks):
             check_path(root)
-        if sum(map(bool, (self.families, self.maps, self.networks))) > 1:
+        if self.networks and (self.families or self.maps):
             raise InputError(
-                "--families, --maps and --networks exclude each other; choose one."
+                "--networks excludes --families and --maps; leave out one of them."
             )
         if len(set(self.cities)) < len(self.cities):
             raise InputError("Two folders of --networks have equal names; rename one.")

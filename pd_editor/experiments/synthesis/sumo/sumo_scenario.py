@@ -78,8 +78,11 @@ def read_sumo_scenario(folder: Path) -> SumoScenario:
         if name not in types:
             added(usual, "vType", id=name, vClass=vehicle_class)
     rails = {k for k, one in types.items() if one.get("vClass") in _NOT_ON_ROADS}
+    rails.add("DEFAULT_RAILTYPE")
     times: list[float] = []
     for path, root in zip(paths, roots, strict=True):
+        for one in root.xpath("//vType[@length]"):
+            Place(path, one).number("length")
         for one in root.xpath("//param[contains(@key, 'file')]"):
             # SUMO would write the file.
             one.getparent().remove(one)

@@ -54,6 +54,7 @@ from pd_editor.experiments.synthesis.traffic.vehicle_types import (
 )
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.packed_file import read_unpacked
+from pd_editor.scene.formats.xml_file import added
 
 FILL_S: Final = 600.0
 """Time in which the empty network is filled, in long steps; it is discarded."""
@@ -84,16 +85,15 @@ def simulate_city(folder: Path, seed: int, *, duration_s: float = 160.0) -> Reco
     scenario = read_sumo_scenario(folder)
     random = np.random.default_rng([seed, crc32(scenario.name.encode())])
     first, last = scenario.span_s
-    latest = max(last - duration_s - WARM_UP_S, first)
+    latest = max(last - duration_s - WARM_UP_S, (first + last) / 2)
     begin_s = float(np.rint(random.uniform(min(first + FILL_S, latest), latest)))
     first_s, num_steps = begin_s + WARM_UP_S, round(duration_s / STEP_S)
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         types, options = _write_files(scenario, work, random)
-        fill = (
-            f"{options} --save-state.times {begin_s} --save-state.files {_STATE_NAME}"
-        )
-        span_s = begin_s - FILL_S, begin_s + FILL_STEP_S
+        fill = f"{options} --save-state.times {begin_s}"
+        fill += f" --save-state.files {_STATE_NAME}"
+        span_s = max(begin_s - FILL_S, first), begin_s + FILL_STEP_S
         run_traffic(work, seed, fill, span_s, recorded_s=begin_s, step_s=FILL_STEP_S)
         filled = read_raw_tracks((work / VEHICLES_NAME,), FILL_STEP_S).front_m
         if not len(filled):
@@ -142,10 +142,8 @@ def _write_files(
             for row in range(DRIVERS_PER_TYPE):
                 one = _sampled_type(f"{name}:{row}", told, random)
                 types[one.type_id] = one
-                chance = told.get("probability", "1")
-                etree.SubElement(
-                    choice, "vType", one.element.attrib, probability=chance
-                )
+                share = told.get("probability", "1")
+                added(choice, "vType", **one.element.attrib, probability=share)
             if told.getparent() is choice:
                 choice.remove(told)
         names.append(f"demand{number}.add.xml")

@@ -92,6 +92,8 @@ def test_bad_scenarios_are_refused_in_a_sentence(city: Path):
     refused(
         city, InputError, r"demand.rou.xml, line 2: <flow> cars names the edge moon"
     )
+    demand.write_text('<routes><vType id="t" length="long"/></routes>')
+    refused(city, InputError, "<vType> t needs a finite number for length, not 'long'")
     demand.write_text("<routes/>")
     refused(city, SynthesisError, "has no demand; expected route files")
     demand.write_text("<routes")

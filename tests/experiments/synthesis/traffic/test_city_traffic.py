@@ -119,6 +119,13 @@ def test_demand_of_people_alone_is_refused(tmp_path: Path):
         simulate_city(city, 1, duration_s=10.0)
 
 
+def test_demand_of_a_minute_is_enough(tmp_path: Path):
+    cars = '<flow id="a" begin="0" end="60" period="3" from="wc" to="ce"/>'
+    city = small_city(tmp_path, f"<routes>{cars}</routes>")
+    recording = simulate_city(city, 1, duration_s=20.0)
+    assert not recording.is_parked.all()
+
+
 def test_a_crop_keeps_what_reaches_into_the_square(city: Path):
     net = read_sumo_scenario(city).net
     east = net.lanes["ce_0"].shape_m[-1]
