@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import pyarrow
 import pyarrow.parquet
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pd_editor.base.errors import SynthesisError
 from pd_editor.scene.formats.sumo_net import heading_of_sumo
@@ -38,22 +38,20 @@ class RawTracks:
 
     def shifted(self, steps: int) -> "RawTracks":
         """States from a step on, which becomes step 0."""
-        kept = self.taken(self.step >= steps)
-        return replace(kept, step=kept.step - steps)
-
-    def taken(self, wanted: Bool[np.ndarray, "P"]) -> "RawTracks":
-        """Select states by a mask."""
+        kept = self.step >= steps
         return replace(
             self,
-            agent=self.agent[wanted],
-            step=self.step[wanted],
-            front_m=self.front_m[wanted],
-            heading_rad=self.heading_rad[wanted],
+            agent=self.agent[kept],
+            step=self.step[kept] - steps,
+            front_m=self.front_m[kept],
+            heading_rad=self.heading_rad[kept],
         )
 
 
 def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
-    """Read SUMO's floating-car data in Parquet, of vehicles and persons.
+    """Read SUMO's floating-car data in Parquet, of vehicles, then of persons.
+
+    Persons in vehicles, which are where their vehicle is, are left out.
 
     Raises:
         SynthesisError: a file is missing or lacks a column.
@@ -61,6 +59,7 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
     names: list[np.ndarray] = []
     values: list[np.ndarray] = []
     type_of: dict[str, str] = {}
+    places = np.zeros(0, np.int64)
     for path in paths:
         if not os.path.exists(path):
             continue
@@ -79,13 +78,20 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
         there = columns["id"].is_valid().to_numpy()
         coded = columns["id"].combine_chunks().dictionary_encode()
         code = coded.indices.fill_null(0).to_numpy()[there]
-        names.append(np.array(coded.dictionary.to_pylist(), dtype=object)[code])
+        name = np.array(coded.dictionary.to_pylist(), dtype=object)[code]
         if "type" in columns:
             first = np.unique(code, return_index=True)[1]
             kinds = columns["type"].to_numpy()[there][first]
-            type_of |= zip(names[-1][first], kinds, strict=True)
-        kept = [columns[name].to_numpy()[there] for name in ("time", *_COLUMNS)]
-        values.append(np.column_stack(kept).astype(float))
+            type_of |= zip(name[first], kinds, strict=True)
+        kept = [columns[key].to_numpy()[there] for key in ("time", *_COLUMNS)]
+        rows = np.column_stack(kept).astype(float)
+        place = np.rint(100.0 * rows[:, :3]).astype(np.int64) @ (
+            1 << np.array([44, 22, 0])
+        )
+        alone = ~np.isin(place, places)
+        names.append(name[alone])
+        values.append(rows[alone])
+        places = place
     if not values or sum(len(part) for part in values) == 0:
         return _no_tracks()
     numbers = np.concatenate(values)

@@ -9,17 +9,13 @@ from xml.etree import ElementTree
 from zlib import crc32
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import SynthesisError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
-from pd_editor.experiments.synthesis.sumo.floating_car_data import (
-    RawTracks,
-    read_raw_tracks,
-)
 from pd_editor.experiments.synthesis.sumo.signal_states import (
     STATES_NAME,
     read_signals,
@@ -36,10 +32,7 @@ from pd_editor.experiments.synthesis.traffic.demand_config import (
     ParkingOptions,
 )
 from pd_editor.experiments.synthesis.traffic.simulation import (
-    PERSONS_NAME,
-    ROADS_NAME,
     STEP_S,
-    VEHICLES_NAME,
     WARM_UP_S,
     finished_recording,
     run_traffic,
@@ -52,27 +45,14 @@ from pd_editor.experiments.synthesis.traffic.vehicle_types import (
     sample_pedestrian_type,
     sample_vehicle_type,
 )
-from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.packed_file import read_unpacked
+from pd_editor.scene.formats.sumo_net import SumoNet
 from pd_editor.scene.formats.xml_file import added
 
-FILL_S: Final = 600.0
-"""Time in which the empty network is filled, in long steps; it is discarded."""
-FILL_STEP_S: Final = 1.0
-REACH_M: Final = 700.0
-"""Half of the side of the square that is recorded about a place with traffic."""
-DRIVERS_PER_TYPE: Final = 24
-_STATE_NAME: Final = "state.xml.gz"
-_OUTPUTS_NAME: Final = "outputs.add.xml"
-_OPTIONS: Final = DemandOptions(parking=ParkingOptions(kerb_share=0.0))
-"""Files say where there is room to park: rows along other kerbs are not invented."""
 _LIKE: Final = {
     "moped": "motorcycle", "coach": "bus", "trailer": "truck", "emergency": "delivery",
 }  # fmt: skip
 """Classes that are as a class with models; all others are as ``passenger``."""
-_FAR_M: Final = 2.0
-"""Difference in length from which a vehicle is not of a model of its class: some files
-let cars use bus lanes by calling them buses."""
 
 
 def simulate_city(folder: Path, seed: int, *, duration_s: float = 160.0) -> Recording:
@@ -82,55 +62,61 @@ def simulate_city(folder: Path, seed: int, *, duration_s: float = 160.0) -> Reco
         InputError: a file is missing or damaged, or names an edge that does not exist.
         SynthesisError: SUMO is missing or refused a file, or there is no traffic.
     """
+    fill_s, reach_m = 600.0, 700.0  # This time fills the largest of known networks.
     scenario = read_sumo_scenario(folder)
     random = np.random.default_rng([seed, crc32(scenario.name.encode())])
+    # Files say where there is room to park: rows along other kerbs are not invented.
+    options = DemandOptions(parking=ParkingOptions(kerb_share=0.0))
     first, last = scenario.span_s
     latest = max(last - duration_s - WARM_UP_S, (first + last) / 2)
-    begin_s = float(np.rint(random.uniform(min(first + FILL_S, latest), latest)))
-    first_s, num_steps = begin_s + WARM_UP_S, round(duration_s / STEP_S)
+    begin_s = float(np.rint(random.uniform(min(first + fill_s, latest), latest)))
+    fill_s = min(fill_s, begin_s - first)
+    num_steps = round(duration_s / STEP_S)
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
-        types, options = _write_files(scenario, work, random)
-        fill = f"{options} --save-state.times {begin_s}"
-        fill += f" --save-state.files {_STATE_NAME}"
-        span_s = max(begin_s - FILL_S, first), begin_s + FILL_STEP_S
-        run_traffic(work, seed, fill, span_s, recorded_s=begin_s, step_s=FILL_STEP_S)
-        filled = read_raw_tracks((work / VEHICLES_NAME,), FILL_STEP_S).front_m
-        if not len(filled):
-            raise SynthesisError(f"{folder}: nobody drives at {begin_s:.0f} s.")
-        center = random.choice(filled)
-        network = _network(scenario, work, center, random)
-        _write_outputs(work, center)
-        drive = f"{options},{_OUTPUTS_NAME} --load-state {_STATE_NAME}"
-        drive += " --fcd-output.filter-shapes square"
-        span_s = begin_s, first_s + duration_s
-        run_traffic(work, seed, drive, span_s, recorded_s=first_s)
-        raw = read_raw_tracks((work / VEHICLES_NAME, work / PERSONS_NAME), STEP_S)
+        types, files = _write_files(scenario, work, options, random)
+        # What is not recorded is simulated in steps of a second.
+        save = f"{files} --save-state.times {begin_s} --save-state.files state.xml.gz"
+        span_s = begin_s - fill_s, begin_s + 1.0
+        filled = run_traffic(work, seed, save, span_s, warm_up_s=fill_s, step_s=1.0)
+        if not filled.names:
+            raise SynthesisError(f"{folder}: nobody is under way at {begin_s:.0f} s.")
+        center = random.choice(filled.front_m)
+        network = _network(
+            scenario, work, cropped_net(scenario.net, center, reach_m), random
+        )
+        _write_outputs(work, center, reach_m)
+        load = f"{files},outputs.add.xml --load-state state.xml.gz"
+        load += " --fcd-output.filter-shapes square"
+        span_s = begin_s, begin_s + WARM_UP_S + duration_s
+        raw = run_traffic(work, seed, load, span_s)
         signals = read_signals(
             work / STATES_NAME,
             network.net_file,
             network.road_map,
             network.lane_of_sumo,
-            first_s=first_s,
+            first_s=begin_s + WARM_UP_S,
             num_steps=num_steps,
             step_s=STEP_S,
         )
     type_of = {name: types[kind] for name, kind in raw.type_of.items()}
-    raw = raw.shifted(round(first_s / STEP_S))
-    tracks = traffic_tracks(raw.taken(~_rides(raw, type_of)), type_of, STEP_S)
-    made = finished_recording(network, seed, tracks, _OPTIONS, num_steps, random)
+    tracks = traffic_tracks(raw, type_of, STEP_S)
+    made = finished_recording(network, seed, tracks, options, num_steps, random)
     return replace(made, signals=signals)
 
 
 def _write_files(
-    scenario: SumoScenario, folder: Path, random: np.random.Generator
+    scenario: SumoScenario,
+    folder: Path,
+    options: DemandOptions,
+    random: np.random.Generator,
 ) -> tuple[dict[str, SampledType], str]:
     """Write network and demand, with types of our own in place of those of the files.
 
     Returns the types, and SUMO's option with the names of the files.
     """
     (folder / "net.net.xml").write_bytes(read_unpacked(scenario.net_file)[0])
-    write_with_curve_speeds(folder / "net.net.xml", folder / ROADS_NAME)
+    write_with_curve_speeds(folder / "net.net.xml", folder / "roads.net.xml")
     types: dict[str, SampledType] = {}
     names = []
     for number, root in enumerate(map(deepcopy, scenario.files)):
@@ -139,8 +125,8 @@ def _write_files(
             if choice.tag != "vTypeDistribution":
                 choice = etree.Element("vTypeDistribution", id=name)
                 told.getparent().replace(told, choice)
-            for row in range(DRIVERS_PER_TYPE):
-                one = _sampled_type(f"{name}:{row}", told, random)
+            for row in range(24):
+                one = _sampled_type(f"{name}:{row}", told, options, random)
                 types[one.type_id] = one
                 share = told.get("probability", "1")
                 added(choice, "vType", **one.element.attrib, probability=share)
@@ -152,7 +138,10 @@ def _write_files(
 
 
 def _sampled_type(
-    type_id: str, told: etree._Element, random: np.random.Generator
+    type_id: str,
+    told: etree._Element,
+    options: DemandOptions,
+    random: np.random.Generator,
 ) -> SampledType:
     """Sample a driver and vehicle that are like a type of a file."""
     vehicle_class = told.get("vClass", "passenger")
@@ -168,28 +157,25 @@ def _sampled_type(
         def apart(model: VehicleModel) -> float:
             return abs(model.length_m[0] - length)
 
+        # Some files let cars use bus lanes by calling them buses.
         nearest = min(models, key=apart)
-        models = [nearest if apart(nearest) < _FAR_M else min(MODELS, key=apart)]
-    shares = np.array([_OPTIONS.shares[one.name] for one in models])
+        models = [nearest if apart(nearest) < 2.0 else min(MODELS, key=apart)]
+    shares = np.array([options.shares[one.name] for one in models])
     model = models[random.choice(len(models), p=shares / shares.sum())]
     model = replace(model, sumo_class=vehicle_class)
-    return sample_vehicle_type(type_id, model, _OPTIONS, random)
+    return sample_vehicle_type(type_id, model, options, random)
 
 
 def _network(
-    scenario: SumoScenario,
-    folder: Path,
-    center_m: Float[np.ndarray, "2"],
-    random: np.random.Generator,
+    scenario: SumoScenario, folder: Path, net: SumoNet, random: np.random.Generator
 ) -> Network:
-    """The part of the scenario's network about a place."""
-    net = cropped_net(scenario.net, center_m, REACH_M)
+    """The network of a part of a scenario's net."""
     mapped = net_road_map(net, random, bay_share=0.0)
     return Network(
         name=scenario.name,
         family=scenario.name,
         folder=folder,
-        net_file=folder / ROADS_NAME,
+        net_file=folder / "roads.net.xml",
         road_map=mapped.road_map,
         lane_of_sumo=mapped.lane_of_sumo,
         has_signals=net.has_signals,
@@ -197,21 +183,14 @@ def _network(
     )
 
 
-def _write_outputs(folder: Path, center_m: Float[np.ndarray, "2"]) -> None:
+def _write_outputs(
+    folder: Path, center_m: Float[np.ndarray, "2"], reach_m: float
+) -> None:
     """Have SUMO write the states of signals, and know the square that is recorded."""
     root = ElementTree.Element("additional")
-    lights = ElementTree.parse(folder / ROADS_NAME).iter("tlLogic")
+    lights = ElementTree.parse(folder / "roads.net.xml").iter("tlLogic")
     root.extend(state_outputs(dict.fromkeys(one.attrib["id"] for one in lights)))
-    corners = center_m + REACH_M * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    corners = center_m + reach_m * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in corners)
     ElementTree.SubElement(root, "poly", id="square", shape=shape, color="red")
-    ElementTree.ElementTree(root).write(folder / _OUTPUTS_NAME)
-
-
-def _rides(raw: RawTracks, types: dict[str, SampledType]) -> Bool[np.ndarray, "P"]:
-    """Which states are those of persons in vehicles, whose positions they have."""
-    walks = [types[one].kind is AgentKind.PEDESTRIAN for one in raw.names]
-    on_foot = np.array(walks, bool)[raw.agent]
-    place = np.rint(100.0 * raw.front_m).astype(int)
-    key = (raw.step * 2**24 + place[:, 0]) * 2**24 + place[:, 1]
-    return on_foot & np.isin(key, key[~on_foot])
+    ElementTree.ElementTree(root).write(folder / "outputs.add.xml")

@@ -11,7 +11,10 @@ import numpy as np
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
-from pd_editor.experiments.synthesis.sumo.floating_car_data import read_raw_tracks
+from pd_editor.experiments.synthesis.sumo.floating_car_data import (
+    RawTracks,
+    read_raw_tracks,
+)
 from pd_editor.experiments.synthesis.sumo.signal_plans import sample_signal_plans
 from pd_editor.experiments.synthesis.sumo.signal_states import (
     STATES_NAME,
@@ -47,11 +50,6 @@ from pd_editor.scene.signals import Signal
 STEP_S: Final = 0.1
 WARM_UP_S: Final = 20.0
 """Time in which the initial vehicles reach an equilibrium; it is discarded."""
-
-ROADS_NAME: Final = "roads.net.xml"
-"""Name of the network that SUMO simulates."""
-VEHICLES_NAME: Final = "vehicles.parquet"
-PERSONS_NAME: Final = "persons.parquet"
 
 LATERAL_RESOLUTION_M: Final = 0.6
 """Lateral resolution of SUMO's sublane model."""
@@ -133,10 +131,9 @@ def _traffic(
         plans.extend(state_outputs([one.attrib["id"] for one in plans]))
         sampled.write(folder / "trips.rou.xml")
         ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
-        write_with_curve_speeds(network.net_file, folder / ROADS_NAME)
+        write_with_curve_speeds(network.net_file, folder / "roads.net.xml")
         files = "--route-files trips.rou.xml --additional-files signals.add.xml"
-        run_traffic(folder, seed, files, (0.0, end_s))
-        raw = read_raw_tracks((folder / VEHICLES_NAME, folder / PERSONS_NAME), STEP_S)
+        raw = run_traffic(folder, seed, files, (0.0, end_s))
         signals = read_signals(
             folder / STATES_NAME,
             network.net_file,
@@ -146,8 +143,7 @@ def _traffic(
             num_steps=round(duration_s / STEP_S),
             step_s=STEP_S,
         )
-    shifted = raw.shifted(round(WARM_UP_S / STEP_S))
-    return traffic_tracks(shifted, sampled.types, STEP_S), signals
+    return traffic_tracks(raw, sampled.types, STEP_S), signals
 
 
 def _slow_share(tracks: TrafficTracks) -> float:
@@ -166,21 +162,22 @@ def run_traffic(
     options: str,
     span_s: tuple[float, float],
     *,
-    recorded_s: float = WARM_UP_S,
+    warm_up_s: float = WARM_UP_S,
     step_s: float = STEP_S,
-) -> None:
-    """Simulate a span of time on ``ROADS_NAME``, with further options of SUMO.
+) -> RawTracks:
+    """Simulate a span of time on a folder's ``roads.net.xml``, with further options.
 
-    States from ``recorded_s`` on are in ``VEHICLES_NAME`` and ``PERSONS_NAME``. In longer
-    steps, vehicles keep to the middle of their lanes.
+    Returns the states after the warm-up, which begin with step 0. In longer steps than
+    usual, vehicles keep to the middle of their lanes.
 
     Raises:
         SynthesisError: SUMO is missing, or refused a file.
     """
-    files = f"--net-file {ROADS_NAME} --fcd-output {VEHICLES_NAME}"
-    files += f" --person-fcd-output {PERSONS_NAME}"
+    begin_s = span_s[0] + warm_up_s
+    files = "--net-file roads.net.xml --fcd-output vehicles.parquet"
+    files += " --person-fcd-output persons.parquet"
     files += " --fcd-output.attributes id,x,y,angle,type"
-    clock = f"--step-length {step_s} --device.fcd.begin {recorded_s}"
+    clock = f"--step-length {step_s} --device.fcd.begin {begin_s}"
     clock += f" --begin {span_s[0]} --end {span_s[1]}"
     model = f"--lateral-resolution {LATERAL_RESOLUTION_M if step_s == STEP_S else 0}"
     model += f" --seed {seed % 2**31} --pedestrian.striping.stripe-width 0.5"
@@ -191,6 +188,8 @@ def run_traffic(
     quiet += " --xml-validation never"
     arguments = f"{files} {options} {clock} {model} {rules} {quiet}".split()
     run_sumo_tool("sumo", arguments, folder, limit_s=SIMULATION_LIMIT_S)
+    paths = folder / "vehicles.parquet", folder / "persons.parquet"
+    return read_raw_tracks(paths, step_s).shifted(round(begin_s / step_s))
 
 
 def _recording(

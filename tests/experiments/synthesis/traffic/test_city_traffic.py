@@ -14,7 +14,7 @@ from pd_editor.experiments.synthesis.sumo_to_av2.net_crop import cropped_net
 from pd_editor.experiments.synthesis.traffic.city_traffic import simulate_city
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.signals import SignalState
-from tests.experiments.synthesis.small_city import DEMAND, small_city
+from tests.experiments.synthesis.small_city import small_city
 
 CITIES = os.environ.get("PD_EDITOR_SUMO_CITIES")
 WALKS = AgentKind.PEDESTRIAN
@@ -112,10 +112,13 @@ def test_the_seed_chooses_time_and_drivers(city: Path, recording: Recording):
     assert other.ids != recording.ids
 
 
-def test_demand_of_people_alone_is_refused(tmp_path: Path):
-    walks = DEMAND[DEMAND.index("<personFlow") : DEMAND.index('<personFlow id="rides"')]
-    city = small_city(tmp_path, f"<routes>{walks}</routes>")
-    with pytest.raises(SynthesisError, match="nobody drives at"):
+def test_a_time_without_anybody_is_refused(tmp_path: Path):
+    ends = "".join(
+        f'<trip id="{depart}" depart="{depart}" from="wc" to="ce"/>'
+        for depart in (0, 9000)
+    )
+    city = small_city(tmp_path, f"<routes>{ends}</routes>")
+    with pytest.raises(SynthesisError, match="nobody is under way at"):
         simulate_city(city, 1, duration_s=10.0)
 
 
