@@ -6,11 +6,12 @@ from pd_editor.experiments.synthesis.sumo.sumo_tools import run_sumo_tool
 
 NODES = {"c": (0, 0), "w": (-150, 0), "e": (150, 0), "s": (0, -150), "n": (0, 150)}
 TYPES = """<additional>
-  <vType id="truck" vClass="truck"/>
+  <vType id="truck" vClass="truck"/><vType id="taxi" vClass="taxi"/>
   <vTypeDistribution id="private">
     <vType id="short" vClass="passenger" length="4.5" probability="0.5"/>
     <vType id="licence" vClass="bus" length="5" probability="0.5"/>
   </vTypeDistribution>
+  <vTypeDistribution id="mixed" vTypes="truck taxi"/>
   <vType id="coach" vClass="bus"/><vType id="bike" vClass="bicycle"/>
   <vType id="rails" vClass="tram"/>
   <busStop id="stop" lane="ce_1" startPos="40" endPos="60"/>
@@ -20,6 +21,8 @@ DEMAND = """<routes>
   <flow id="cars" type="private" begin="0" end="00:20:00" period="6" from="wc" to="ce"/>
   <flow id="usual" begin="0" end="1200" period="8" from="sc" to="cn"/>
   <flow id="trucks" type="truck" begin="0" end="1200" period="40" from="nc" to="cs"/>
+  <flow id="mixed" type="mixed" begin="0" end="1200" period="20" from="wc" to="ce"/>
+  <flow id="inner" type="short" begin="0" end="1200" period="40" from="sc" to="cn"/>
   <flow id="bikes" type="bike" begin="0" end="1200" period="15" from="ec" to="cw"/>
   <flow id="tram" type="rails" begin="0" end="1200" period="30" from="wc" to="ce"/>
   <flow id="bus" type="coach" line="1" begin="0" end="1200" period="60" from="wc" to="ce">

@@ -3,6 +3,7 @@
 import tempfile
 from copy import deepcopy
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -72,7 +73,7 @@ def simulate_city(folder: Path, seed: int, *, duration_s: float = 160.0) -> Reco
     begin_s = float(np.rint(random.uniform(min(first + fill_s, latest), latest)))
     fill_s = min(fill_s, begin_s - first)
     num_steps = round(duration_s / STEP_S)
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(prefix=f"{scenario.name}-") as name:
         work = Path(name)
         types, files = _write_files(scenario, work, options, random)
         # What is not recorded is simulated in steps of a second.
@@ -121,20 +122,41 @@ def _write_files(
     names = []
     for number, root in enumerate(map(deepcopy, scenario.files)):
         for told in list(root.iter("vType")):
-            name, choice = told.get("id", ""), told.getparent()
-            if choice.tag != "vTypeDistribution":
-                choice = etree.Element("vTypeDistribution", id=name)
-                told.getparent().replace(told, choice)
-            for row in range(24):
-                one = _sampled_type(f"{name}:{row}", told, options, random)
-                types[one.type_id] = one
+            choice = etree.Element("vTypeDistribution", id=told.get("id", ""))
+            for type_id in _drawn(told.get("id", "")):
+                types[type_id] = _sampled_type(type_id, told, options, random)
+                added(choice, "vType", **types[type_id].element.attrib)
+            parent = told.getparent()
+            if parent.tag == choice.tag:
                 share = told.get("probability", "1")
-                added(choice, "vType", **one.element.attrib, probability=share)
-            if told.getparent() is choice:
-                choice.remove(told)
+                for key, text in (
+                    ("vTypes", choice.get("id")),
+                    ("probabilities", share),
+                ):
+                    parent.set(key, f"{parent.get(key, '')} {text}")
+                parent.remove(told)
+                parent.addprevious(choice)
+            else:
+                parent.replace(told, choice)
+        for mixed in root.xpath("//vTypeDistribution[@vTypes]"):
+            parts, shares = (
+                mixed.get(k, "").split() for k in ("vTypes", "probabilities")
+            )
+            ids, copies = (
+                map(_drawn, parts),
+                ([one] * len(_drawn("")) for one in shares),
+            )
+            for key, texts in (("vTypes", ids), ("probabilities", copies)):
+                if text := " ".join(chain.from_iterable(texts)):
+                    mixed.set(key, text)
         names.append(f"demand{number}.add.xml")
         (folder / names[-1]).write_bytes(etree.tostring(root))
     return types, f"--additional-files {','.join(names)}"
+
+
+def _drawn(name: str) -> list[str]:
+    """Ids of the types that stand for a type of a file."""
+    return [f"{name}:{row}" for row in range(24)]
 
 
 def _sampled_type(

@@ -48,6 +48,8 @@ def test_kinds_and_sizes_are_those_of_the_types(recording: Recording):
     expected = {
         "cars": (AgentKind.VEHICLE, 3.5, 6.0),
         "usual": (AgentKind.VEHICLE, 3.5, 6.0),
+        "inner": (AgentKind.VEHICLE, 3.9, 5.4),
+        "mixed": (AgentKind.VEHICLE, 3.5, 13.0),
         "trucks": (AgentKind.VEHICLE, 5.9, 13.0),
         "bus": (AgentKind.BUS, 10.0, 14.0),
         "bikes": (AgentKind.CYCLIST, 1.4, 2.2),
@@ -120,6 +122,13 @@ def test_a_time_without_anybody_is_refused(tmp_path: Path):
     city = small_city(tmp_path, f"<routes>{ends}</routes>")
     with pytest.raises(SynthesisError, match="nobody is under way at"):
         simulate_city(city, 1, duration_s=10.0)
+
+
+def test_what_sumo_refuses_is_told_with_the_city(tmp_path: Path):
+    cars = '<flow id="a" type="no" begin="0" end="60" period="3" from="wc" to="ce"/>'
+    city = small_city(tmp_path / "harbour", f"<routes>{cars}</routes>")
+    with pytest.raises(SynthesisError, match=r"harbour-.* type 'no' .* is not known"):
+        simulate_city(city, 1, duration_s=20.0)
 
 
 def test_demand_of_a_minute_is_enough(tmp_path: Path):
