@@ -2,8 +2,9 @@
 
 Three placements: the agents of the square around the focal agent resampled, all agents
 resampled, as many agents as fit. Only vehicles near lanes are counted: others keep their
-states. The folders stay in ``--out`` for other programs.
-Needs PD_EDITOR_AV2.
+states; pedestrians that stand have a column of their own. The scene test is given by
+seed. With ``--signals`` each junction has a phase, and columns tell who obeys it.
+The folders stay in ``--out`` for other programs. Needs PD_EDITOR_AV2, or ``--data``.
 """
 
 import argparse
@@ -17,10 +18,14 @@ from jaxtyping import Bool, Float
 import pd_editor
 from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
 from pd_editor.analysis.metrics.road.off_road import is_off_road
-from pd_editor.analysis.metrics.road.surroundings import askew
+from pd_editor.analysis.metrics.road.surroundings import askew, surroundings
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.experiments.evaluation.report.scene_test import Surroundings, scene_test
 from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
+from pd_editor.generation.features.lane_tokens import PIECE_SHAPE, lane_pieces
 from pd_editor.generation.features.scene_features import scene_center
+from pd_editor.generation.features.signal_tokens import piece_signals
 from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import (
@@ -29,9 +34,11 @@ from pd_editor.generation.initial_state.placement_rules import (
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.time_cut import FUTURE_S
 
 HALF_SIDE_M = 62.0
 PAIR_RULES = ("near", "beside", "brakes", "waits", "crossing")
@@ -47,31 +54,67 @@ COLUMNS = (
     "3 within 4 m, %",
     "in conflict, %",
     "crossing, %",
+    "before red, %",
+    "before green, %",
+    "on foot, %",
 )
+BEFORE = 0.55
+"""Nearness of a stop line from which vehicles that stand before it are counted: 36 m."""
+ON_LANE_M, ALONG_RAD = 6.0, 0.5
 Columns = tuple[np.ndarray, np.ndarray]
 """Sums and counts of the columns in each scene [columns, scenes]."""
 SCALE = np.array([100.0 if name.endswith("%") else 1.0 for name in COLUMNS])
 
 
-def generate(folder: Path, placement: str, model: str, seed: int, out: Path) -> None:
+def generate(
+    folder: Path, placement: str, model: str, seed: int, out: Path, *, signals: bool
+) -> Scenario:
     """One scene with one placement."""
-    scenario = read_scenario(folder)
+    scenario = open_scenario(folder, until_s=FUTURE_S)
     agents, step = scenario.agents, scenario.current_step
     rows = np.flatnonzero(agents.is_valid[:, step] & agents.kind_mask(ROAD_USER_KINDS))
     center = scene_center(scenario)
     options = {"model": model, "seed": seed, "name": folder.name, "out": out}
+    options |= {"until": FUTURE_S, "sample_signals": signals and has_phases(scenario)}
     if placement == "fit":
-        pd_editor.generate(folder, num_agents="fit", **options)
-        return
+        return pd_editor.generate(folder, num_agents="fit", **options).scenarios[0]
     region = None
     if placement == "square":
         away = np.abs(agents.position_m[rows, step] - center).max(axis=1)
         rows = rows[away <= HALF_SIDE_M]
         region = (float(center[0]), float(center[1]), HALF_SIDE_M)
     ids = tuple(agents.ids[row] for row in rows)
-    pd_editor.generate(
+    found = pd_editor.generate(
         folder, agents=ids, resample_states=True, region=region, **options
     )
+    return found.scenarios[0]
+
+
+def has_phases(scenario: Scenario) -> bool:
+    """Whether a junction of the map has lanes that cross."""
+    return bool(junctions(scenario.original_road_map))
+
+
+def obedience(scenario: Scenario, rows: np.ndarray) -> Float[np.ndarray, "V 2"]:
+    """Whether vehicles before red and green lights stand; NaN for all others."""
+    step = scenario.current_step
+    pieces = lane_pieces(scenario.road_map)
+    says = piece_signals(scenario, pieces)
+    place = scenario.agents.position_m[rows, step]
+    turn = wrap_angle(
+        scenario.agents.heading_rad[rows, step][:, None] - pieces.pose[:, 2]
+    )
+    gap = np.linalg.norm(place[:, None] - pieces.pose[:, :2], axis=-1)
+    gap = np.where((np.abs(turn) < ALONG_RAD) & (pieces.lane >= 0), gap, np.inf)
+    if not gap.size:
+        return np.full((len(rows), 2), np.nan)
+    own = gap.argmin(axis=1)
+    inside = pieces.shape[own, PIECE_SHAPE.index("is_intersection")] > 0
+    counts = (gap.min(axis=1) < ON_LANE_M) & ~inside
+    stands = scenario.agents.speed_mps()[rows, step] < MOVING_MPS
+    most = says[own].max(axis=1) > BEFORE
+    is_told = (counts & most)[:, None] & (says[own] > 2 * says[own][:, ::-1])
+    return np.where(is_told, stands[:, None], np.nan)
 
 
 def path_m(
@@ -127,21 +170,27 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
         pairs[is_vehicle][:, is_vehicle].any(axis=1),
         crossing[is_vehicle].any(axis=1),
     ]
-    table = np.column_stack([np.column_stack(columns)[is_vehicle], *near])
     ids = [name for name, is_it in zip(agents.ids, is_vehicle, strict=True) if is_it]
-    return table[np.isin(ids, ids_near_lanes(scenario, ids))]
+    obeys = obedience(scenario, scenario.agents.rows(ids))
+    nobody = np.full(len(ids), np.nan)
+    table = [np.column_stack(columns)[is_vehicle], *near, obeys, nobody]
+    found = np.column_stack(table)[np.isin(ids, ids_near_lanes(scenario, ids))]
+    walks = np.array([kind == AgentKind.PEDESTRIAN for kind in agents.kinds], bool)
+    afoot = np.full((walks.sum(), found.shape[1]), np.nan)
+    afoot[:, -1] = speed[walks] < MOVING_MPS
+    return np.concatenate([found, afoot])
 
 
-def columns_of(folders: list[Path]) -> Columns:
+def columns_of(scenes: list[tuple[str, Scenario]]) -> Columns:
     """Sum the number of vehicles and the columns in each scene, over all seeds."""
-    names = sorted({folder.name for folder in folders})
+    names = sorted({name for name, _ in scenes})
     sums = np.zeros((len(COLUMNS) + 1, len(names)))
     counts = np.zeros_like(sums)
-    for folder in folders:
-        table = vehicle_rows(read_scenario(folder))
+    for name, scenario in scenes:
+        table = vehicle_rows(scenario)
         known = np.isfinite(table)
-        scene = names.index(folder.name)
-        sums[0, scene] += len(table)
+        scene = names.index(name)
+        sums[0, scene] += known[:, 0].sum()
         counts[0, scene] += 1
         sums[1:, scene] += SCALE * np.where(known, table, 0.0).sum(axis=0)
         counts[1:, scene] += known.sum(axis=0)
@@ -173,30 +222,65 @@ def lines(name: str, columns: Columns, recorded: Columns) -> str:
     return f"{found}\n{'- recorded':10}" + "".join(f"{cell:>20}" for cell in cells)
 
 
+def vehicles_of(scenes: list[tuple[str, Scenario]]) -> Surroundings:
+    """Surroundings of all vehicles near lanes."""
+    found, names = [], []
+    for name, scenario in scenes:
+        view = recorded_traffic(scenario)
+        values = surroundings(view)
+        ids = list(view.agents.ids)
+        chosen = values.is_valid.all(axis=1)
+        chosen &= np.isin(ids, ids_near_lanes(scenario, ids))
+        found.append(values.value[chosen])
+        names += [name] * int(chosen.sum())
+    return Surroundings(features=np.concatenate(found), scene=np.array(names))
+
+
 def main() -> None:
     """Print the means of the recordings, and of each placement over all seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", default="path-diffuser")
     parser.add_argument("--split", default="val")
+    parser.add_argument("--data", type=Path, nargs="+", help="scenes instead")
+    parser.add_argument("--signals", action="store_true")
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    root = Path(os.environ["PD_EDITOR_AV2"])
-    folders = sorted(
-        path.parent for path in (root / options.split).glob("*/scenario*.parquet")
-    )
+    if options.data:
+        folders = sorted(options.data)
+    else:
+        root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
+        folders = sorted(path.parent for path in root.glob("*/scenario*.parquet"))
+    log = [(one.name, open_scenario(one, until_s=FUTURE_S)) for one in folders]
     heads = ("vehicles", *COLUMNS)
     print(" " * 10 + "".join(f"{name:>20}" for name in heads))
-    recorded = columns_of(folders)
+    recorded, vehicles = columns_of(log), vehicles_of(log)
     print(lines("recorded", recorded, recorded))
     for placement in PLACEMENTS:
-        made: list[Path] = []
+        made: list[tuple[str, Scenario]] = []
+        tests = []
         for seed in range(options.seeds):
             out = options.out / f"{placement}-{seed}"
-            for folder in folders:
-                generate(folder, placement, options.model, seed, out)
-                made.append(out / folder.name)
+            own = [
+                (
+                    folder.name,
+                    generate(
+                        folder,
+                        placement,
+                        options.model,
+                        seed,
+                        out,
+                        signals=options.signals,
+                    ),
+                )
+                for folder in folders
+            ]
+            tests.append(scene_test(vehicles, vehicles_of(own)))
+            made += own
         print(lines(placement, columns_of(made), recorded), flush=True)
+        found = [one.auc for one in tests if one is not None]
+        each = ", ".join(f"{auc:.2f}" for auc in found)
+        print(f"scene test {np.mean(found):.2f} ({each})", flush=True)
 
 
 if __name__ == "__main__":

@@ -66,15 +66,18 @@ class Synthesis:
         return "\n".join(lines)
 
 
+FamiliesOption = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(default: all)"),
+]
+
+
 def synth(
     *,
     out: FolderOption,
     num: Annotated[int, tyro.conf.arg(metavar="N")],
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
-    families: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(default: all)"),
-    ] = (),
+    families: FamiliesOption = (),
     maps: OptionalFolders = (),
     networks: OptionalFolders = (),
     shards: Switch = False,
