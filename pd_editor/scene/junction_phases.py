@@ -1,6 +1,6 @@
 """Phases of junctions: which movements may go at a moment, as signals would tell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 from weakref import WeakKeyDictionary
 
@@ -21,6 +21,10 @@ _SIDE_RAD: Final = np.radians(45)
 _TURN_RAD: Final = np.radians(40)
 _LEFT_TURN_SHARE: Final = 0.15
 """Share of the phases that are of left turns alone."""
+_GREEN_S: Final = (12.0, 35.0)
+_CAUTION_S: Final = 3.0
+_CHANGE_S: Final = 4.0
+"""Time from the end of green to the next phase, caution included."""
 _KEY: Final = 0x50484153
 
 
@@ -57,19 +61,61 @@ class Junction:
             return goes
         return first | (later & ~(self.conflicts & first).any(axis=1))
 
-    def signals(
-        self, goes: Bool[np.ndarray, "M"], name: str, num_steps: int
-    ) -> list[Signal]:
-        """One signal of all movements that go, and one of those that wait."""
+    def phases_after(self, first: Bool[np.ndarray, "M"]) -> Bool[np.ndarray, "N M"]:
+        """Phases in turn, the first one given, by which each movement goes once at least."""
+        phases = [first]
+        while not (gone := np.any(phases, axis=0)).all():
+            waits = int(np.argmin(gone))
+            turns_left = bool(self.turn_rad[waits] > _TURN_RAD)
+            phases.append(self.phase_of(waits, turns_left=turns_left))
+        return np.array(phases)
+
+    def programme(
+        self,
+        first: Bool[np.ndarray, "M"],
+        num_steps: int,
+        step_s: float,
+        random: np.random.Generator,
+    ) -> Int[np.ndarray, "M S"]:
+        """States over some steps, from a moment in a phase on.
+
+        Each phase ends with caution of those that wait in the next one, and a clear
+        junction.
+        """
+        phases = self.phases_after(first)
+        states = np.full((len(first), num_steps), SignalState.STOP, np.int8)
+        green_s = random.uniform(*_GREEN_S, len(phases))
+        at_s, number = -green_s[0] * random.random(), 0
+        while at_s < num_steps * step_s:
+            now, later = phases[number], phases[(number + 1) % len(phases)]
+            ends_s = at_s + green_s[number]
+            begin, end, clear, after = (
+                np.clip(
+                    np.array([at_s, ends_s, ends_s + _CAUTION_S, ends_s + _CHANGE_S])
+                    / step_s,
+                    0,
+                    num_steps,
+                )
+                .astype(int)
+                .tolist()
+            )
+            states[now, begin:end] = SignalState.GO
+            states[now & ~later, end:clear] = SignalState.CAUTION
+            states[now & later, end:after] = SignalState.GO
+            at_s, number = ends_s + _CHANGE_S, (number + 1) % len(phases)
+        return states
+
+    def signals(self, states: Int[np.ndarray, "M T"], name: str) -> list[Signal]:
+        """Signals of the movements; those with equal states have one."""
+        kinds, kind = np.unique(states, axis=0, return_inverse=True)
         return [
             Signal(
-                signal_id=f"{name} {state.name.lower()}",
-                lane_ids=tuple(self.lane_ids[chosen].tolist()),
-                stop_share=np.zeros(chosen.sum()),
-                states=np.full(num_steps, state, np.int8),
+                signal_id=f"{name}:{row}",
+                lane_ids=tuple(self.lane_ids[kind == row].tolist()),
+                stop_share=np.zeros((kind == row).sum()),
+                states=own.copy(),
             )
-            for state, chosen in ((SignalState.GO, goes), (SignalState.STOP, ~goes))
-            if chosen.any()
+            for row, own in enumerate(kinds)
         ]
 
 
@@ -127,14 +173,49 @@ def _found_junctions(road_map: RoadMap) -> tuple[Junction, ...]:
 def sampled_signals(scenario: Scenario, seed: int) -> tuple[Signal, ...]:
     """Signals of all junctions, each in a plausible phase that lasts."""
     random = np.random.default_rng([seed, _KEY])
-    steps = scenario.time_axis.num_steps
     return tuple(
         signal
         for number, one in enumerate(junctions(scenario.original_road_map))
         for signal in one.signals(
-            one.sampled_phase(random), f"junction {number}", steps
+            _lasting(one.sampled_phase(random), scenario), f"junction {number}"
         )
     )
+
+
+def continued_signals(
+    scenario: Scenario, num_steps: int, seed: int
+) -> tuple[Signal, ...]:
+    """Signals over another number of steps.
+
+    A junction whose phase lasts for the whole scene goes on with other phases in turn, from
+    the current step; other signals keep their last state.
+    """
+    random = np.random.default_rng([seed, _KEY, 1])
+    now, step_s = scenario.current_step, scenario.time_axis.step_s
+    known = {lane: one.states for one in scenario.signals for lane in one.lane_ids}
+    found: list[Signal] = []
+    for number, one in enumerate(junctions(scenario.original_road_map)):
+        own = [known.get(lane) for lane in one.lane_ids.tolist()]
+        if any(states is None or np.ptp(states) for states in own):
+            continue
+        goes = np.array([states[0] == SignalState.GO for states in own if len(states)])
+        later = one.programme(goes, max(num_steps - now, 1), step_s, random)
+        states = np.concatenate([np.repeat(later[:, :1], now, axis=1), later], axis=1)
+        found += one.signals(states[:, :num_steps], f"junction {number}")
+    taken = {lane for one in found for lane in one.lane_ids}
+    kept = signals_of_lanes(scenario.signals, known.keys() - taken)
+    return (
+        *(
+            replace(one, states=np.pad(one.states, (0, num_steps), "edge")[:num_steps])
+            for one in kept
+        ),
+        *found,
+    )
+
+
+def _lasting(goes: Bool[np.ndarray, "M"], scenario: Scenario) -> Int[np.ndarray, "M T"]:
+    states = np.where(goes, SignalState.GO, SignalState.STOP).astype(np.int8)
+    return np.repeat(states[:, None], scenario.time_axis.num_steps, axis=1)
 
 
 def signals_with_green(scenario: Scenario, lane_id: int) -> tuple[Signal, ...] | None:
@@ -154,8 +235,8 @@ def signals_with_green(scenario: Scenario, lane_id: int) -> tuple[Signal, ...] |
             kept = signals_of_lanes(
                 scenario.signals, set(road_map.lane_of) - set(one.lane_ids.tolist())
             )
-            steps = scenario.time_axis.num_steps
-            return (*kept, *one.signals(goes, f"junction {number}", steps))
+            states = _lasting(goes, scenario)
+            return (*kept, *one.signals(states, f"junction {number}"))
     return None
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.junction_phases import (
+    continued_signals,
     junctions,
     sampled_signals,
     signals_with_green,
@@ -114,6 +115,46 @@ def test_other_junctions_keep_their_signals():
     signals = signals_with_green(replace(scenario, signals=(known,)), SOUTH)
     assert signals is not None
     assert signals[0].lane_ids == (77,)
+
+
+@given(st.integers(0, 2**63 - 1), st.integers(0, 5))
+def test_phases_change_and_let_all_lanes_go_but_never_two_that_cross(seed, phase):
+    scenario = crossing()
+    scenario = replace(scenario, signals=sampled_signals(scenario, phase))
+    longer = continued_signals(scenario, 1700, seed)
+    states = {lane: one.states for one in longer for lane in one.lane_ids}
+    assert states.keys() == {2, 3, 4, 5, 6}
+    now = scenario.current_step
+    assert {n for n, own in states.items() if own[now] == SignalState.GO} == green(
+        scenario
+    )
+    for own in states.values():
+        assert len(own) == 1700
+        assert (own[: now + 1] == own[0]).all()
+        assert (own == SignalState.GO).any()
+        # Caution comes between go and stop alone.
+        assert not (
+            (own[:-1] == SignalState.STOP) & (own[1:] == SignalState.CAUTION)
+        ).any()
+        assert not ((own[:-1] == SignalState.GO) & (own[1:] == SignalState.STOP)).any()
+    goes = {n: own != SignalState.STOP for n, own in states.items()}
+    for one, other in ((WEST, SOUTH), (WEST, NORTH), (EAST, SOUTH), (LEFT, EAST)):
+        assert not (goes[one] & goes[other]).any()
+
+
+def test_a_longer_scene_has_the_signals_of_a_shorter_one_and_known_changes_stay():
+    scenario = crossing()
+    scenario = replace(scenario, signals=sampled_signals(scenario, 1))
+    short, long = (continued_signals(scenario, count, 5) for count in (300, 900))
+    one, other = (
+        {lane: own.states[:300].tolist() for own in some for lane in own.lane_ids}
+        for some in (short, long)
+    )
+    assert one == other
+    changes = np.where(np.arange(110) < 60, SignalState.STOP, SignalState.GO)
+    told = [replace(own, states=changes.astype(np.int8)) for own in scenario.signals]
+    kept = continued_signals(replace(scenario, signals=tuple(told)), 200, 5)
+    assert all((own.states[60:] == SignalState.GO).all() for own in kept)
 
 
 def test_without_crossing_traffic_there_are_no_phases():

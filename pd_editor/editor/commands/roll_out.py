@@ -20,6 +20,7 @@ from pd_editor.editor.commands.traffic import blank_tracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.finite_numbers import check_finite
+from pd_editor.scene.junction_phases import continued_signals
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import Scenario
@@ -171,7 +172,8 @@ class ContinueScene(Command):
             f"{agents_in_words(motion.ids)} were rolled out by {self.generator}, seed "
             f"{self.seed}."
         )
-        longer = _lasting(scenario, agents)
+        signals = continued_signals(scenario, count, self.seed)
+        longer = replace(_lasting(scenario, agents), signals=signals)
         return with_focal_agent(longer.with_agents(agents, note), place)
 
 

@@ -141,7 +141,7 @@ class Rolling:
     ) -> "Rolling":
         """At the current step, with policies that have been reset."""
         num_steps = round(request.duration_s / request.scenario.time_axis.step_s)
-        world = World.beginning(request.scenario, num_steps)
+        world = World.beginning(request.scenario, num_steps, request.seed)
         drivers = _Drivers.started(request, world)
         return cls(
             request=request,

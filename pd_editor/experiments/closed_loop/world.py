@@ -17,6 +17,7 @@ from pd_editor.editor.commands.traffic import NEW_PREFIX, blank_tracks
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.junction_phases import continued_signals
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
@@ -41,10 +42,10 @@ class World:
     """Agents that keep the tracks that they had, or are parked."""
 
     @classmethod
-    def beginning(cls, scenario: Scenario, num_steps: int) -> "World":
+    def beginning(cls, scenario: Scenario, num_steps: int, seed: int) -> "World":
         """The present of a scenario, whose agents have no future but locked ones.
 
-        Static objects and parked agents stay where they are.
+        Static objects and parked agents stay where they are; phases of junctions change.
         """
         now = scenario.current_step
         agents = scenario.agents
@@ -67,7 +68,8 @@ class World:
             velocity_mps=np.zeros((int(static.sum()), 1, 2)),
         )
         axis = scenario.time_axis.lasting(count)
-        scenario = replace(scenario, agents=agents, time_axis=axis, signals=())
+        signals = continued_signals(scenario, count, seed)
+        scenario = replace(scenario, agents=agents, time_axis=axis, signals=signals)
         return cls(scenario=scenario, step=now, replayed=frozenset(replayed))
 
     def is_present(self) -> Bool[np.ndarray, "A"]:
@@ -102,7 +104,9 @@ class World:
             retired_ids=self.scenario.retired_ids.union(agents.ids).difference(there),
             locks={},
             guidance=(),
-            signals=(),
+            signals=tuple(
+                replace(one, states=one.states[steps]) for one in self.scenario.signals
+            ),
         )
 
     def with_fresh_ids(self, sample: TrafficSample) -> TrafficSample:
