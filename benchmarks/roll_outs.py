@@ -15,10 +15,12 @@ import numpy as np
 
 from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.metrics.road.off_road import departures
+from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.roll_out import RollOutRequest, roll_out
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.policy import Controls
 from pd_editor.scene.scenario import Scenario
 
@@ -106,6 +108,7 @@ def main() -> None:
     parser.add_argument("--split", default="val")
     parser.add_argument("--scenes", type=int, default=12)
     parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--signals", action="store_true", help="sample phases")
     parser.add_argument("--model", default=SHIPPED_MODEL)
     options = parser.parse_args()
     root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
@@ -114,6 +117,8 @@ def main() -> None:
     joints, times, windows, answered, logged = [], [], [], 0, 0
     for folder in sorted(root.iterdir())[: options.scenes]:
         scenario = open_scenario(folder)
+        if options.signals and junctions(scenario.road_map):
+            scenario = SampleSignals(seed=0).apply(scenario)
         now = scenario.current_step
         request = RollOutRequest(scenario=scenario, duration_s=options.seconds)
         found, took, marks = run(request, generator)
