@@ -195,10 +195,10 @@ def continued_signals(
     known = {lane: one.states for one in scenario.signals for lane in one.lane_ids}
     found: list[Signal] = []
     for number, one in enumerate(junctions(scenario.original_road_map)):
-        own = [known.get(lane) for lane in one.lane_ids.tolist()]
-        if any(states is None or np.ptp(states) for states in own):
+        own = [known[lane] for lane in one.lane_ids.tolist() if lane in known]
+        if len(own) < len(one.lane_ids) or any(map(np.ptp, own)):
             continue
-        goes = np.array([states[0] == SignalState.GO for states in own if len(states)])
+        goes = np.array([states[0] == SignalState.GO for states in own])
         later = one.programme(goes, max(num_steps - now, 1), step_s, random)
         states = np.concatenate([np.repeat(later[:, :1], now, axis=1), later], axis=1)
         found += one.signals(states[:, :num_steps], f"junction {number}")

@@ -22,7 +22,7 @@ from tests.generation.trajectory.scenes import small_model
 @pytest.fixture(scope="module")
 def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("model")
-    driver = small_model()
+    driver = small_model(sees_signals=False)
     counts = AgentCounts(
         half_side_m=np.full(3, 62.0),
         lane_m=np.full(3, 200.0),

@@ -5,7 +5,6 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -204,9 +203,9 @@ def _loaded_stage(
             f"{folder / kind.file_name}: differs from what {CONFIG_NAME} lists "
             "(SHA-256); the folder is damaged or mixed from several models."
         )
-    if kind.make_for is not None:
-        made = partial(kind.make_for, given=file.tensors)
-        kind = replace(kind, make_model=made)
+    if (make_for := kind.make_for) is not None:
+        made = file.tensors
+        kind = replace(kind, make_model=lambda config: make_for(config, made))
     source = f"{path}, {name}"
     config = config_from_json(
         kind.config_type, {**kind.earlier, **entry["config"]}, source

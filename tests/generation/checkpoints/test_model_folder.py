@@ -3,6 +3,7 @@ import os
 import resource
 import shutil
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -302,3 +303,16 @@ def test_unknown_sampling_settings_are_refused(shipped_copy, part, values, messa
     changed(shipped_copy, change)
     with pytest.raises(ModelError, match=message):
         load_model(shipped_copy, STAGE_KINDS)
+
+
+def test_trajectories_from_before_signals_and_of_fewer_steps_open(
+    model_folder: Path, tmp_path: Path
+):
+    folder = tmp_path / "old"
+    shutil.copytree(model_folder, folder)
+    config = json.loads((folder / "config.json").read_text())
+    del config["stages"]["traj"]["config"]["sees_signals"]
+    (folder / "config.json").write_text(json.dumps(config))
+    found = load_model(folder, STAGE_KINDS).stage("traj")
+    assert not found.config.sees_signals
+    assert found.model.decoder.num_steps == 59
