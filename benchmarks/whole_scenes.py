@@ -74,7 +74,7 @@ def generate(
     agents, step = scenario.agents, scenario.current_step
     rows = np.flatnonzero(agents.is_valid[:, step] & agents.kind_mask(ROAD_USER_KINDS))
     center = scene_center(scenario)
-    options = {"model": model, "seed": seed, "name": folder.name, "out": out}
+    options = {"model": model, "seed": seed, "name": folder.stem, "out": out}
     options |= {"until": FUTURE_S, "sample_signals": signals and has_phases(scenario)}
     if placement == "fit":
         return pd_editor.generate(folder, num_agents="fit", **options).scenarios[0]
