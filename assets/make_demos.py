@@ -45,8 +45,10 @@ def made_demo(story: Story) -> Scenario:
     with tempfile.TemporaryDirectory() as name:
         # The windows of the stories were found on streets without bays.
         network = generate_network(story.family, story.seed, Path(name), bay_share=0.0)
+        # They were found when fewer pedestrians stood, too.
+        demand = replace(story.demand, standing_share=0.15, standing_s=(5.0, 120.0))
         recording = simulate(
-            network, story.seed, duration_s=story.duration_s, demand=story.demand
+            network, story.seed, duration_s=story.duration_s, demand=demand
         )
     return told(story, recording)
 
@@ -75,6 +77,7 @@ def told(story: Story, recording: Recording) -> Scenario:
         scenario_id=story.name,
         city=CITY,
         agents=_rounded_agents(agents),
+        signals=(),
         road_map=_rounded_map(cropped_map(recording.road_map, paths)),
     )
     stays = np.flatnonzero(~_is_parked_off_road(shown))

@@ -29,10 +29,6 @@ WALK_M: Final = 350.0
 """Typical distance between start and destination of pedestrians."""
 
 PEDESTRIAN_SPEED_MPS: Final = 1.3
-STANDING_SHARE: Final = 0.5
-"""Share of pedestrians that stand for a while before they walk. In recordings 45 % stand
-at a time (``train``), with this share 35 to 45 % of the simulated ones."""
-STANDING_S: Final = (20.0, 240.0)
 
 ROUTES_PER_IDEA: Final = 6
 """Number of routes from an entry that share the same expected travel times."""
@@ -87,8 +83,8 @@ def sample_demand(
                 "departPos": "random",
             },
         )
-        if random.random() < STANDING_SHARE:
-            wait_s = random.uniform(*STANDING_S)
+        if random.random() < options.standing_share:
+            wait_s = random.uniform(*options.standing_s)
             ElementTree.SubElement(
                 person, "stop", {"edge": start, "duration": f"{wait_s:.1f}"}
             )

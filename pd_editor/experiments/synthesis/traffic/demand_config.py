@@ -36,6 +36,11 @@ class DemandOptions:
     """Pedestrians per km of sidewalk at any time, mean over networks."""
     pedestrian_spread: float = 1.0
     """Log-normal spread between networks: many have hardly any pedestrians."""
+    standing_share: float = 0.5
+    """Share of pedestrians on sidewalks that stand for a while before they walk. In recordings
+    45 % stand at a time (``train``), with this share 35 to 45 % of the simulated ones."""
+    standing_s: tuple[float, float] = (20.0, 240.0)
+    """Range of that time."""
     shares: dict[str, float] = field(
         default_factory=lambda: {
             "car": 0.555, "suv": 0.282, "van": 0.07, "truck": 0.035, "bus": 0.025,
