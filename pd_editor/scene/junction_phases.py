@@ -89,16 +89,8 @@ class Junction:
         while at_s < num_steps * step_s:
             now, later = phases[number], phases[(number + 1) % len(phases)]
             ends_s = at_s + green_s[number]
-            begin, end, clear, after = (
-                np.clip(
-                    np.array([at_s, ends_s, ends_s + _CAUTION_S, ends_s + _CHANGE_S])
-                    / step_s,
-                    0,
-                    num_steps,
-                )
-                .astype(int)
-                .tolist()
-            )
+            times_s = (at_s, ends_s, ends_s + _CAUTION_S, ends_s + _CHANGE_S)
+            begin, end, clear, after = (max(int(one / step_s), 0) for one in times_s)
             states[now, begin:end] = SignalState.GO
             states[now & ~later, end:clear] = SignalState.CAUTION
             states[now & later, end:after] = SignalState.GO
@@ -108,6 +100,7 @@ class Junction:
     def signals(self, states: Int[np.ndarray, "M T"], name: str) -> list[Signal]:
         """Signals of the movements; those with equal states have one."""
         kinds, kind = np.unique(states, axis=0, return_inverse=True)
+        kind = kind.reshape(-1)  # NumPy 2.0 keeps the axes.
         return [
             Signal(
                 signal_id=f"{name}:{row}",

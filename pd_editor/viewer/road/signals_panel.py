@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from pd_editor.editor.commands import GiveGreen, RemoveSignals, SampleSignals
-from pd_editor.scene.junction_phases import junctions
+from pd_editor.scene.junction_phases import junctions, signals_with_green
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
@@ -38,9 +38,9 @@ class SignalsPanel:
         self._ui.apply(SampleSignals(seed=int(random.integers(2**31))))
 
     def _clicked(self, point_m: np.ndarray) -> bool:
-        """Give green to the lane whose stop line was clicked."""
+        """Give the lane of a clicked stop line green, while nothing is selected."""
         scenario = self._ui.session.scenario
-        if not scenario.signals or self._ui.model.mode is not None:
+        if not scenario.signals or self._ui.session.selection or self._ui.model.mode:
             return False
         gap = np.linalg.norm(scenario.stop_lines_m()[:, 1] - point_m[:2], axis=-1)
         lanes = [lane for one in scenario.signals for lane in one.lane_ids]
@@ -50,8 +50,10 @@ class SignalsPanel:
         # Movements that part begin at one stop line: that of the lane before them.
         before = [n for n in clicked.predecessors if n in scenario.road_map.lane_of]
         lane_id = before[0] if before else clicked.lane_id
-        self._ui.apply(GiveGreen(lane_id=lane_id))
-        return True
+        has_phase = signals_with_green(scenario, lane_id) is not None
+        if has_phase:
+            self._ui.apply(GiveGreen(lane_id=lane_id))
+        return has_phase
 
     def _show(self) -> None:
         scenario = self._ui.session.scenario
@@ -59,7 +61,9 @@ class SignalsPanel:
         set_property(self._sample, "disabled", not has_some)
         set_property(self._remove, "disabled", not scenario.signals)
         if scenario.signals:
-            self._text.show("", "Click a stop line to give its lane green.")
+            self._text.show(
+                "", "With nothing selected, click a stop line to give its lane green."
+            )
         elif has_some:
             self._text.show("", "No signals: who waits is the model's choice.")
         else:

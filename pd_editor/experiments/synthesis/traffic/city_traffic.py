@@ -102,8 +102,9 @@ def simulate_city(folder: Path, seed: int, *, duration_s: float = 160.0) -> Reco
         )
     type_of = {name: types[kind] for name, kind in raw.type_of.items()}
     tracks = traffic_tracks(raw, type_of, STEP_S)
-    made = finished_recording(network, seed, tracks, options, num_steps, random)
-    return replace(made, signals=signals)
+    return finished_recording(
+        network, seed, tracks, signals, options, num_steps, random
+    )
 
 
 def _write_files(

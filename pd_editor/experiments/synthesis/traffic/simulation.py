@@ -90,14 +90,16 @@ def simulate(
         options = replace(options, flow_per_lane=LESS_FLOW * options.flow_per_lane)
         tracks, signals = _traffic(network, graph, options, duration_s, seed, random)
     num_steps = round(duration_s / STEP_S)
-    made = finished_recording(network, seed, tracks, options, num_steps, random)
-    return replace(made, signals=signals)
+    return finished_recording(
+        network, seed, tracks, signals, options, num_steps, random
+    )
 
 
 def finished_recording(
     network: Network,
     seed: int,
     tracks: TrafficTracks,
+    signals: tuple[Signal, ...],
     options: DemandOptions,
     num_steps: int,
     random: np.random.Generator,
@@ -111,7 +113,8 @@ def finished_recording(
         )
         tracks = tracks.joined(pedestrians)
     parked = sample_parked_vehicles(network, tracks, options.parking, random)
-    return _recording(network, seed, tracks, parked, num_steps)
+    found = _recording(network, seed, tracks, parked, num_steps)
+    return replace(found, signals=signals)
 
 
 def _traffic(
