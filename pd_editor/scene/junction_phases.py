@@ -99,16 +99,16 @@ class Junction:
 
     def signals(self, states: Int[np.ndarray, "M T"], name: str) -> list[Signal]:
         """Signals of the movements; those with equal states have one."""
-        kinds, kind = np.unique(states, axis=0, return_inverse=True)
-        kind = kind.reshape(-1)  # NumPy 2.0 keeps the axes.
+        kinds = np.unique(states, axis=0)
         return [
             Signal(
                 signal_id=f"{name}:{row}",
-                lane_ids=tuple(self.lane_ids[kind == row].tolist()),
-                stop_share=np.zeros((kind == row).sum()),
+                lane_ids=tuple(self.lane_ids[chosen].tolist()),
+                stop_share=np.zeros(chosen.sum()),
                 states=own.copy(),
             )
             for row, own in enumerate(kinds)
+            for chosen in [(states == own).all(axis=1)]
         ]
 
 

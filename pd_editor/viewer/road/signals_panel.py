@@ -34,8 +34,7 @@ class SignalsPanel:
 
     def sample(self) -> None:
         """Sample the phases of all junctions, other ones at each click."""
-        random = np.random.default_rng()
-        self._ui.apply(SampleSignals(seed=int(random.integers(2**31))))
+        self._ui.apply(SampleSignals(seed=int(np.random.default_rng().integers(2**31))))
 
     def _clicked(self, point_m: np.ndarray) -> bool:
         """Give the lane of a clicked stop line green, while nothing is selected."""
