@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # one index for small CPU builds and one for each CUDA version.
 TORCH_INDEX ?=
 
-PROCESSES := --numprocesses 2 --dist loadscope --no-loadscope-reorder
+PROCESSES := --numprocesses 2 --max-worker-restart 0 --dist loadscope --no-loadscope-reorder
 
 .PHONY: run test verify check page install bench variants docs clean
 

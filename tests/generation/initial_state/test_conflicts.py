@@ -306,8 +306,11 @@ def test_only_agents_in_conflict_are_sampled_again(
     step = scenario.current_step
     ids = [name for name in once.agents.ids if name.startswith("new")]
     random = np.random.default_rng(0)
-    first = SEARCH.conflicting(once, ids, random, nothing_kept(once))
+    first, last = (
+        SEARCH.conflicting(one, ids, random, nothing_kept(one)) for one in (once, again)
+    )
     assert first, "a network with random weights places agents in conflict"
+    assert len(last) < len(first)
     at = {
         name: scene.agents.position_m[scene.agents.rows(ids), step]
         for name, scene in (("once", once), ("again", again))
@@ -315,8 +318,6 @@ def test_only_agents_in_conflict_are_sampled_again(
     stayed = (at["once"] == at["again"]).all(axis=1)
     assert stayed.any()
     assert not stayed.all()
-    pairs = [offenders(one, "near", "beside", "brakes").sum() for one in (once, again)]
-    assert pairs[1] < pairs[0]
     assert set(again.agents.ids) == set(once.agents.ids)
 
 

@@ -256,7 +256,7 @@ def test_only_on_the_road_leaves_no_vehicle_beside_the_drivable_area() -> None:
 def test_no_agent_is_placed_outside_the_square_even_to_be_on_a_lane(
     diffuser: PathDiffuser, scenario: Scenario
 ) -> None:
-    beside = Region(center_m=(0.0, 40.0), half_side_m=10.0)
+    beside = Region(center_m=(0.0, 50.0), half_side_m=20.0)
     traffic = generated(
         diffuser,
         scenario.without_agents(scenario.agents.ids),
