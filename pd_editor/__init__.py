@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from pd_editor.base.errors import PdEditorError
     from pd_editor.base.installed_files import demo_names
     from pd_editor.cli.convert import convert
+    from pd_editor.cli.doctor import doctor
     from pd_editor.cli.drive import drive
     from pd_editor.cli.edit import edit
     from pd_editor.cli.evaluate import evaluate
@@ -77,6 +78,7 @@ __all__ = [
     "commands",
     "convert",
     "demo_names",
+    "doctor",
     "drive",
     "edit",
     "evaluate",
@@ -108,6 +110,7 @@ _HOMES = {
     "Scenario": "pd_editor.scene.scenario",
     "convert": "pd_editor.cli.convert",
     "demo_names": "pd_editor.base.installed_files",
+    "doctor": "pd_editor.cli.doctor",
     "drive": "pd_editor.cli.drive",
     "edit": "pd_editor.cli.edit",
     "evaluate": "pd_editor.cli.evaluate",

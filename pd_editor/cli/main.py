@@ -48,6 +48,7 @@ _COMMANDS: Final = (
     "synth",
     "train",
     "model",
+    "doctor",
 )
 """Each is a module and, in it, a function."""
 
