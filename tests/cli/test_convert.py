@@ -41,13 +41,18 @@ def test_scenes_of_a_folder_are_converted_and_open_again(
     result = shell.run(
         "convert", foreign, "roundabout", "--to", "commonroad", "--out", out
     )
-    # The empty road has no ego.
-    assert result.code == 2
-    assert "neither ego nor focal agent" in result.err
+    assert result.code == 0
+    road = out / "road"
     assert sorted(one.name for one in out.iterdir()) == [
         "ZAM_Road-1_1_T-1",
+        "road",
         "roundabout",
     ]
+    # An empty road has no ego, whose start would be the planning problem.
+    assert "planning problem" in (road / LOSSES_NAME).read_text()
+    result = shell.run("convert", road, "--to", "gpudrive", "--out", tmp_path / "json")
+    assert result.code == 2
+    assert "neither ego nor focal agent" in result.err
     assert (out / "roundabout" / LOSSES_NAME).exists()
     again = open_scenario(out / "roundabout")
     assert len(again.road_map.lanes) == len(open_scenario("roundabout").road_map.lanes)

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
-from pd_editor.base.errors import ExportError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.scene_format import WrittenScene
@@ -54,12 +53,8 @@ def write(scenario: Scenario) -> WrittenScene:
     """Files of a scenario: the XML, and a table of the ids in it.
 
     Steps are counted from the scenario's first one; the ego, or without one the focal
-    agent, is the planning problem, which begins at the current step. Coordinates are
-    those of the city.
-
-    Raises:
-        ExportError: there is no agent at the current step, whose start could be the
-            planning problem.
+    agent, is the planning problem, which begins at the current step; without either there
+    is none. Coordinates are those of the city.
     """
     agents, origin = scenario.agents, scenario.origin_city_m
     ego, root = _ego_row(scenario), _root(scenario)
@@ -79,10 +74,15 @@ def write(scenario: Scenario) -> WrittenScene:
             rows.append((name, next_id))
             _obstacle(root, scenario, row, place, steps, next_id)
             next_id += 1
-    rows.append((agents.ids[ego], next_id))
-    _problem(root, scenario, ego, place, next_id)
-    split = len(rows) - len(agents)
     losses: list[str] = list(_LOSSES)
+    if ego is None:
+        losses.append(
+            "A planning problem, which the schema demands and readers do not."
+        )
+    else:
+        rows.append((agents.ids[ego], next_id))
+        _problem(root, scenario, ego, place, next_id)
+    split = len(rows) - len(agents)
     if scenario.signals:
         losses.append("Signals after the last step: their states begin again.")
     if split:
@@ -98,23 +98,13 @@ def write(scenario: Scenario) -> WrittenScene:
     )
 
 
-def _ego_row(scenario: Scenario) -> int:
+def _ego_row(scenario: Scenario) -> int | None:
     """Row of the agent whose start is the planning problem."""
     agents, now = scenario.agents, scenario.current_step
-    ego = next(
-        (
-            agents.row_of[name]
-            for name in (EGO_ID, scenario.focal_id)
-            if name in agents.row_of and agents.is_valid[agents.row_of[name], now]
-        ),
-        None,
+    rows = (agents.row_of.get(name) for name in (EGO_ID, scenario.focal_id))
+    return next(
+        (row for row in rows if row is not None and agents.is_valid[row, now]), None
     )
-    if ego is None:
-        raise ExportError(
-            f"Scenario {scenario.scenario_id} has neither ego nor focal agent at the "
-            "current step; CommonRoad needs one as its planning problem."
-        )
-    return ego
 
 
 def _root(scenario: Scenario) -> etree._Element:

@@ -231,7 +231,8 @@ def _ego(scenario: Scenario) -> str:
             return name
     raise ExportError(
         f"Scenario {scenario.scenario_id} has neither ego nor focal agent at the "
-        "current step; the format needs one as the car that drives itself."
+        "current step; the format needs one as the car that drives itself (place agents, "
+        "or fill it by pd-editor generate --num-agents fit)."
     )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.base.errors import ExportError
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.formats.commonroad import read
 from pd_editor.scene.formats.commonroad_writer import IDS_NAME, write
@@ -103,9 +102,13 @@ def test_real_scenes_come_back_as_they_were(
 
 def test_a_scene_without_an_agent_has_no_planning_problem(tmp_path: Path):
     scenario = open_scenario("roundabout")
-    bare = scenario.without_agents(scenario.agents.ids)
-    with pytest.raises(ExportError, match="neither ego nor focal agent"):
-        write(replace(bare, focal_id=""))
+    bare = replace(scenario.without_agents(scenario.agents.ids), focal_id="")
+    written = write(bare)
+    assert any("planning problem" in loss for loss in written.losses)
+    (tmp_path / "bare.xml").write_bytes(written.files[f"{bare.scenario_id}.xml"])
+    again = open_scenario(tmp_path / "bare.xml")
+    assert not len(again.agents)
+    assert len(again.road_map.lanes) == len(bare.road_map.lanes)
 
 
 def test_equal_scenes_have_equal_files_and_tell_what_is_lost():
