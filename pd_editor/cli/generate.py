@@ -353,7 +353,7 @@ def _tell_problems(request: GenerationRequest, terms: tuple[GuidanceTerm, ...]) 
     for problem in problems:
         if problem.severity == "error":
             raise GenerationError(f"--guide: {problem.message}")
-        sys.stderr.write(f"pd-editor: {problem.message}\n")
+        sys.stderr.write(f"Warning: {problem.message}\n")
 
 
 def _activities(
