@@ -1,6 +1,9 @@
 """A connection that viser takes for a browser; it reads and forgets what is sent."""
 
+import asyncio
 import contextlib
+import html
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +24,7 @@ from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.editor.fake_generators import DriftGenerator
 
+_MOST_HANDLERS_DEEP = 10
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": [0.0, 1.0, 0.0, 0.0],
@@ -81,15 +85,34 @@ class FakeTab:
             found.setdefault(str(getattr(handle, "label", "")), []).append(handle)
         return found
 
+    def field(self, label: str) -> Any:
+        """The one input of a label."""
+        (handle,) = self.inputs()[label]
+        return handle
+
+    def type(self, label: str, value: Any) -> None:
+        """Give the input of a label a value as the page does."""
+        self.enter(self.field(label), value)
+
+    def text(self) -> str:
+        """All text of the panels, without that of inputs."""
+        containers = self.ui.client.gui._container_handle_from_uuid.values()
+        children = [one for box in list(containers) for one in box._children.values()]
+        contents = [str(getattr(one, "content", "")) for one in children]
+        return html.unescape(re.sub("<[^>]+>", "\n", "\n".join(contents)))
+
+    def is_drawn(self, node: str) -> bool:
+        """Whether a node of the picture is there and seen."""
+        handle = self.ui.client.scene._handle_from_node_name.get(node)
+        return handle is not None and handle.visible
+
     def send(self, message: dict[str, Any]) -> None:
         """Send a message of viser's client, or a forged one, and wait for its effects."""
-        done = threading.Event()
         self._socket.send(msgspec.msgpack.encode(message))
         self._socket.ping().wait(20)
         # Its handlers run on the loop of the connections, then on the worker.
         loop = self.ui.client._viser_server._event_loop
-        loop.call_soon_threadsafe(lambda: loop.call_soon(done.set))
-        assert done.wait(20)
+        asyncio.run_coroutine_threadsafe(_settled(), loop).result(20)
         self.run(lambda: None)
 
     def hear(self, element: str, **event: Any) -> None:
@@ -124,6 +147,12 @@ class FakeTab:
         if "error" in result:
             raise result["error"]
         return result.get("value")
+
+
+async def _settled() -> None:
+    """Let handlers run that were called, and those that they call."""
+    for _ in range(_MOST_HANDLERS_DEEP):
+        await asyncio.sleep(0)
 
 
 def until(condition: Callable[[], object], seconds: float = 60.0) -> None:

@@ -11,8 +11,6 @@ import viser
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
 from pd_editor.editor.commands.edit_limits import (
-    MAX_FRICTION,
-    MIN_FRICTION,
     check_anchor,
 )
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
@@ -292,7 +290,7 @@ class RoadPanel:
                 "Move a slider to bend it.",
             )
             return
-        mu = self._coefficient
+        mu = float(self._friction.value)
         summary = summarise(applied.warp, friction_coefficient=mu)
         speed = summary.speed_limit_mps
         self._readout.show(
@@ -327,12 +325,6 @@ class RoadPanel:
         }
         return tuple(one for one in scenario.agents.ids if one in ids)
 
-    @property
-    def _coefficient(self) -> float:
-        """Friction coefficient of the input; a number that is being typed may have none."""
-        value = float(self._friction.value)
-        return min(max(value, MIN_FRICTION), MAX_FRICTION)
-
     def _warp(self, anchor: RigidMotion) -> RoadWarp | None:
         terms = tuple(
             WarpTerm(
@@ -352,7 +344,7 @@ class RoadPanel:
         warp = self._warp(anchor)
         friction = None
         if self._slows.value and warp is not None:
-            friction = self._coefficient
+            friction = float(self._friction.value)
         command = SetRoadWarp(warp=warp, friction_coefficient=friction)
         self._own_pose, self._own_warp = anchor, (warp, friction)
         return command

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.findings.check import scene_problems
-from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetAgentSpeed, TransformAgents
 from pd_editor.editor.cures import cures
 from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent
@@ -28,25 +27,24 @@ def panel(tab: FakeTab):
     return tab.elements.road
 
 
-def bend(tab: FakeTab, panel, power: float = 4.0, length_m: float | None = None):
-    panel._power["ripple-road"].value = power
+def bend(tab: FakeTab, power: float = 4.0, length_m: float | None = None):
+    tab.type("Waves", power)
     if length_m is not None:
-        panel._length["ripple-road"].value = length_m
-    tab.run(panel._changed)
+        tab.type("Wave length (m)", length_m)
     tab.run(tab.ui.commit_gesture)
     tab.run(tab.model.shown.emit)
 
 
 def test_shape_follows_undo_and_redo(tab: FakeTab, panel):
     """(D27)"""
-    length = panel._length["ripple-road"]
-    bend(tab, panel)
-    bend(tab, panel, length_m=5.0)
+    length = tab.field("Wave length (m)")
+    bend(tab)
+    bend(tab, length_m=5.0)
     history = tab.elements.history
     tab.run(history.undo)
     assert length.value == 60.0
     tab.run(history.undo)
-    assert (panel._power["ripple-road"].value, length.value) == (0.0, 60.0)
+    assert (tab.field("Waves").value, length.value) == (0.0, 60.0)
     tab.run(history.redo)
     tab.run(history.redo)
     assert length.value == 5.0
@@ -59,17 +57,13 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
     tab: FakeTab, panel, monkeypatch
 ):
     """A rest of a second within one drag made two; a drag of its own is one of its own."""
-    power, session = panel._power["ripple-road"], tab.session
+    session = tab.session
     num_edits = len(session.entries)
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.1)
     monkeypatch.setattr(ui_module, "LAST_VALUE_S", 60.0)
 
     def slide(value: float) -> None:
-        def moved() -> None:
-            power.value = value
-            panel._changed()
-
-        tab.run(moved)
+        tab.type("Waves", value)
 
     tab.hear("panel", kind="hold")
     slide(2.0)
@@ -96,36 +90,34 @@ def test_a_slider_that_rests_while_it_is_held_makes_one_edit(
 
 def test_shape_does_not_leak_into_another_scenario(tab: FakeTab, panel):
     """(D27)"""
-    panel._length["ripple-road"].value = 5.0
-    tab.run(panel._changed)
+    tab.type("Wave length (m)", 5.0)
     tab.run(tab.ui.commit_gesture)
     # A shape that waits for a bend outlives a selection ...
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
-    assert panel._length["ripple-road"].value == 5.0
+    assert tab.field("Wave length (m)").value == 5.0
     # ... but not another scenario.
     tab.run(lambda: tab.tab.workspace.open_reference("merge"))
-    assert panel._length["ripple-road"].value == 60.0
+    assert tab.field("Wave length (m)").value == 60.0
 
 
 def test_resets_are_offered_whenever_anything_differs(tab: FakeTab, panel):
     """(D27)"""
     tab.run(tab.model.shown.emit)
-    assert panel._reset.disabled
-    assert panel._reset_shape.disabled
-    panel._length["ripple-road"].value = 5.0
-    tab.run(panel._changed)
-    assert not panel._reset.disabled
-    assert not panel._reset_shape.disabled
+    assert tab.field("Reset road").disabled
+    assert tab.field("Reset shape").disabled
+    tab.type("Wave length (m)", 5.0)
+    assert not tab.field("Reset road").disabled
+    assert not tab.field("Reset shape").disabled
     tab.run(panel.reset_shape)
-    assert panel._length["ripple-road"].value == 60.0
-    assert panel._reset.disabled
-    bend(tab, panel, length_m=7.0)
+    assert tab.field("Wave length (m)").value == 60.0
+    assert tab.field("Reset road").disabled
+    bend(tab, length_m=7.0)
     tab.run(panel.reset_shape)
     (term,) = tab.session.scenario.applied_warp.warp.terms
     assert (term.power, term.length_m) == (4.0, 60.0)
     tab.run(panel.reset)
     assert tab.session.scenario.applied_warp is None
-    assert panel._reset.disabled
+    assert tab.field("Reset road").disabled
 
 
 def test_only_anchors_that_can_be_are_offered(tab: FakeTab, panel):
@@ -133,91 +125,87 @@ def test_only_anchors_that_can_be_are_offered(tab: FakeTab, panel):
     agents = tab.session.scenario.agents
     tab.run(lambda: tab.session.select(()))
     tab.run(tab.model.shown.emit)
-    assert panel._anchor.options == (FOCAL, POINT)
+    assert tab.field("Anchor").options == (FOCAL, POINT)
     assert EGO_ID not in agents.row_of
-    assert "ego (there is none)" in panel._missing.text
-    assert "selected agent (select one)" in panel._missing.text
+    assert "ego (there is none)" in tab.text()
+    assert "selected agent (select one)" in tab.text()
     tab.run(lambda: tab.session.select(agents.ids[1:]))
-    assert panel._anchor.options == (FOCAL, SELECTED, POINT)
-    panel._anchor.value = SELECTED
-    tab.run(panel._anchor_changed)
+    assert tab.field("Anchor").options == (FOCAL, SELECTED, POINT)
+    tab.type("Anchor", SELECTED)
     x, y = agents.position_m[1, tab.session.scenario.current_step]
-    assert panel._anchor_at.value == (round(float(x), 1), round(float(y), 1))
-    assert panel._view._drawn is not None
+    assert tab.field("Anchor at (m)").value == (round(float(x), 1), round(float(y), 1))
+    assert tab.is_drawn("/warp_start")
     # What is chosen goes with the selection while nothing is bent.
     tab.run(lambda: tab.session.select(()))
-    assert panel._anchor.value == FOCAL
-    assert EGO not in panel._anchor.options
+    assert tab.field("Anchor").value == FOCAL
+    assert EGO not in tab.field("Anchor").options
 
 
 def test_the_mark_of_the_anchor_goes_with_the_bend(tab: FakeTab, panel):
     """(W18) It stayed on the road as recorded when the bend was undone."""
-    bend(tab, panel)
+    bend(tab)
     tab.run(tab.ui.commit_gesture)
-    assert panel._view._drawn is not None
+    assert tab.is_drawn("/warp_start")
     tab.run(tab.session.undo)
-    assert panel._view._drawn is None
+    assert not tab.is_drawn("/warp_start")
 
 
 def test_an_agent_that_is_moved_leaves_the_anchor_behind(tab: FakeTab, panel):
     """The label said that the road still bends ahead of the focal agent."""
-    bend(tab, panel)
-    assert panel._anchor.value == FOCAL
+    bend(tab)
+    assert tab.field("Anchor").value == FOCAL
     move = TransformAgents(agent_ids=(tab.session.scenario.focal_id,), dx_m=9.0)
     tab.run(lambda: tab.ui.apply(move))
-    assert panel._anchor.value == POINT
+    assert tab.field("Anchor").value == POINT
 
 
 @pytest.mark.parametrize("is_bent", [False, True])
 def test_an_absurd_anchor_is_refused_in_the_words_of_the_panel(
-    tab: FakeTab, panel, is_bent
+    tab: FakeTab, is_bent, monkeypatch
 ):
+    told: list[str] = []
     if is_bent:
-        bend(tab, panel)
-    shown = panel._anchor_at.value
-    panel._anchor_at.value = (1e9, 3.0)
-    with pytest.raises(EditError, match=r"^Anchor x is 1e\+09 m; expected"):
-        tab.run(panel._pose_typed)
+        bend(tab)
+    shown = tab.field("Anchor at (m)").value
+    monkeypatch.setattr(tab.ui, "notify", lambda _title, body, *_: told.append(body))
+    tab.type("Anchor at (m)", (1e9, 3.0))
+    assert told.pop().startswith("Anchor x is 1e+09 m; expected")
     tab.run(tab.model.shown.emit)
-    assert panel._anchor_at.value == shown
+    assert tab.field("Anchor at (m)").value == shown
     # The heading is not refused for it.
-    panel._anchor_heading.value = 30.0
-    tab.run(panel._pose_typed)
-    assert panel._anchor_at.value == shown
-    panel._anchor_heading.value = 1e9
-    with pytest.raises(EditError, match=r"^Anchor heading is 1e\+09 deg; expected"):
-        tab.run(panel._pose_typed)
+    tab.type("Anchor heading (deg)", 30.0)
+    assert tab.field("Anchor at (m)").value == shown
+    tab.type("Anchor heading (deg)", 1e9)
+    assert told.pop().startswith("Anchor heading is 1e+09 deg; expected")
+    assert not told
 
 
-def test_a_friction_that_no_road_has_leaves_a_speed(tab: FakeTab, panel):
+def test_a_friction_that_no_road_has_is_not_taken(tab: FakeTab):
     """A number below zero, or the 0 that 0.4 begins with."""
-    bend(tab, panel)
+    bend(tab)
+    tab.type("Friction coefficient", 0.4)
     for value in (-1.0, 0.0):
-        panel._friction.value = value
-        tab.run(panel._friction_changed)
-        assert "at friction 0.01" in panel._readout.text
-        assert "nan" not in panel._readout.text
-    panel._slows.value = True
-    tab.run(panel._friction_changed)
-    assert tab.session.scenario.applied_warp.friction_coefficient == 0.01
+        tab.type("Friction coefficient", value)
+        assert "at friction 0.40" in tab.text()
+    tab.type("Slow agents to the friction limit", True)
+    assert tab.session.scenario.applied_warp.friction_coefficient == 0.4
 
 
 def test_the_anchor_can_be_typed(tab: FakeTab, panel):
     """(D29)"""
-    bend(tab, panel)
-    panel._anchor_at.value, panel._anchor_heading.value = (12.0, 3.0), 30.0
-    tab.run(panel._pose_typed)
+    bend(tab)
+    tab.type("Anchor at (m)", (12.0, 3.0))
+    tab.type("Anchor heading (deg)", 30.0)
     tab.run(tab.ui.commit_gesture)
     anchor = tab.session.scenario.applied_warp.warp.anchor
     assert (anchor.x_m, anchor.y_m) == (12.0, 3.0)
     assert anchor.rotation_rad == pytest.approx(np.radians(30.0))
-    assert panel._anchor.value == POINT
+    assert tab.field("Anchor").value == POINT
     # 223.3 degrees were shown where -136.7 had been typed.
-    panel._anchor_heading.value = 223.3
-    tab.run(panel._pose_typed)
+    tab.type("Anchor heading (deg)", 223.3)
     tab.run(tab.ui.commit_gesture)
     tab.run(tab.model.shown.emit)
-    assert panel._anchor_heading.value == pytest.approx(-136.7)
+    assert tab.field("Anchor heading (deg)").value == pytest.approx(-136.7)
     label = tab.session.entries[-2].label
     assert "anchor moved" in label
     assert "anchor turned" in label
@@ -227,29 +215,27 @@ def test_agents_that_friction_slows_are_named_with_their_speeds(tab: FakeTab, pa
     """(D10)"""
     ids = tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids, speed_mps=20.0)))
-    panel._power["smooth-turn"].value = 10.0
-    panel._slows.value = True
-    tab.run(panel._changed)
+    tab.type("Bend", 10.0)
+    tab.type("Slow agents to the friction limit", True)
     tab.run(tab.ui.commit_gesture)
     tab.run(tab.model.shown.emit)
     applied = tab.session.scenario.applied_warp
     now = tab.session.scenario.current_step
-    text = panel._slowed.text
+    text = tab.text()
     assert "slowed:" in text
     slowest = applied.warped_agents.speed_mps()[:, now:].min(axis=1)
     named = [row for row, name in enumerate(ids) if name in text]
     assert named
     assert all(slowest[row] < 20.0 for row in named)
     tab.run(panel.reset)
-    assert panel._slowed.text == NOT_SLOWED
+    assert NOT_SLOWED in tab.text()
 
 
 def test_a_repair_that_slows_agents_shows_in_the_setting(tab: FakeTab, panel):
     """The setting said that speeds stay as they are."""
     ids = tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids, speed_mps=20.0)))
-    panel._power["smooth-turn"].value = 10.0
-    tab.run(panel._changed)
+    tab.type("Bend", 10.0)
     tab.run(tab.ui.commit_gesture)
     problems = [p for p in scene_problems(tab.session.scenario) if p.kind == "friction"]
     assert len(problems) == 2
@@ -258,13 +244,13 @@ def test_a_repair_that_slows_agents_shows_in_the_setting(tab: FakeTab, panel):
     assert every.label == "Slow all 2 to the limit"
     (slowed_id,) = problems[0].agent_ids
     tab.run(lambda: tab.ui.apply(one.command))
-    assert panel._slows.value is False
-    assert panel._slowed.text == f"Off; a repair has slowed {slowed_id} alone."
+    assert tab.field("Slow agents to the friction limit").value is False
+    assert f"Off; a repair has slowed {slowed_id} alone." in tab.text()
     tab.run(tab.session.undo)
-    assert panel._slowed.text == NOT_SLOWED
+    assert NOT_SLOWED in tab.text()
     tab.run(lambda: tab.ui.apply(every.command))
-    assert panel._slows.value is True
-    assert all(name in panel._slowed.text for name in ids)
+    assert tab.field("Slow agents to the friction limit").value is True
+    assert all(name in tab.text() for name in ids)
     assert not [p for p in scene_problems(tab.session.scenario) if p.kind == "friction"]
 
 
