@@ -23,11 +23,11 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.palette import LIGHT
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.scene.map_view import MapView
 
 SCENE: Final = "000e1588"

@@ -37,12 +37,12 @@ from pd_editor.scene.generation import (
     run_to_end,
 )
 from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.palette import LIGHT
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.flat_mesh import glb_of
-from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.scene.ribbons_view import ribbon_primitives
 
 NUM_AGENTS = 32

@@ -33,10 +33,10 @@ from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest, Region, run_to_end
+from pd_editor.scene.palette import LIGHT
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.palette import LIGHT
 from pd_editor.viewer.scene.map_view import MapView
 
 Work = Callable[[], object]

@@ -5,11 +5,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from pd_editor.scene.palette import Palette
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.viewer.agents.lock_controls import toggle_lock
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.overlay.messages import AgentRow, AgentSelectionState, AgentsState
 from pd_editor.viewer.tab.ui_context import UiContext
 

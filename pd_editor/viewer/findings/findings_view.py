@@ -8,10 +8,10 @@ import viser
 
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.scene.geometry.oriented_box import box_corners
+from pd_editor.scene.palette import Palette
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up, glb_of
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import dotted, path_ribbons
 
 HEIGHT_M: Final = 0.058

@@ -13,12 +13,12 @@ from pd_editor.analysis.metrics.collisions.path_collision import (
 )
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory
+from pd_editor.scene.palette import Palette
 from pd_editor.scene.paths.candidate_words import candidate_texts
 from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.generation.candidates_view import FAST_MPS, CandidatesView
 from pd_editor.viewer.guidance.guiding import Guiding
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.overlay.banner import OFFER
 from pd_editor.viewer.overlay.messages import FanState
 from pd_editor.viewer.scene.picking import point_of

@@ -7,6 +7,7 @@ import viser
 from jaxtyping import Float
 
 from pd_editor.scene.geometry.lines import Lines
+from pd_editor.scene.palette import Palette
 from pd_editor.scene.paths.motion_primitives import CandidateSet
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.viewer.meshes.colors import (
@@ -15,7 +16,6 @@ from pd_editor.viewer.meshes.colors import (
     srgb_to_linear,
 )
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import path_heights, path_ribbons
 
 HEIGHT_M: Final = 0.085

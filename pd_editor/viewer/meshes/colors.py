@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-Rgb = tuple[int, int, int]
+from pd_editor.scene.palette import Rgb
 
 _ACES_INPUT: Final = np.array(
     [

@@ -14,11 +14,12 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 from shapely.validation import make_valid
 
+from pd_editor.scene.crosswalk_stripes import crosswalk_stripes
 from pd_editor.scene.geometry.angles import left_of
 from pd_editor.scene.geometry.lines import Lines, numbered
 from pd_editor.scene.geometry.polyline import densify
-from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
-from pd_editor.viewer.meshes.crosswalk_stripes import crosswalk_stripes
+from pd_editor.scene.lane_marks import DASH_M, EDGE_WIDTH_M, GAP_M, marked_lines
+from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
 from pd_editor.viewer.meshes.flat_mesh import (
     FlatMesh,
     merged,
@@ -38,11 +39,6 @@ LAYERS: Final[tuple[Layer, ...]] = (
 SPACING_M: Final = 2.0
 CELL_M: Final = 8.0
 """Areas are cut into cells of this size, so that they bend with a warp."""
-MARKING_WIDTH_M: Final = 0.17
-EDGE_WIDTH_M: Final = 0.08
-DASH_M: Final = 3.0
-GAP_M: Final = 6.0
-DOUBLE_LINE_OFFSET_M: Final = 0.17
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,67 +141,15 @@ def _square_cells(corner_m: Float[np.ndarray, "N 2"]) -> FlatMesh:
     return FlatMesh(points_m=points, faces=faces)
 
 
-def _boundaries(road_map: RoadMap) -> list[tuple[LaneMark, bool, np.ndarray]]:
-    """Each boundary once, even if two lanes share it; marked versions take precedence."""
-    found = [
-        (mark, lane.is_intersection, line)
-        for lane in road_map.lanes
-        for mark, line in (
-            (lane.left_mark, lane.left_m),
-            (lane.right_mark, lane.right_m),
-        )
-    ]
-    lines = Lines.of([line for *_, line in found])
-    ends = np.round(2 * lines.points_m[lines.ends.T])
-    lengths = np.round(lines.length_m)
-    seen: dict[tuple, tuple[LaneMark, bool, np.ndarray]] = {}
-    keys = zip(map(sorted, ends.tolist()), lengths.tolist(), strict=True)
-    for one, ((start, end), length) in zip(found, keys, strict=True):
-        key = (*start, *end, length)
-        is_marked = one[0] not in (LaneMark.NONE, LaneMark.UNKNOWN)
-        if key not in seen or (is_marked and seen[key][0] is LaneMark.NONE):
-            seen[key] = one
-    return list(seen.values())
-
-
 def _markings(road_map: RoadMap) -> dict[str, list[FlatMesh]]:
     """Meshes of the boundaries of lanes by colour."""
-    boundaries = _boundaries(road_map)
-    marks = np.array([mark for mark, *_ in boundaries])
-    is_inside = np.array([inside for _, inside, _ in boundaries], bool)
-    lines = Lines.of([line for *_, line in boundaries]).without_repeats()
-    dense = lines.densified(SPACING_M)
     meshes: dict[str, list[FlatMesh]] = {
         name: [] for name in ("lane_edge", "white_marking", "yellow_marking")
     }
-    for mark in map(LaneMark, np.unique(marks)):
-        is_unmarked = mark in (LaneMark.NONE, LaneMark.UNKNOWN)
-        alike = (marks == mark) & (lines.count > 1) & ~(is_unmarked & is_inside)
-        some = dense.taken(alike)
-        if is_unmarked:
-            meshes["lane_edge"].append(ribbons(some, EDGE_WIDTH_M))
-            continue
-        color = "yellow_marking" if "YELLOW" in mark else "white_marking"
-        styles = _line_styles(mark)
-        offset = DOUBLE_LINE_OFFSET_M * (len(styles) - 1)
-        for style, side in zip(styles, (offset, -offset), strict=False):
-            shifted = some.offset(side) if side else some
-            drawn = shifted if style == "solid" else _dashes(shifted)
-            meshes[color].append(ribbons(drawn, MARKING_WIDTH_M))
+    for one in marked_lines(road_map, SPACING_M):
+        drawn = _dashes(one.lines) if one.is_dashed else one.lines
+        meshes[one.color_name].append(ribbons(drawn, one.width_m))
     return meshes
-
-
-def _line_styles(mark: LaneMark) -> tuple[str, ...]:
-    """Style of each marked line, from left to right."""
-    if mark.startswith("DOUBLE_SOLID"):
-        return ("solid", "solid")
-    if mark.startswith("DOUBLE_DASH"):
-        return ("dashed", "dashed")
-    if mark.startswith("DASH_SOLID"):
-        return ("dashed", "solid")
-    if mark.startswith("SOLID_DASH"):
-        return ("solid", "dashed")
-    return ("dashed",) if mark.startswith("DASHED") else ("solid",)
 
 
 def _dashes(lines: Lines) -> Lines:

@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.palette import Palette, agent_color
+from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses, poses_at, yaw_quaternions
 from pd_editor.viewer.meshes.agent_shapes import contact_shadow, shape_of
-from pd_editor.viewer.meshes.colors import Rgb, lit_from_above
-from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.viewer.meshes.colors import lit_from_above
 from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
 from pd_editor.viewer.state.signal import Signal
 
@@ -29,16 +29,6 @@ class _Batch:
     rows: np.ndarray
     nodes: tuple[BodyHandle, ...]
     is_present: np.ndarray | None = None
-
-
-def agent_color(scenario: Scenario, palette: Palette, row: int) -> Rgb:
-    """Colour of an agent: its kind's, unless it is the focal agent or the ego."""
-    agent_id = scenario.agents.ids[row]
-    if agent_id == scenario.focal_id:
-        return palette.focal
-    if agent_id == EGO_ID:
-        return palette.ego
-    return palette.kinds[scenario.agents.kinds[row]]
 
 
 class AgentsView:

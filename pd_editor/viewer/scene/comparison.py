@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pd_editor.viewer.meshes.palette import Palette
+from pd_editor.scene.palette import Palette
 from pd_editor.viewer.overlay.messages import CompareState
 from pd_editor.viewer.scene.original_view import OriginalView, difference_notes
 from pd_editor.viewer.tab.ui_context import UiContext

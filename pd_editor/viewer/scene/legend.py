@@ -7,10 +7,9 @@ import numpy as np
 
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.locks import Kept
+from pd_editor.scene.palette import Palette, Rgb
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState
-from pd_editor.viewer.meshes.colors import Rgb
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.overlay.messages import LegendEntry, LegendState
 from pd_editor.viewer.overlay.overlay import Overlay
 

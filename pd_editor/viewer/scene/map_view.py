@@ -8,12 +8,12 @@ import viser
 
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.palette import Palette, Rgb
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.colors import Rgb, shown_exactly
+from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, glb_of, ribbons
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.road_mesh import LAYERS, Layer, RoadPart, road_parts
 
 GROUND_SIZE_M: Final = 6000.0

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.lines import Lines
+from pd_editor.scene.palette import Palette
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses, poses_at, yaw_quaternions
 from pd_editor.viewer.meshes.agent_shapes import box_outline
@@ -19,7 +20,6 @@ from pd_editor.viewer.meshes.colors import (
     srgb_to_linear,
 )
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import dotted, path_heights, path_ribbons
 
 SAME_M: Final = 0.05

@@ -4,9 +4,9 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
+from pd_editor.scene.palette import Palette
 from pd_editor.viewer.meshes.colors import inverse_aces, srgb_to_linear
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import path_heights, path_ribbons
 from pd_editor.viewer.scene.original_view import DASH_WIDTH_M, HEIGHT_M
 from pd_editor.viewer.tab.ui_context import UiContext

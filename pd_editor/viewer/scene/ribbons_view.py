@@ -7,10 +7,10 @@ import viser
 
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.palette import Palette, Rgb, agent_color
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.viewer.meshes.colors import Rgb, inverse_aces, srgb_to_linear
+from pd_editor.viewer.meshes.colors import inverse_aces, srgb_to_linear
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
-from pd_editor.viewer.meshes.palette import Palette
 from pd_editor.viewer.meshes.ribbons import (
     MIN_MOTION_M,
     dotted,
@@ -18,7 +18,6 @@ from pd_editor.viewer.meshes.ribbons import (
     path_heights,
     path_ribbons,
 )
-from pd_editor.viewer.scene.agents_view import agent_color
 
 STRIDE: Final = 2
 """Every second step is drawn; at 10 Hz that is still under 6 m at 30 m/s."""

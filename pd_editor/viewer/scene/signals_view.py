@@ -6,11 +6,11 @@ import numpy as np
 import viser
 
 from pd_editor.scene.geometry.lines import Lines
+from pd_editor.scene.palette import Palette
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.signals import SignalState, states_at
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
-from pd_editor.viewer.meshes.palette import Palette
 
 WIDTH_M: Final = 0.8
 HEIGHT_M: Final = 0.06

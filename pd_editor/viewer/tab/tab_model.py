@@ -6,9 +6,9 @@ from typing import Literal, Protocol
 import numpy as np
 
 from pd_editor.analysis.findings.finding import Finding
+from pd_editor.scene.palette import DARK, LIGHT, Palette
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
 from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.state.workspace import Workspace

@@ -6,9 +6,9 @@ import time
 import numpy as np
 
 from pd_editor.editor.commands import DuplicateAgents, SetAgentSpeed
+from pd_editor.scene.palette import LIGHT
 from pd_editor.viewer.agents import agent_list
 from pd_editor.viewer.agents.agent_list import listed_agents
-from pd_editor.viewer.meshes.palette import LIGHT
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab
 

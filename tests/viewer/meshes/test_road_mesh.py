@@ -4,10 +4,11 @@ import shapely
 
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.lane_marks import line_styles
 from pd_editor.scene.road_map import LaneKind, LaneMark, RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh
-from pd_editor.viewer.meshes.road_mesh import _line_styles, cells, road_parts
+from pd_editor.viewer.meshes.road_mesh import cells, road_parts
 from tests.builders import straight_lane, two_lane_road
 
 
@@ -60,7 +61,7 @@ def test_a_sheared_mesh_keeps_its_area_and_folds_nowhere():
 
 @pytest.mark.parametrize("mark", list(LaneMark))
 def test_every_mark_has_one_or_two_lines(mark):
-    assert len(_line_styles(mark)) == (2 if mark.count("_") == 2 else 1)
+    assert len(line_styles(mark)) == (2 if mark.count("_") == 2 else 1)
 
 
 def test_real_drivable_areas_are_covered(av2_scenario_folders):

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.locks import Lock
-from pd_editor.viewer.meshes.palette import DARK, LIGHT
+from pd_editor.scene.palette import DARK, LIGHT
 from pd_editor.viewer.scene.legend import Legend
 from tests.builders import scenario_with, straight_drivers
 from tests.scene.test_signals import signalled

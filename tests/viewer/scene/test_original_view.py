@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, TransformAgents
-from pd_editor.viewer.meshes.palette import LIGHT
+from pd_editor.scene.palette import LIGHT
 from pd_editor.viewer.scene.original_view import (
     _paths,
     changed_rows,

@@ -5,8 +5,8 @@ import pytest
 
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.palette import DARK, LIGHT
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.palette import DARK, LIGHT
 from pd_editor.viewer.scene.ribbons_view import (
     DOT_WIDTH_M,
     _bottom_up,

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState
-from pd_editor.viewer.meshes.colors import Rgb
+
+Rgb = tuple[int, int, int]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,6 +52,16 @@ class Palette:
             SignalState.CAUTION: self.yellow_marking,
             SignalState.GO: self.kinds[AgentKind.CYCLIST],
         }
+
+
+def agent_color(scenario: Scenario, palette: Palette, row: int) -> Rgb:
+    """Colour of an agent: its kind's, unless it is the focal agent or the ego."""
+    agent_id = scenario.agents.ids[row]
+    if agent_id == scenario.focal_id:
+        return palette.focal
+    if agent_id == EGO_ID:
+        return palette.ego
+    return palette.kinds[scenario.agents.kinds[row]]
 
 
 LIGHT: Final = Palette(

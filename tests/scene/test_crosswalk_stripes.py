@@ -5,12 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.road_map import Crosswalk, DrivableArea, RoadMap
-from pd_editor.viewer.meshes.crosswalk_stripes import (
+from pd_editor.scene.crosswalk_stripes import (
     STRIPE_M,
     _direction,
     crosswalk_stripes,
 )
+from pd_editor.scene.road_map import Crosswalk, DrivableArea, RoadMap
 
 
 def flat(points) -> np.ndarray:

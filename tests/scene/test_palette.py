@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.meshes.colors import Rgb, srgb_to_linear
-from pd_editor.viewer.meshes.palette import DARK, LIGHT, Palette
+from pd_editor.scene.palette import DARK, LIGHT, Palette, Rgb
+from pd_editor.viewer.meshes.colors import srgb_to_linear
 
 MIN_CONTRAST: Final = 3.0
 """Least contrast of graphics by WCAG 2.2."""
