@@ -18,6 +18,8 @@ CLIENT = ROOT / "client"
 BUILT = {
     "src/main.ts": ROOT / "pd_editor/viewer/overlay/page.js",
     "src/style.css": ROOT / "pd_editor/viewer/overlay/page.css",
+    "src/player/main.ts": ROOT / "pd_editor/scene/formats/player.js",
+    "src/player/style.css": ROOT / "pd_editor/scene/formats/player.css",
     "src/address.ts": ROOT / "pd_editor/viewer/server/address.js",
 }
 """Files of the package, by the file that each is built from."""

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.index import index
     from pd_editor.cli.model import model
     from pd_editor.cli.output.outcome import Outcome
+    from pd_editor.cli.render import render
     from pd_editor.cli.replay import replay
     from pd_editor.cli.study import study
     from pd_editor.cli.synth import synth
@@ -67,12 +68,14 @@ if TYPE_CHECKING:
     from pd_editor.editor.recipe import Recipe
     from pd_editor.editor.scenario_store import open_scenario
     from pd_editor.editor.session import EditorSession
+    from pd_editor.scene.formats.player import Player
     from pd_editor.scene.scenario import Scenario
 
 __all__ = [
     "EditorSession",
     "Outcome",
     "PdEditorError",
+    "Player",
     "Recipe",
     "Scenario",
     "commands",
@@ -88,6 +91,7 @@ __all__ = [
     "index",
     "model",
     "open_scenario",
+    "render",
     "replay",
     "study",
     "synth",
@@ -106,6 +110,7 @@ _HOMES = {
     "EditorSession": "pd_editor.editor.session",
     "Outcome": "pd_editor.cli.output.outcome",
     "PdEditorError": "pd_editor.base.errors",
+    "Player": "pd_editor.scene.formats.player",
     "Recipe": "pd_editor.editor.recipe",
     "Scenario": "pd_editor.scene.scenario",
     "convert": "pd_editor.cli.convert",
@@ -120,6 +125,7 @@ _HOMES = {
     "index": "pd_editor.cli.index",
     "model": "pd_editor.cli.model",
     "open_scenario": "pd_editor.editor.scenario_store",
+    "render": "pd_editor.cli.render",
     "replay": "pd_editor.cli.replay",
     "study": "pd_editor.cli.study",
     "synth": "pd_editor.cli.synth",

@@ -13,7 +13,11 @@ export function inWords(step: number, axis: Pick<TimelineState, "stepS">): strin
 }
 
 /** The step that is shown so many seconds after a message of the server. */
-export function stepAfter(seconds: number, head: PlayheadState, { beginStep, endStep, stepS }: TimelineState): number {
+export function stepAfter(
+  seconds: number,
+  head: PlayheadState,
+  { beginStep, endStep, stepS }: Pick<TimelineState, "beginStep" | "endStep" | "stepS">,
+): number {
   if (!head.isPlaying) return head.step;
   const step = head.step + (seconds / stepS) * head.speed;
   if (step <= endStep) return step;

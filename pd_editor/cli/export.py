@@ -93,7 +93,9 @@ def export(
     if verify and format != ARGOVERSE2.name:
         raise ExportError(f"--verify is for {ARGOVERSE2.name}; leave it out.")
     cut = SceneCut(current_s=current, until_s=until)
-    sessions = [_session(one, described(name, tags, note), cut) for one in references]
+    sessions = [
+        opened_session(one, described(name, tags, note), cut) for one in references
+    ]
     for session in sessions if focal else ():
         session.apply(SetFocalAgent(agent_id=focal))
     opened = tuple(session.scenario for session in sessions)
@@ -135,7 +137,7 @@ def _verified(folder: Path) -> str:
     )
 
 
-def _session(reference: str, variant: Variant, cut: SceneCut) -> EditorSession:
+def opened_session(reference: str, variant: Variant, cut: SceneCut) -> EditorSession:
     """Open a session on a scenario, or on the result of a recipe."""
     if not reference.endswith(".json") or format_of(Path(reference)) is not None:
         session = EditorSession(

@@ -39,6 +39,7 @@ _COMMANDS: Final = (
     "threats",
     "export",
     "convert",
+    "render",
     "replay",
     "drive",
     "evaluate",

@@ -12,6 +12,7 @@ COMMANDS = (
     "warp",
     "generate",
     "export",
+    "render",
     "replay",
     "drive",
     "evaluate",

@@ -13,7 +13,7 @@ FormatOption = Annotated[
     str,
     tyro.conf.arg(
         metavar="FORMAT",
-        help_behavior_hint="(av2, commonroad, gpudrive, scenarionet or tables)",
+        help_behavior_hint="(av2, commonroad, opendrive, player, scenarionet, tables ...)",
     ),
 ]
 FolderOption = Annotated[str | Path, tyro.conf.arg(metavar="DIR")]

@@ -17,6 +17,7 @@ from pd_editor.scene.formats.gpudrive import GPUDRIVE
 from pd_editor.scene.formats.lanelet2 import LANELET2
 from pd_editor.scene.formats.opendrive import OPENDRIVE
 from pd_editor.scene.formats.packed_file import unpacked_name
+from pd_editor.scene.formats.player import PLAYER
 from pd_editor.scene.formats.scenarionet import SCENARIONET
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.sumo import SUMO
@@ -33,6 +34,7 @@ OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     SCENARIONET,
     SUMO,
     TABLES,
+    PLAYER,
 )
 
 _LOG: Final = logging.getLogger(__name__)

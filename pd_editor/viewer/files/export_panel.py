@@ -11,6 +11,7 @@ import viser
 from pd_editor.analysis.findings.finding import open_in_words
 from pd_editor.base.errors import InputError
 from pd_editor.editor.variant import name_from_text, tags_from_text
+from pd_editor.scene.formats.player import player_page
 from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import EGO_ID
 from pd_editor.viewer.tab.panel_style import FixedText
@@ -35,6 +36,12 @@ class ExportPanel:
                 "Download zip",
                 icon=viser.Icon.DOWNLOAD,
                 hint="Files of the format below, with recipe.json",
+            )
+            player = gui.add_button(
+                "Download player",
+                icon=viser.Icon.PLAYER_PLAY,
+                color="gray",
+                hint="One page that any browser plays, without a network",
             )
             self._star = gui.add_button(
                 "Star: into the basket",
@@ -64,6 +71,7 @@ class ExportPanel:
                 hint="recipe.json, which pd-editor replay applies again",
             )
         ui.on_click(download, self.download)
+        ui.on_click(player, self._download_player)
         ui.on_click(self._star, self._model.star_requested.emit)
         ui.on_click(write, self._write)
         ui.on_click(edits, self._download_edits)
@@ -110,6 +118,14 @@ class ExportPanel:
         self._refuse_empty_name()
         self._ui.commit_gesture()
         name, content = self._workspace.exported_zip(self.format_name())
+        self._ui.client.send_file_download(name, content, save_immediately=True)
+
+    def _download_player(self) -> None:
+        self._refuse_empty_name()
+        self._ui.commit_gesture()
+        session = self._ui.session
+        named = replace(session.scenario, scenario_id=session.name)
+        name, content = f"{session.name}.html", player_page([named])
         self._ui.client.send_file_download(name, content, save_immediately=True)
 
     def format_name(self) -> str:

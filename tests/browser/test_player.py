@@ -1,0 +1,172 @@
+"""The player's page, opened from a file without a network, as a person would."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.formats.player import player_page
+from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+EVIL = "</script><b>x</b>"
+
+
+@pytest.fixture
+def opened(browser, tmp_path: Path):
+    """Opens the page of a warped junction and a roundabout with a strange name."""
+    plain = open_scenario("signalised-junction")
+    warp = RoadWarp(
+        anchor=pose_of_anchor(plain, plain.focal_id),
+        terms=(WarpTerm(kind="smooth-turn", power=6.0, length_m=30.0),),
+    )
+    scenes = [
+        replace(warp_scenario(plain, warp), scenario_id="warped"),
+        replace(open_scenario("roundabout"), scenario_id=EVIL),
+    ]
+    path = tmp_path / "set.html"
+    path.write_bytes(player_page(scenes))
+    contexts, told = [], []
+
+    def page_with(**options) -> Page:
+        size = {"width": 800, "height": 480}
+        options = {"reduced_motion": "reduce", "viewport": size, **options}
+        context = browser.new_context(offline=True, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: told.append(message.text))
+        page.on("pageerror", lambda error: told.append(str(error)))
+        page.on("request", lambda one: told.append(one.url))
+        page.goto(path.as_uri())
+        expect(page.get_by_text("60 agents")).to_be_visible()
+        return page
+
+    yield page_with
+    for context in contexts:
+        context.close()
+    assert set(told) <= {path.as_uri(), "data:,"}
+
+
+def seconds(page: Page) -> float:
+    words = page.get_by_label("Time shown").text_content() or ""
+    return float(words.removesuffix(" s").replace("\u2212", "-"))
+
+
+def picture(page: Page) -> bytes:
+    # Two frames: what was asked for is drawn.
+    page.evaluate(
+        "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
+    return page.get_by_role("main").screenshot()
+
+
+def test_time_runs_and_the_picture_moves(opened):
+    page = opened(reduced_motion="no-preference")
+    expect(page.get_by_label("Time shown")).to_have_text(re.compile("^\u2212[32]"))
+    page.keyboard.press(" ")
+    expect(page.get_by_role("button", name="Play")).to_be_visible()
+    before = picture(page)
+    begin = seconds(page)
+    assert picture(page) == before
+    page.keyboard.press(".")
+    after = picture(page)
+    assert after != before
+    assert seconds(page) == pytest.approx(begin + 0.1, abs=0.051)
+    page.keyboard.press(",")
+    page.keyboard.press("l")
+    picture(page)
+    assert seconds(page) == pytest.approx(begin + 1.0, abs=0.051)
+    page.keyboard.press("Shift+ArrowLeft")
+    picture(page)
+    assert seconds(page) == pytest.approx(begin, abs=0.051)
+    page.get_by_label("Speed").select_option("4")
+    page.get_by_role("slider").fill("60")
+    picture(page)
+    assert seconds(page) == pytest.approx(1.1)
+    assert picture(page) != before
+
+
+def test_an_agent_is_followed_and_labelled(opened):
+    page = opened()
+    focal = open_scenario("signalised-junction").focal_id
+    whole = picture(page)
+    page.keyboard.press("f")
+    expect(page.get_by_role("button", name="Follow")).to_have_attribute(
+        "aria-pressed", "true"
+    )
+    expect(page.get_by_role("note")).to_contain_text(focal)
+    assert picture(page) != whole
+    stage = page.get_by_role("main").bounding_box()
+    middle = stage["x"] + stage["width"] / 2, stage["y"] + stage["height"] / 2
+    for _ in range(3):
+        page.keyboard.press("l")
+        # It stays in the middle, under the pointer, while it drives.
+        page.keyboard.press("Escape")
+        expect(page.get_by_role("button", name="Follow")).to_have_attribute(
+            "aria-pressed", "false"
+        )
+        page.mouse.click(*middle)
+        expect(page.get_by_role("note")).to_contain_text(focal)
+        page.keyboard.press("f")
+    page.mouse.move(*middle)
+    page.mouse.down()
+    page.mouse.move(middle[0] + 80, middle[1], steps=3)
+    page.mouse.up()
+    expect(page.get_by_role("button", name="Follow")).to_have_attribute(
+        "aria-pressed", "false"
+    )
+    page.keyboard.press("Escape")
+    page.mouse.move(5, 5)
+    for _ in range(3):
+        page.keyboard.press("j")
+    page.keyboard.press("Home")
+    assert picture(page) == whole
+
+
+def test_the_view_zooms_tilts_and_compares(opened):
+    page = opened()
+    seen = [picture(page)]
+    page.mouse.move(400, 300)
+    page.mouse.wheel(0, -300)
+    seen.append(picture(page))
+    for key in ("v", "o", "o", "v", "-", "+"):
+        page.keyboard.press(key)
+        seen.append(picture(page))
+    zoomed, slanted, compared, hidden, above, far, near = seen[1:]
+    assert len({seen[0], zoomed, slanted, compared, far}) == 5
+    assert (hidden, above, near) == (slanted, zoomed, zoomed)
+
+
+def test_scenes_are_a_list_and_names_are_text(opened):
+    page = opened()
+    page.get_by_role("button", name=EVIL).click()
+    expect(page.get_by_role("heading", name=EVIL)).to_be_visible()
+    expect(page.get_by_text("11 agents")).to_be_visible()
+    assert page.locator("b").count() == 0
+    # It is as recorded: there is nothing to compare with.
+    expect(page.get_by_role("button", name="Original")).to_be_hidden()
+    page.keyboard.press("PageUp")
+    expect(page.get_by_text("60 agents")).to_be_visible()
+    page.keyboard.press("?")
+    expect(page.get_by_role("region", name="About")).to_contain_text("play or pause")
+
+
+def test_it_is_dark_where_the_browser_is_and_fits_a_phone(opened):
+    light = picture(opened())
+    page = opened(color_scheme="dark")
+    assert picture(page) != light
+    phone = opened(viewport={"width": 390, "height": 780}, has_touch=True)
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+    for name in ("Play", "Follow", "Fit", "3-D", "Original", "About"):
+        box = phone.get_by_role("button", name=name, exact=True).bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+        assert box["y"] + box["height"] <= 780
+    before = picture(phone)
+    phone.get_by_role("button", name="3-D").tap()
+    assert picture(phone) != before
