@@ -12,12 +12,8 @@ from pd_editor.base.regular_file import user_path
 from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
 from pd_editor.cli.options.arguments import AddressOption, WorkersOption, several
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.experiments.scene_index.index_file import (
-    INDEX_NAME,
-    IndexWriter,
-    row_of,
-)
-from pd_editor.experiments.work_engine import EngineChoice, EngineName, run_items
+from pd_editor.experiments.scene_index.index_file import INDEX_NAME, IndexWriter
+from pd_editor.experiments.work_engine import EngineChoice, EngineName
 from pd_editor.experiments.work_engine.work_engine import WorkFailure
 
 
@@ -77,17 +73,8 @@ def index(
     writer = IndexWriter(file, dict.fromkeys(scenes))
     earlier = len(writer.done)
     with choice.engine() as runner:
-        try:
-            failures = run_items(
-                runner,
-                row_of,
-                {one: one for one in scenes},
-                on_value=writer.add,
-                on_progress=work_shown("scenes"),
-                done=writer.done,
-            )
-        finally:
-            count = writer.write()
+        failures = writer.read_missing(runner, work_shown("scenes"))
+    count = len(writer.done)
     return Indexed(
         file=file, num_scenes=count, num_read=count - earlier, failures=failures
     )

@@ -12,6 +12,10 @@ _logger = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
 
+class Cancelled(Exception):
+    """Ends a cancelled job from within a callback."""
+
+
 class BackgroundJob(ABC, Generic[_Result]):
     """Work in a thread: exactly one of result and error, and none after ``cancel``.
 
@@ -39,6 +43,11 @@ class BackgroundJob(ABC, Generic[_Result]):
         """Stop after the step in progress, without result or error."""
         self._cancelled.set()
 
+    def check_cancelled(self) -> None:
+        """End the work if it was cancelled; to be called within ``_result``."""
+        if self._cancelled.is_set():
+            raise Cancelled
+
     @property
     def is_running(self) -> bool:
         """Whether the thread is running."""
@@ -59,6 +68,8 @@ class BackgroundJob(ABC, Generic[_Result]):
     def _run(self) -> None:
         try:
             result = self._result()
+        except Cancelled:
+            pass
         except PdEditorError as error:
             self._fail(error)
         except Exception:

@@ -210,6 +210,7 @@ class BrowserSession:
             self._follows_basket_at = now + BASKET_FOLLOW_S
             tab.basket.follow()
             tab.unfinished.follow()
+            tab.dataset.follow_index()
         is_searching = workspace.search_on()
         if is_searching:
             tab.dataset.show()

@@ -15,6 +15,7 @@ import viser
 
 from pd_editor.base.errors import LargeMapError, PdEditorError
 from pd_editor.editor.scenario_store import open_part
+from pd_editor.experiments.scene_index.index_file import INDEX_NAME
 from pd_editor.generation.generators import catalogue_with
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.formats.dataset import DatasetIndex
@@ -26,6 +27,7 @@ from pd_editor.viewer.server.server_guard import (
     guarded_server,
     is_loopback,
 )
+from pd_editor.viewer.state.index_run import IndexRun
 from pd_editor.viewer.state.session_shelf import SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 
@@ -86,14 +88,15 @@ class ViewerApp:
             # The page offers other parts.
             (window,) = densest_windows(error.scene.lanes, 1)
             self._scenario = open_part(reference, replace(self._cut, window=window))
+        self._is_local = is_loopback(host)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
         self._library = library or default_library()
+        self._index_run = self._new_index_run()
         self._shelves: dict[str, SessionShelf] = {}
         """Kept work by visitor."""
         self._workspaces: dict[str, Workspace] = {}
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
         self._is_debug = debug
-        self._is_local = is_loopback(host)
         self._lock = threading.Condition()
         """Notified when a tab has ended, so that its workspace is free."""
         self._silent = threading.Lock()
@@ -133,6 +136,8 @@ class ViewerApp:
             self._shelves.clear()
         for _, tab in tabs:
             tab.close()
+        if self._index_run is not None:
+            self._index_run.close()
         for kept in (*workspaces, *shelves):
             kept.close()
         self.server.stop()
@@ -141,6 +146,17 @@ class ViewerApp:
         """All workspaces; of those without a tab, the one left last comes last."""
         with self._lock:
             return tuple(self._workspaces.values())
+
+    def _new_index_run(self) -> IndexRun | None:
+        """The index of the dataset: in its root, or in the library if it is read only."""
+        if self._dataset is None:
+            return None
+        root = os.path.abspath(self._dataset.root)
+        name = hashlib.sha256(os.fsencode(root)).hexdigest()[:32]
+        file = Path(root, INDEX_NAME)
+        if not file.exists() and not (self._is_local and os.access(root, os.W_OK)):
+            file = self._library / f"{name}.{INDEX_NAME}"
+        return IndexRun(self._dataset, file)
 
     async def _connected(self, client: viser.ClientHandle) -> None:
         # A thread of its own: some browsers never answer, and viser's threads are few.
@@ -184,6 +200,7 @@ class ViewerApp:
                 self._workspaces[key] = Workspace(
                     self._scenario,
                     dataset=self._dataset,
+                    index_run=self._index_run,
                     shelf=self._shelf_of(visitor),
                     is_local=self._is_local,
                     obeying={

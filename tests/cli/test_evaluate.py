@@ -10,8 +10,7 @@ import pytest
 
 import pd_editor
 from pd_editor.cli import evaluate as evaluate_module
-from pd_editor.cli.output.progress import progress_line
-from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
 from tests.builders import scenario_with, straight_drivers
 from tests.cli.shell import ROOT, Result, Shell
 from tests.experiments.evaluation.small_dataset import (

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Final
 
+from pd_editor.scene.time_axis import TimeAxis
+
 EVENT_KINDS: Final[dict[str, str]] = {
     "lane-change-left": "",
     "lane-change-right": "",
@@ -44,3 +46,13 @@ class SceneEvent:
     end_s: float
     value: float | None = None
     """What ``EVENT_KINDS`` names."""
+
+    @property
+    def agent_ids(self) -> tuple[str, ...]:
+        """Who does it, and towards whom, if anybody."""
+        return (self.agent_id, self.other_id) if self.other_id else (self.agent_id,)
+
+    def first_step(self, axis: TimeAxis) -> int:
+        """Step of a time axis at which it begins, or the one next to that."""
+        step = axis.current_step + round(self.begin_s / axis.step_s)
+        return min(max(step, 0), axis.num_steps - 1)

@@ -6,11 +6,7 @@ from collections.abc import Callable, Generator
 from functools import cache
 from typing import Final
 
-from pd_editor.experiments.work_engine.work_engine import (
-    WorkProgress,
-    minutes_left,
-    rate_in_words,
-)
+from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
 from pd_editor.scene.generation import GeneratedTraffic, GenerationProgress, run_to_end
 
 _SECONDS_BETWEEN_LINES: Final = 30.0
@@ -86,16 +82,3 @@ def work_shown(noun: str) -> Callable[[WorkProgress], None]:
         line.show(text_of(progress), is_over=is_over)
 
     return show
-
-
-def progress_line(progress: WorkProgress, elapsed_s: float, noun: str) -> str:
-    """Describe the progress of a run and its remaining time."""
-    done, num = progress.num_done, progress.num_items
-    words = f"{done} of {num} {noun}"
-    if progress.num_failed:
-        words += f", {progress.num_failed} failed"
-    if done > 0 and elapsed_s > 0:
-        words += f", {rate_in_words(done / elapsed_s)}"
-        if done < num:
-            words += f", {minutes_left(elapsed_s / done * (num - done))}"
-    return words

@@ -25,6 +25,8 @@ _HELD_QUANTILES: Final = (0.01, 0.99)
 _MOST_SCALE: Final = 3.0
 _WIDE_LINE_M: Final = 1.5
 """Width of trajectories in small pictures of a given frame, per scale."""
+_NEAR: Final = 0.6
+"""Scale of pictures of single agents."""
 _EVERY_STEPS: Final = 10
 # Colours that differ clearly on light and on dark ground.
 _ROAD: Final = "#8b98a5"
@@ -53,7 +55,8 @@ class PictureFrame:
         """A frame of the mapped road with nearly all of some agents on it, at t = 0."""
         scenario, _ = shown[0]
         ground = drivable_ground(scenario.road_map)
-        now, places = scenario.current_step, [_middle(scenario)[None]]
+        now, focal = scenario.current_step, (scenario.focal_id,)
+        places = [_middle(scenario, focal, now)[None]]
         for one, agent_ids in shown:
             rows = one.agents.rows(agent_ids)
             places.append(
@@ -77,17 +80,28 @@ class PictureFrame:
         return cls(middle_m=(x, y), scale=scale)
 
 
-def thumbnail(scenario: Scenario, frame: PictureFrame | None = None) -> str:
+def thumbnail(
+    scenario: Scenario,
+    frame: PictureFrame | None = None,
+    *,
+    agent_ids: Sequence[str] = (),
+    step: int | None = None,
+) -> str:
     """Render drivable area, agents and their trajectories, north up, as SVG.
 
-    ``frame`` None: around the focal agent.
+    Args:
+        scenario: what is rendered.
+        frame: None: around the focal agent, or around those of ``agent_ids``.
+        agent_ids: agents that stand out instead of the focal one.
+        step: None: the current one.
     """
-    agents, now = scenario.agents, scenario.current_step
+    agents, now = scenario.agents, scenario.current_step if step is None else step
+    marked = agent_ids or (scenario.focal_id,)
     there = np.flatnonzero(agents.is_valid[:, now])
     line_m = 1.0 if frame is None else _WIDE_LINE_M * frame.scale
     if frame is None:
-        x, y = _middle(scenario).tolist()
-        frame = PictureFrame(middle_m=(x, y))
+        x, y = _middle(scenario, marked, now).tolist()
+        frame = PictureFrame(middle_m=(x, y), scale=_NEAR if agent_ids else 1.0)
     middle, (half_width, half_height) = np.array(frame.middle_m), frame.half_size_m
     parts = [
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="'
@@ -101,7 +115,7 @@ def thumbnail(scenario: Scenario, frame: PictureFrame | None = None) -> str:
     corners = box_corners(position, agents.heading_rad[there, now], size)
     near = (np.abs(position - middle) < [half_width, half_height]).all(axis=-1)
     for row, box in zip(there[near].tolist(), corners[near], strict=True):
-        color = _color(scenario, row)
+        color = _color(scenario, row, marked)
         ahead = np.flatnonzero(agents.is_valid[row, now:])[::_EVERY_STEPS] + now
         way = _points(agents.position_m[row, ahead] - middle)
         parts.append(
@@ -111,12 +125,14 @@ def thumbnail(scenario: Scenario, frame: PictureFrame | None = None) -> str:
     return "".join([*parts, "</svg>"])
 
 
-def _middle(scenario: Scenario) -> Float[np.ndarray, "2"]:
-    agents, now = scenario.agents, scenario.current_step
+def _middle(
+    scenario: Scenario, agent_ids: Sequence[str], step: int
+) -> Float[np.ndarray, "2"]:
+    agents, now = scenario.agents, step
     there = agents.is_valid[:, now]
-    focal = agents.row_of.get(scenario.focal_id)
-    if focal is not None and there[focal]:
-        return agents.position_m[focal, now]
+    rows = [agents.row_of[one] for one in agent_ids if one in agents.row_of]
+    if there[rows].any():
+        return agents.position_m[rows, now][there[rows]].mean(axis=0)
     if there.any():
         return np.median(agents.position_m[there, now], axis=0)
     ground = drivable_ground(scenario.road_map)
@@ -125,9 +141,9 @@ def _middle(scenario: Scenario) -> Float[np.ndarray, "2"]:
     return shapely.get_coordinates(shapely.centroid(ground))[0]
 
 
-def _color(scenario: Scenario, row: int) -> str:
+def _color(scenario: Scenario, row: int, marked: Sequence[str]) -> str:
     agents = scenario.agents
-    if agents.ids[row] == scenario.focal_id:
+    if agents.ids[row] in marked:
         return _FOCAL
     if agents.ids[row] == EGO_ID:
         return _EGO

@@ -22,7 +22,7 @@ class FoundScene:
     scenario_id: str
     facts: dict[str, float | str]
     events: tuple[SceneEvent, ...]
-    """Events that the query asked for."""
+    """Events that the query asked for, in the order in which they begin."""
 
 
 def find_scenes(index: str | Path | SceneIndex, query: str) -> tuple[FoundScene, ...]:
@@ -47,7 +47,7 @@ def find_scenes(index: str | Path | SceneIndex, query: str) -> tuple[FoundScene,
             path=index.place_of(one.pop("path")),
             scenario_id=one.pop("scenario_id"),
             facts=one,
-            events=tuple(events[row]),
+            events=tuple(sorted(events[row], key=lambda event: event.begin_s)),
         )
         for row, one in zip(rows.tolist(), head.to_pylist(), strict=True)
     )

@@ -4,7 +4,7 @@ import hashlib
 import io
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +17,8 @@ from pd_editor.analysis.manoeuvres.limits import LIMITS
 from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import check_path, write_whole
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.experiments.work_engine import WorkEngine, run_items
+from pd_editor.experiments.work_engine.work_engine import WorkFailure, WorkProgress
 
 INDEX_NAME: Final = "scenes.index.parquet"
 _TEXTS: Final = ("kind", "agent_id", "agent_kind", "other_id", "other_kind")
@@ -84,7 +86,7 @@ def stamp_of(scene: str) -> str:
     told = [
         f"{one.name} {one.stat().st_size} {one.stat().st_mtime_ns}"
         for one in files
-        if one.is_file()
+        if one.is_file() and one.name != INDEX_NAME
     ]
     return hashlib.sha256("\n".join([RULES, *told]).encode()).hexdigest()[:32]
 
@@ -118,41 +120,80 @@ class IndexWriter:
         """Read what is there; scenes whose files have changed are left to be read."""
         self.file = file
         self.path_of = {one: self._path(one) for one in scenes}
-        self._rows: dict[str, Row] = {}
+        self._row_of: dict[str, int] = {}
+        self._new: list[Row] = []
         self._written = time.monotonic()
+        self.is_broken = False
+        """Whether there is a file that is no index of this version."""
         try:
-            earlier = SceneIndex.read(file).table.to_pylist()
+            self._table = SceneIndex.read(file).table
         except InputError:
-            earlier = []
-        known = {row["path"]: row for row in earlier}
+            self._table, self.is_broken = SCHEMA.empty_table(), file.exists()
+        known = self._table.select(["path", "stamp"]).to_pylist()
+        at = {one["path"]: row for row, one in enumerate(known)}
         for scene, path in self.path_of.items():
-            row = known.get(path)
-            if row is not None and row["stamp"] == stamp_of(scene):
-                self._rows[scene] = row
+            row = at.get(path)
+            if row is not None and known[row]["stamp"] == stamp_of(scene):
+                self._row_of[scene] = row
 
     @property
     def done(self) -> tuple[str, ...]:
         """Scenes that need not be read."""
-        return tuple(self._rows)
+        return tuple(self._row_of)
+
+    @property
+    def num_missing(self) -> int:
+        """Number of scenes that are not read yet."""
+        return len(self.path_of) - len(self._row_of)
+
+    def index(self) -> SceneIndex:
+        """What has been gathered so far, in the order of the scenes."""
+        if self._new:
+            more = pa.Table.from_pylist(self._new, schema=SCHEMA)
+            self._table, self._new = pa.concat_tables([self._table, more]), []
+        rows = [self._row_of[one] for one in self.path_of if one in self._row_of]
+        table = self._table.take(pa.array(rows, pa.int64()))
+        return SceneIndex(folder=self.file.parent, table=table)
 
     def add(self, scene: str, row: Mapping[str, Any]) -> None:
         """Take the row of a scene; half a minute of work is never lost."""
-        self._rows[scene] = {**row, "path": self.path_of[scene]}
+        self._row_of[scene] = len(self._table) + len(self._new)
+        self._new.append({**row, "path": self.path_of[scene]})
         if time.monotonic() - self._written > 30:
             self.write()
 
-    def write(self) -> int:
-        """Replace the file in one step; returns the number of scenes.
+    def read_missing(
+        self, engine: WorkEngine, on_progress: Callable[[WorkProgress], None]
+    ) -> dict[str, WorkFailure]:
+        """Read the scenes that are not read yet; what is read is kept however it ends.
+
+        Raises:
+            ExportError: the file cannot be written.
+        """
+        # That it cannot be written is told before the work.
+        self.write()
+        try:
+            return run_items(
+                engine,
+                row_of,
+                {one: one for one in self.path_of},
+                on_value=self.add,
+                on_progress=on_progress,
+                done=self.done,
+            )
+        finally:
+            self.write()
+
+    def write(self) -> None:
+        """Replace the file in one step.
 
         Raises:
             ExportError: it cannot be written.
         """
-        rows = [self._rows[one] for one in self.path_of if one in self._rows]
         sink = io.BytesIO()
-        pq.write_table(pa.Table.from_pylist(rows, schema=SCHEMA), sink)
+        pq.write_table(self.index().table, sink)
         write_whole(self.file, sink.getvalue())
         self._written = time.monotonic()
-        return len(rows)
 
     def _path(self, scene: str) -> str:
         whole = os.path.abspath(os.path.expanduser(scene))

@@ -29,10 +29,6 @@ from pd_editor.experiments.work_engine.work_engine import (
 _logger: Final = logging.getLogger(__name__)
 
 
-class _Cancelled(Exception):
-    """Ends the run from within a callback."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class StudyProgress:
     """How far a study is."""
@@ -112,8 +108,7 @@ class StudyJob(BackgroundJob[Study]):
 
         def tell(progress: WorkProgress) -> None:
             nonlocal told
-            if self._cancelled.is_set():
-                raise _Cancelled
+            self.check_cancelled()
             if progress == told:
                 return
             told = progress
@@ -133,10 +128,7 @@ class StudyJob(BackgroundJob[Study]):
         self._rows.append(rows)
 
     def _result(self) -> Study | None:
-        try:
-            return self._run_study()
-        except _Cancelled:
-            return None
+        return self._run_study()
 
     def _fault(self) -> PdEditorError:
         return ExportError(

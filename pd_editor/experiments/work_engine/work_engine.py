@@ -84,6 +84,19 @@ def minutes_left(left_s: float) -> str:
     return f"{left // 60}:{left % 60:02d} left"
 
 
+def progress_line(progress: WorkProgress, elapsed_s: float, noun: str) -> str:
+    """Describe the progress of a run and its remaining time."""
+    done, num = progress.num_done, progress.num_items
+    words = f"{done} of {num} {noun}"
+    if progress.num_failed:
+        words += f", {progress.num_failed} failed"
+    if done > 0 and elapsed_s > 0:
+        words += f", {rate_in_words(done / elapsed_s)}"
+        if done < num:
+            words += f", {minutes_left(elapsed_s / done * (num - done))}"
+    return words
+
+
 @runtime_checkable
 class WorkEngine(Protocol):
     """Interface of engines that call a function on many items."""

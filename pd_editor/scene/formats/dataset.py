@@ -5,7 +5,7 @@ Files are read on demand only, and calls are safe from any thread.
 
 import logging
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
@@ -73,15 +73,18 @@ class CardFilter:
     split: str | None = None
     with_future: bool = False
     """Whether scenarios without a logged future are left out."""
+    among: Collection[Path] | None = None
+    """Folders of which it is one."""
 
-    def accepts_id(self, scenario_id: str) -> bool:
-        """Whether an id passes the filter; reads no file."""
-        return not self.text or self.text.strip().lower() in scenario_id.lower()
+    def accepts_place(self, scenario_id: str, folder: Path) -> bool:
+        """Whether an id and a folder pass the filter; reads no file."""
+        is_named = not self.text or self.text.strip().lower() in scenario_id.lower()
+        return is_named and (self.among is None or folder in self.among)
 
     def accepts(self, card: ScenarioCard) -> bool:
         """Whether a scenario passes the filter."""
         return (
-            self.accepts_id(card.scenario_id)
+            self.accepts_place(card.scenario_id, card.folder)
             and (not self.city or self.city == card.city)
             and (self.split is None or self.split == card.split)
             and (card.has_future or not self.with_future)
@@ -152,6 +155,12 @@ class DatasetIndex:
         """Folders of the Argoverse 2 scenarios listed so far."""
         with self._lock:
             return tuple(one.folder for one in self._found if not one.is_foreign)
+
+    def scenes(self) -> tuple[Path, ...]:
+        """Places of all scenes, also of those that were not listed yet."""
+        self.scan()
+        with self._lock:
+            return tuple(one.folder for one in self._found)
 
     def cities(self) -> tuple[str, ...]:
         """Cities of the scenarios read so far, sorted."""
@@ -263,7 +272,7 @@ class DatasetIndex:
     def _card(self, position: int, wanted: CardFilter) -> ScenarioCard | None:
         """Scenario at a position if it is accepted and readable, else None."""
         found = self._found[position]
-        if not wanted.accepts_id(found.scenario_id):
+        if not wanted.accepts_place(found.scenario_id, found.folder):
             return None
         if position not in self._cards:
             card = self._read(found)

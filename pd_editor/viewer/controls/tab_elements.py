@@ -88,7 +88,7 @@ class TabElements:
             self.scenario = ScenarioPanel(ui)
             self.export = ExportPanel(ui)
             self.unfinished = UnfinishedPanel(ui)
-            self.dataset = DatasetPanel(ui)
+            self.dataset = DatasetPanel(ui, self.timeline, self.viewpoint)
             self.basket = BasketPanel(ui, self.export)
         with tabs.add_tab("Road"):
             self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
@@ -136,4 +136,5 @@ class TabElements:
         """End what panels run."""
         self.generation.close()
         self.study.close()
+        self.dataset.close()
         self.viewpoint.remember()

@@ -7,8 +7,12 @@ import viser
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
+from pd_editor.viewer.files.content_query import ContentQuery
+from pd_editor.viewer.files.found_rows import FoundRows
+from pd_editor.viewer.scene.timeline import Timeline
+from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.state.workspace import DatasetSearch
-from pd_editor.viewer.tab.panel_style import plain
+from pd_editor.viewer.tab.panel_style import KeptSettings, plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 ANY_CITY: Final[str] = "Any city"
@@ -22,11 +26,12 @@ NONE_FOUND: Final[str] = "-"
 
 
 class DatasetPanel:
-    """Filters, the list they leave, previous and next."""
+    """Filters, the list they leave, previous and next; found scenes as pictures."""
 
-    def __init__(self, ui: UiContext) -> None:
+    def __init__(self, ui: UiContext, timeline: Timeline, viewpoint: Viewpoint) -> None:
         """Build it into the current container; hidden where no root was given."""
         self._ui = ui
+        self._timeline, self._viewpoint = timeline, viewpoint
         self._workspace = ui.workspace
         dataset = ui.workspace.dataset
         gui = ui.client.gui
@@ -50,6 +55,7 @@ class DatasetPanel:
                 step=1,
                 initial_value=(0, MAX_AGENTS),
             )
+            self.query = ContentQuery(ui, self._filter)
             self._list = gui.add_dropdown("Scenario", (NONE_FOUND,))
             self._open = gui.add_button("Open scenario", icon=viser.Icon.FOLDER_OPEN)
             self._previous = gui.add_button(
@@ -58,8 +64,17 @@ class DatasetPanel:
             self._next = gui.add_button(
                 "Next", icon=viser.Icon.CHEVRON_RIGHT, color="gray", hint="Page down"
             )
-        filters = self._city, self._split, self._with_future, self._text, self._agents
-        for handle in filters:
+            self._rows = FoundRows(ui, self._open_card)
+        filters = {
+            "city": self._city,
+            "split": self._split,
+            "future": self._with_future,
+            "text": self._text,
+            "agents": self._agents,
+            "query": self.query.line,
+        }
+        self._kept = KeptSettings(ui.workspace.dataset_filter, filters)
+        for handle in filters.values():
             ui.on_change(handle, lambda _value: self._filter(), merge_key="filter")
         ui.on_click(self._open, self._open_chosen)
         ui.on_click(self._previous, lambda: self.go(-1))
@@ -69,6 +84,7 @@ class DatasetPanel:
         ui.model.scene_shown.subscribe(self.follow)
         # A search that finished under an earlier connection gives no new event.
         self.show()
+        self._kept.restore()
 
     def go(self, direction: int) -> None:
         """Open the next (+1) or previous (-1) scenario under the filter."""
@@ -76,7 +92,7 @@ class DatasetPanel:
             raise InputError("Start the editor with --data DIR to browse a dataset.")
         self._ui.commit_gesture()
         self._workspace.open_neighbour(direction)
-        self.follow()
+        self._show_moment()
 
     def show(self) -> None:
         """Show the list as far as the search has come."""
@@ -96,6 +112,7 @@ class DatasetPanel:
         if tuple(self._list.options) != (labels or (NONE_FOUND,)):
             self._list.options = labels or (NONE_FOUND,)
         if search.is_complete:
+            self._rows.show(found, search.found)
             self.follow()
         more = "" if len(found) <= MAX_LISTED else f", the first {MAX_LISTED} listed"
         state = "" if search.is_complete else ", still reading"
@@ -111,10 +128,20 @@ class DatasetPanel:
         for label, card in self._cards.items():
             if card.folder == folder:
                 set_value(self._list, label)
+        self._rows.follow(folder)
+
+    def follow_index(self) -> None:
+        """Show how far the index is."""
+        self.query.follow()
+
+    def close(self) -> None:
+        """Leave the filter to the page that comes next."""
+        self._kept.keep()
 
     def _filter(self) -> None:
         low, high = self._agents.value
         split = "" if self._split.value == ROOT else str(self._split.value)
+        found = self.query.found()
         self._workspace.search_for(
             CardFilter(
                 city=None if self._city.value == ANY_CITY else str(self._city.value),
@@ -123,16 +150,40 @@ class DatasetPanel:
                 max_agents=None if high >= MAX_AGENTS else int(high),
                 split=None if split == ANY_SPLIT else split,
                 with_future=bool(self._with_future.value),
-            )
+                among=found,
+            ),
+            found,
         )
 
     def _open_chosen(self) -> None:
         chosen = self._cards.get(str(self._list.value))
         if chosen is None:
             raise InputError("No scenario passes the filter; widen it.")
+        self._open_card(chosen)
+
+    def _open_card(self, card: ScenarioCard) -> None:
         self._ui.commit_gesture()
-        self._workspace.open_from_dataset(chosen)
+        self._workspace.open_from_dataset(card)
+        self._show_moment()
+
+    def _show_moment(self) -> None:
+        """Select and frame the agents of the first event that the query has found there."""
         self.follow()
+        folder, search = self._workspace.dataset_folder, self._workspace.search
+        if folder is None or search is None or folder not in search.found:
+            return
+        scenario = self._ui.session.scenario
+        agents = scenario.agents
+        for event in search.found[folder].events[:1]:
+            there = [one for one in event.agent_ids if one in agents.row_of]
+            step = event.first_step(scenario.time_axis)
+            self._timeline.seek(float(step))
+            self._ui.session.select(there)
+            rows = agents.rows(there)
+            place_m = agents.position_m[rows, step][agents.is_valid[rows, step]]
+            if len(place_m):
+                x, y = place_m.mean(axis=0).tolist()
+                self._viewpoint.frame_place((x, y))
 
 
 def _offer(dropdown: Any, options: tuple[str, ...]) -> None:

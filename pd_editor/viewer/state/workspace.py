@@ -41,6 +41,7 @@ from pd_editor.editor.variant import (
     name_from_text,
     short_id,
 )
+from pd_editor.experiments.scene_index.find import FoundScene
 from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.exporters.bundle import zip_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
@@ -49,6 +50,7 @@ from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.state.guided_runs import GuidedRuns
+from pd_editor.viewer.state.index_run import IndexRun
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.server_folders import ServerFolders
 from pd_editor.viewer.state.session_shelf import KeptWork, SessionShelf, is_same_base
@@ -66,10 +68,16 @@ SEARCH_TURN_S: Final = 0.008
 class DatasetSearch:
     """A search through a dataset, done in steps."""
 
-    def __init__(self, dataset: DatasetIndex, wanted: CardFilter) -> None:
-        """Start at the first folder."""
+    def __init__(
+        self,
+        dataset: DatasetIndex,
+        wanted: CardFilter,
+        found: Mapping[Path, FoundScene] | None = None,
+    ) -> None:
+        """Start at the first folder; ``found`` is what a query of the index found."""
         self._dataset = dataset
         self.wanted = wanted
+        self.found = found or {}
         self.cards: list[ScenarioCard] = []
         self.num_seen = 0
         self.is_complete = False
@@ -112,6 +120,7 @@ class Workspace:
         scenario: Scenario,
         *,
         dataset: DatasetIndex | None,
+        index_run: IndexRun | None = None,
         shelf: SessionShelf,
         is_local: bool = True,
         obeying: Collection[str] = (),
@@ -154,6 +163,9 @@ class Workspace:
         """Whether a generation was cancelled because its page had gone."""
         self.guided_runs = GuidedRuns(obeying)
         self.dataset = dataset
+        self.index_run = index_run
+        self.dataset_filter: dict[str, Any] = {}
+        """Values of the dataset panel's inputs, for the page that comes next."""
         self.cut = SceneCut()
         """What is used of each recording that is opened."""
         self._opened: tuple[Scenario, Path] | None = None
@@ -377,10 +389,12 @@ class Workspace:
         """Whether the current state was exported, or is in the basket."""
         return self.shelf.is_finished(self.session)
 
-    def search_for(self, wanted: CardFilter) -> None:
+    def search_for(
+        self, wanted: CardFilter, found: Mapping[Path, FoundScene] | None = None
+    ) -> None:
         """Start another search through the dataset."""
         if self.dataset is not None:
-            self.search = DatasetSearch(self.dataset, wanted)
+            self.search = DatasetSearch(self.dataset, wanted, found)
 
     def search_on(self) -> bool:
         """Continue the search for a short time; returns whether it made progress."""

@@ -17,7 +17,15 @@ from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
 
 MARKER = "not-for-visitors"
 FOLDER_FIELDS = {"Folder", "Into folder", "Data", "Results folder"}
-OTHER_TEXT_FIELDS = {"Id contains", "Name", "Tags", "Note", "Sums of warps", "overlay"}
+OTHER_TEXT_FIELDS = {
+    "Contains",
+    "Id contains",
+    "Name",
+    "Tags",
+    "Note",
+    "Sums of warps",
+    "overlay",
+}
 """Texts that name no folder. A new field has to be put into one of the two."""
 
 
