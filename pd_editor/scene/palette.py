@@ -23,6 +23,8 @@ class Palette:
     bus_lane: Rgb
     lane_edge: Rgb
     centerline: Rgb
+    direction: Rgb
+    """Arrows along lanes."""
     white_marking: Rgb
     yellow_marking: Rgb
     crosswalk: Rgb
@@ -73,6 +75,7 @@ LIGHT: Final = Palette(
     bus_lane=(219, 207, 203),
     lane_edge=(190, 195, 203),
     centerline=(120, 140, 170),
+    direction=(164, 175, 194),
     white_marking=(255, 255, 255),
     yellow_marking=(236, 184, 52),
     crosswalk=(245, 246, 248),
@@ -110,6 +113,7 @@ DARK: Final = Palette(
     bus_lane=(66, 51, 52),
     lane_edge=(64, 71, 84),
     centerline=(110, 135, 175),
+    direction=(84, 98, 122),
     white_marking=(222, 226, 232),
     yellow_marking=(226, 176, 60),
     crosswalk=(170, 176, 186),

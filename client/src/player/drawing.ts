@@ -69,9 +69,7 @@ export function drawRoad(pen: CanvasRenderingContext2D, scene: Scene, camera: Ca
     pen.fillStyle = pen.strokeStyle = layer.colors[look.theme];
     if (layer.isArrow) {
       if (camera.scale < 2) continue;
-      pen.globalAlpha = 0.75;
       pen.fill(pathOf(layer, arrowsOf(layer), true));
-      pen.globalAlpha = 1;
     } else if (layer.width) {
       pen.lineWidth = atLeast(layer.width, 0.6);
       const [on, off, begin] = layer.dash ?? [];

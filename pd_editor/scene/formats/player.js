@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (939856b02509f6cd); not to be edited. */
+/* Built by .ci/client.py from client/ (50ef09a5b0453323); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts
@@ -228,9 +228,7 @@
       pen.fillStyle = pen.strokeStyle = layer.colors[look2.theme];
       if (layer.isArrow) {
         if (camera2.scale < 2) continue;
-        pen.globalAlpha = 0.75;
         pen.fill(pathOf(layer, arrowsOf(layer), true));
-        pen.globalAlpha = 1;
       } else if (layer.width) {
         pen.lineWidth = atLeast(layer.width, 0.6);
         const [on, off, begin] = layer.dash ?? [];

@@ -153,7 +153,7 @@ def _road(road_map: RoadMap) -> Iterator[dict[str, Any]]:
     for one in marked_lines(road_map, math.inf):
         dash = {"dash": dashes} if one.is_dashed else {}
         yield layer(one.color_name, one.lines.apart(), width=one.width_m, **dash)
-    yield layer("centerline", (n.centerline_m for n in lanes), isArrow=True)
+    yield layer("direction", (n.centerline_m for n in lanes), isArrow=True)
 
 
 def _signals(scenario: Scenario) -> Iterator[dict[str, Any]]:

@@ -37,6 +37,7 @@ LAYERS: Final[tuple[Layer, ...]] = (
     "centerlines",
 )
 SPACING_M: Final = 2.0
+ARROW_EVERY_M: Final = 40.0
 CELL_M: Final = 8.0
 """Areas are cut into cells of this size, so that they bend with a warp."""
 
@@ -84,7 +85,8 @@ def road_parts(road_map: RoadMap) -> tuple[RoadPart, ...]:
         part("crosswalks", "crosswalk", 0.03, stripes),
         part("markings", "white_marking", 0.04, *markings["white_marking"]),
         part("markings", "yellow_marking", 0.045, *markings["yellow_marking"]),
-        part("centerlines", "centerline", 0.05, *_centerline_arrows(road_map)),
+        part("markings", "direction", 0.047, _direction_arrows(road_map)),
+        part("centerlines", "centerline", 0.05, _centerlines(road_map)),
     )
 
 
@@ -162,19 +164,27 @@ def _dashes(lines: Lines) -> Lines:
     return Lines(points_m=points, count=np.full(len(line), 3))
 
 
-def _centerline_arrows(road_map: RoadMap) -> list[FlatMesh]:
+def _centerlines(road_map: RoadMap) -> FlatMesh:
     lines = Lines.of([lane.centerline_m for lane in road_map.lanes]).without_repeats()
-    lines = lines.taken(lines.count > 1)
-    line, length = np.arange(len(lines.count)), lines.length_m
-    tip, next_to_it = (lines.at(line, one * length) for one in (0.5, 0.5 + 1e-3))
+    return ribbons(lines.densified(SPACING_M), EDGE_WIDTH_M)
+
+
+def _direction_arrows(road_map: RoadMap) -> FlatMesh:
+    """Heads of arrows along lanes outside junctions, where those would hide each other."""
+    lanes = [lane.centerline_m for lane in road_map.lanes if not lane.is_intersection]
+    lines = Lines.of(lanes).without_repeats()
+    count = np.round(lines.length_m / ARROW_EVERY_M + 0.4).astype(int)
+    line, index = numbered(count)
+    at = lines.length_m[line] * (index + 0.5) / count[line]
+    tip, next_to_it = lines.at(line, at), lines.at(line, at + 1e-3)
     step = next_to_it - tip
     ahead = step / np.maximum(np.linalg.norm(step, axis=-1, keepdims=True), 1e-9)
-    back, side = tip - 0.4 * ahead, 0.45 * left_of(ahead)
-    arrows = np.stack([tip + ahead, back + side, back - side], axis=1)
-    return [
-        ribbons(lines.densified(SPACING_M), EDGE_WIDTH_M),
-        FlatMesh(
-            points_m=arrows.reshape(-1, 2),
-            faces=np.arange(3 * len(line)).reshape(-1, 3),
-        ),
-    ]
+    back, side = tip - 0.6 * ahead, 0.5 * left_of(ahead)
+    corners = np.stack(
+        [tip + 1.2 * ahead, back + side, tip - 0.2 * ahead, back - side], 1
+    )
+    first = 4 * np.arange(len(line))[:, None, None]
+    return FlatMesh(
+        points_m=corners.reshape(-1, 2),
+        faces=(first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
+    )

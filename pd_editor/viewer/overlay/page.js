@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (939856b02509f6cd); not to be edited. */
+/* Built by .ci/client.py from client/ (50ef09a5b0453323); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts

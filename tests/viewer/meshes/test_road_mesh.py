@@ -74,3 +74,20 @@ def test_real_drivable_areas_are_covered(av2_scenario_folders):
         )
         assert part_area(parts, "road") == pytest.approx(expected, rel=1e-6)
         assert all(np.isfinite(part.mesh.points_m).all() for part in parts)
+
+
+def test_arrows_point_along_lanes_outside_junctions():
+    forth = straight_lane(1, (0, 0), (100, 0))
+    back = straight_lane(2, (100, 4), (0, 4))
+    within = straight_lane(3, (100, 0), (160, 0), is_intersection=True)
+    short = straight_lane(4, (160, 0), (162, 0))
+    (mesh,) = (
+        part.mesh
+        for part in road_parts(RoadMap(lanes=(forth, back, within, short)))
+        if part.color_name == "direction"
+    )
+    tip, left, notch, right = mesh.points_m.reshape(-1, 4, 2).swapaxes(0, 1)
+    assert (tip[:, 0] < 100).all()
+    assert (np.sign(tip - notch)[:, 0] == np.where(tip[:, 1] < 2, 1, -1)).all()
+    np.testing.assert_allclose((left + right)[:, 1] / 2, tip[:, 1])
+    assert sorted(tip[:, 1]) == [0.0] * 3 + [4.0] * 3
