@@ -2,13 +2,14 @@
 
 import re
 from dataclasses import replace
+from operator import methodcaller
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.scene.formats.player import player_page
+from pd_editor.scene.formats.player import Player, player_page
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
@@ -170,3 +171,14 @@ def test_it_is_dark_where_the_browser_is_and_fits_a_phone(opened):
     before = picture(phone)
     phone.get_by_role("button", name="3-D").tap()
     assert picture(phone) != before
+
+
+def test_a_notebook_plays_it_in_its_output(browser):
+    # As notebooks do, by name.
+    output = methodcaller("_repr_html_")(Player(open_scenario("roundabout")))
+    page = browser.new_page()
+    page.set_content(f"<!doctype html><p>Out</p>{output}")
+    frame = page.frame_locator("iframe")
+    expect(frame.get_by_text("11 agents")).to_be_visible()
+    expect(frame.get_by_label("Time shown")).not_to_have_text("\u22124.9 s")
+    page.close()

@@ -5,10 +5,12 @@ import json
 import time
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import viser
 
 from pd_editor.editor.commands import DeleteAgents, RemoveAllAgents, SetAgentSpeed
+from tests.scene.formats.embedded_scenes import scenes_in
 from tests.viewer.fake_browser import connected_tab, running_app
 
 
@@ -102,3 +104,21 @@ def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path
         assert session.variant.note == "a note"
         assert panel._name.value == "My slow one!"
         assert panel._tags.value == "slow, bent"
+
+
+def test_the_edited_scene_downloads_as_a_player(tmp_path: Path):
+    with (
+        running_app(tmp_path / "library", "merge") as app,
+        connected_tab(app) as tab,
+        mock.patch.object(tab.ui.client, "send_file_download") as send,
+    ):
+        scenario = tab.session.scenario
+        other = next(one for one in scenario.agents.ids if one != scenario.focal_id)
+        tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=(other,))))
+        tab.type("Download player", True)
+        (name, content), _ = send.call_args
+        (data,) = scenes_in(content)
+        assert name == f"{tab.session.name}.html" == f"{data['name']}.html"
+        assert [one["id"] for one in data["agents"]] == list(
+            tab.session.scenario.agents.ids
+        )
