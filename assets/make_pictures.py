@@ -58,9 +58,9 @@ def warp(page: Page) -> list[Image.Image]:
 def samples(page: Page) -> list[Image.Image]:
     """All traffic resampled, with the cards of four samples to choose among."""
     open_tab(page, "Drive")
-    _row(page, "Samples").locator("input:not([type=hidden])").first.fill("4")
+    page.get_by_role("spinbutton", name="Samples").fill("4")
     page.keyboard.press("Enter")
-    page.get_by_role("button", name="Resample", exact=True).click()
+    page.get_by_role("button", name="Resample everybody").click()
     strip = page.get_by_role("region", name="Samples", exact=True)
     cards = strip.get_by_role("listbox").get_by_role("option")
     cards.nth(3).wait_for(timeout=PATIENCE_MS)

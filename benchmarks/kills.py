@@ -42,8 +42,6 @@ LONGEST_S = 5.0
 """A process is killed at a random moment up to so long after its page is complete."""
 START_S = 90.0
 LEFT_ALONE = (
-    "Regenerate",
-    "Resample",
     "Discard",
     "Open folder",
     "Upload",

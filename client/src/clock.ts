@@ -20,10 +20,12 @@ export function stepAfter(
 ): number {
   if (!head.isPlaying) return head.step;
   const step = head.step + (seconds / stepS) * head.speed;
-  if (step <= endStep) return step;
+  const sign = Math.sign(head.speed);
+  const [ahead, behind] = sign > 0 ? [endStep, beginStep] : [beginStep, endStep];
+  const passed = sign * (step - ahead);
+  if (passed <= 0) return step;
   const length = endStep - beginStep;
-  if (!head.loops || length <= 0) return endStep;
-  return beginStep + ((step - endStep) % length);
+  return !head.loops || length <= 0 ? ahead : behind + sign * (passed % length);
 }
 
 /** Whole seconds that are marked on the track. */

@@ -24,6 +24,7 @@ import "./elements/panel.ts";
 import "./elements/placing.ts";
 import "./elements/region.ts";
 import "./elements/sample_pair.ts";
+import "./elements/run_bar.ts";
 import "./elements/samples.ts";
 import "./elements/scorecard.ts";
 import "./elements/status.ts";

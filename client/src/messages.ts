@@ -435,8 +435,6 @@ export interface ActiveProblem {
 export interface StatusState {
   readonly text: string;
   readonly tone: "" | "bad" | "busy" | "good" | "warn";
-  readonly fraction: number | null;
-  readonly action: string;
   readonly unsaved: string;
   readonly groups: readonly (ProblemGroup)[];
   readonly active: ActiveProblem | null;
@@ -444,10 +442,34 @@ export interface StatusState {
 }
 
 export interface StatusEvent {
-  readonly kind: "cancel" | "choose" | "cure" | "download" | "ignore" | "list" | "use";
+  readonly kind: "choose" | "cure" | "download" | "ignore" | "list";
   readonly value?: string;
   readonly free?: number;
   readonly isOpen?: boolean;
+}
+
+export interface RunVerb {
+  readonly label: string;
+  readonly target: string;
+  readonly isEnabled: boolean;
+}
+
+export interface RunBarState {
+  readonly verbs: [RunVerb, RunVerb];
+  readonly scope: string;
+  readonly scopes: readonly (string)[];
+  readonly samples: number;
+  readonly seed: number;
+  readonly limits: Readonly<Record<string, [number, number]>>;
+  readonly text: string;
+  readonly tone: "" | "bad" | "busy" | "good" | "warn";
+  readonly fraction: number | null;
+  readonly action: string;
+}
+
+export interface RunBarEvent {
+  readonly kind: "cancel" | "regenerate" | "resample" | "samples" | "scope" | "seed" | "use";
+  readonly value?: string | number;
 }
 
 export interface AgentsState {
@@ -526,12 +548,6 @@ export interface EncounterList {
   readonly items: readonly (EncounterLine)[];
 }
 
-export interface GuidanceRun {
-  readonly label: string;
-  readonly all: string;
-  readonly isEnabled: boolean;
-}
-
 export interface GuidancePanelState {
   readonly version: number;
   readonly answered: number;
@@ -540,18 +556,16 @@ export interface GuidancePanelState {
   readonly tools: readonly (GuidanceTool)[];
   readonly encounters: EncounterList;
   readonly rows: readonly (GuidanceRow)[];
-  readonly run: GuidanceRun;
   readonly report: readonly (Note)[];
   readonly figures: readonly ([string, string, string, string])[];
   readonly action: string | null;
 }
 
 export interface GuidancePanelEvent {
-  readonly kind: "choose" | "input" | "leave" | "look" | "make" | "point" | "remove" | "run" | "switch" | "take" | "tool" | "weight";
+  readonly kind: "choose" | "input" | "leave" | "look" | "make" | "point" | "remove" | "switch" | "take" | "tool" | "weight";
   readonly version: number | null;
   readonly count: number;
   readonly tool?: string;
-  readonly isAll?: boolean;
   readonly number?: number | null;
   readonly index?: number;
   readonly isOn?: boolean;
@@ -657,6 +671,7 @@ export interface States {
   readonly "scorecard": ScorecardState;
   readonly "charts": ChartsState;
   readonly "status": StatusState;
+  readonly "run": RunBarState;
   readonly "agents": AgentsState;
   readonly "agent-selection": AgentSelectionState;
   readonly "guidance_panel": GuidancePanelState;
@@ -685,6 +700,7 @@ export interface Events {
   readonly "sample-pair": SamplePairEvent;
   readonly "scorecard": ScorecardEvent;
   readonly "status": StatusEvent;
+  readonly "run": RunBarEvent;
   readonly "agents": AgentsEvent;
   readonly "guidance_panel": GuidancePanelEvent;
   readonly "guidance_marks": GuidanceMarksEvent;

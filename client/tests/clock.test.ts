@@ -16,6 +16,11 @@ test("at the end it begins again, or stays", () => {
   assert.equal(stepAfter(3, head, { ...axis, beginStep: 59 }), 59);
 });
 
+test("backwards it goes on from the end, or stays at the beginning", () => {
+  assert.equal(stepAfter(3, { ...head, speed: -2 }, axis), 49);
+  assert.equal(stepAfter(3, { ...head, speed: -2, loops: false }, axis), -50);
+});
+
 test("all whole seconds have ticks, of long recordings some", () => {
   assert.deepEqual(ticks(axis), [-5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5]);
   const long = ticks({ ...axis, firstStep: -500, lastStep: 500 });

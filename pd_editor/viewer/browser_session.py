@@ -6,7 +6,12 @@ from typing import Final
 
 import viser
 
-from pd_editor.base.errors import LargeMapError, LockedAgentError, PdEditorError
+from pd_editor.base.errors import (
+    GenerationError,
+    LargeMapError,
+    LockedAgentError,
+    PdEditorError,
+)
 from pd_editor.editor.session import SessionState
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.scenario import Scenario
@@ -234,6 +239,8 @@ class BrowserSession:
             self.elements.agent.locks.offer(error)
         else:
             self.ui.report(error)
+        if isinstance(error, GenerationError) and self.is_built:
+            self.elements.generation.result.refuse(error)
         if (
             isinstance(error, PdEditorError)
             and self.is_built

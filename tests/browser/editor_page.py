@@ -103,6 +103,27 @@ class EditorPage:
         self.page.get_by_role("button", name=name, exact=True).first.click()
         self.page.wait_for_timeout(PAUSE_MS)
 
+    @property
+    def run_bar(self) -> Locator:
+        """The bar that starts runs."""
+        return self.page.get_by_role("group", name="Run", exact=True)
+
+    def run(self, verb: str, target: str) -> None:
+        """Press a button of the run bar, which names whom the run is about."""
+        self.run_bar.get_by_role("button", name=f"{verb} {target}", exact=True).click()
+        self.page.wait_for_timeout(PAUSE_MS)
+
+    def choose_scope(self, scope: str) -> None:
+        """Choose in the run bar whose trajectories are regenerated."""
+        menu = self.run_bar.get_by_role("combobox", name="Agents to regenerate")
+        menu.select_option(scope)
+
+    def set_number(self, name: str, value: int) -> None:
+        """Type samples or a seed into the run bar."""
+        field = self.run_bar.get_by_role("spinbutton", name=name)
+        field.fill(str(value))
+        field.press("Enter")
+
     def pause(self) -> None:
         """Stop playback, if it runs, by the timeline's button."""
         if self.workspace.playback.is_playing:

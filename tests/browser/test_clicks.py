@@ -40,8 +40,7 @@ def test_a_bent_road(editor):
 
 def test_regenerated_futures(editor):
     opened = editor.session.scenario
-    editor.open_tab("Drive")
-    editor.press("Regenerate")
+    editor.run("Regenerate", "everybody")
     editor.until(
         lambda: editor.session.scenario is not opened,
         "regenerated trajectories",

@@ -361,7 +361,7 @@ def test_a_run_tells_what_was_asked_and_achieved(steered):
     editor.open_tab("Scene")
     chip = page.get_by_role("status", name="Status")
     chip.get_by_text("not yet guided").wait_for()
-    page.locator(".pd-chip").get_by_role("button", name="Regenerate").click()
+    editor.run("Regenerate", "car-0009")
     page.get_by_text("A guidance problem").first.wait_for()
     editor.until(lambda: steered.num_edits() == 3, "a run", 120)
     chip.get_by_text("not yet guided").wait_for(state="detached")

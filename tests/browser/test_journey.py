@@ -90,8 +90,8 @@ def test_from_demo_to_export(editor):
     )
     editor.screenshot("03_candidates")
     editor.press("Hide possible trajectories")
-    editor.choose("Agents", "All agents")
-    editor.press("Regenerate")
+    editor.choose_scope("All agents")
+    editor.run("Regenerate", "everybody")
     editor.until(lambda: len(labels(editor)) == 3, "new futures")
     editor.screenshot("04_regenerated")
 

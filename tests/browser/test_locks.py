@@ -53,7 +53,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     session, page = editor.session, editor.page
     opened = session.scenario
     agent_id = select_focal(editor)
-    editor.key("k")
+    editor.key("Shift+K")
     editor.until(lambda: session.scenario.locks == {agent_id: TRAJECTORY_LOCK}, "K")
     padlock(editor, "trajectory", agent_id).wait_for()
 
@@ -67,8 +67,8 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
 
     # All trajectories are regenerated, those of locked agents are not.
     editor.open_tab("Drive")
-    editor.choose("Agents", "All agents")
-    editor.press("Regenerate (1 locked is kept)")
+    editor.choose_scope("All agents")
+    editor.run("Regenerate", "everybody but 1 locked")
     editor.until(lambda: len(session.entries) == 2, "trajectories", 120)
     after = session.scenario
     assert agent_id not in session.entries[1].command.sample.ids
@@ -81,7 +81,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     for kind in ("Buses", "Motorcyclists", "Cyclists", "Pedestrians"):
         editor.fill(kind, 0)
     editor.fill("Vehicles", 3)
-    editor.press("Resample (1 locked is kept)")
+    editor.run("Resample", "everybody but 1 locked")
     editor.until(lambda: len(session.entries) == 3, "agents", 120)
     resampled = session.scenario
     assert kept_bytes(resampled, agent_id, every) == kept_bytes(after, agent_id, every)
@@ -121,7 +121,7 @@ def test_state_and_first_seconds_are_locked_by_menu_and_panel(editor):
 
     editor.open_tab("Drive")
     number = len(session.entries)
-    editor.press("Regenerate the selection")
+    editor.run("Regenerate", agent_id)
     editor.until(lambda: len(session.entries) == number + 1, "a trajectory", 120)
     kept, rest = slice(now, now + 31), slice(now + 31, None)
     after = session.scenario
@@ -142,14 +142,13 @@ def test_state_and_first_seconds_are_locked_by_menu_and_panel(editor):
 def test_only_agents_in_a_drawn_region_are_regenerated(editor):
     session = editor.session
     opened = session.scenario
-    editor.open_tab("Drive")
-    editor.choose("Agents", "In the region I draw")
+    editor.choose_scope("In the region I draw")
     editor.page.get_by_text("Drawing a region").first.wait_for()
     corner = place_of(editor, opened.focal_id)
     editor.drag(corner + HALF_M, corner - HALF_M)
     region = editor.until(lambda: editor.tab().elements.region.region, "a region")
     inside = region.held(opened, drivable_agent_ids(opened))
     assert 0 < len(inside) < len(drivable_agent_ids(opened))
-    editor.press("Regenerate")
+    editor.run("Regenerate", "region")
     editor.until(lambda: len(session.entries) == 1, "trajectories", 120)
     assert session.entries[0].command.sample.ids == inside

@@ -30,8 +30,8 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     editor.fill("Pedestrians", 2)
     for label in ("Buses", "Cyclists", "Motorcyclists"):
         editor.fill(label, 0)
-    editor.fill("Samples", 2)
-    editor.press("Resample")
+    editor.set_number("Samples", 2)
+    editor.run("Resample", "everybody")
     editor.until(lambda: len(session.scenario.agents) == 11, "agents", 120)
     editor.screenshot("30_resampled")
     drawn = session.scenario
@@ -43,7 +43,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     assert drawn.focal_id in drawn.agents.ids
 
     # The other sample takes the place of the first, as one undo step.
-    editor.fill("Sample shown", 2)
+    editor.page.get_by_role("option", name="Sample 2", exact=True).click()
     # The first is undone before the second is applied, so wait for the history.
     swapped = ["Remove all agents", "Add 11 agents, sample 2 of 2"]
     editor.until(
@@ -53,7 +53,7 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     assert session.scenario is not drawn
 
     states = session.scenario.agents.position_m[:, now].copy()
-    editor.press("Regenerate")
+    editor.run("Regenerate", "everybody")
     editor.until(lambda: len(session.entries) == 3, "other futures")
     after = session.scenario.agents
     assert abs(after.position_m[:, now] - states).max() < 0.01
@@ -68,7 +68,7 @@ def test_as_many_as_suit_the_road_on_the_road_only(editor):
     editor.open_tab("Drive")
     editor.tick("As many as fit")
     editor.choose("Share that moves", "Half")
-    editor.press("Resample")
+    editor.run("Resample", "everybody")
     editor.until(lambda: len(session.entries) == 1, "agents", 120)
     editor.page.get_by_text("50% were asked for").wait_for()
     editor.page.get_by_text("off the road at t = 0.").wait_for()
@@ -90,7 +90,7 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
     before = session.scenario.agents
     editor.open_tab("Drive")
     editor.choose("Replace", REDRAW_SELECTION)
-    editor.press("Resample")
+    editor.run("Resample", one)
     editor.until(lambda: len(session.entries) == 1, "a new state", 120)
     after = session.scenario.agents
     others = [name for name in before.ids if name != one]
@@ -101,13 +101,13 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
 
 def test_playback_goes_on_while_the_model_draws(editor):
     editor.open_tab("Drive")
-    editor.fill("Samples", 8)
+    editor.set_number("Samples", 8)
     playback = editor.workspace.playback
     playback.play()
-    editor.press("Regenerate")
+    editor.run("Regenerate", "everybody")
     panel = editor.tab().elements.generation
     seen = set()
-    while panel._result.is_running:
+    while panel.result.is_running:
         seen.add(int(playback.step))
         editor.page.wait_for_timeout(20)
     editor.until(lambda: len(editor.session.entries) == 1, "other futures")

@@ -408,7 +408,7 @@ def test_a_slider_dragged_with_a_rest_is_one_edit_and_the_tabs_stay_in_sight(edi
     )
     assert hit
     page.get_by_role("tab", name="Drive", exact=True).click()
-    page.get_by_role("button", name="Regenerate", exact=True).wait_for()
+    editor.row("Denoising steps").wait_for()
     editor.until(lambda: viewport.evaluate("e => e.scrollTop") == 0, "its top")
     page.get_by_role("tab", name="Road", exact=True).click()
     editor.until(lambda: viewport.evaluate("e => e.scrollTop") > 50, "where it was")

@@ -235,7 +235,7 @@ def test_the_legend_tells_of_padlocks_and_of_the_original_road_while_it_is_drawn
     expect(locked.locator("svg path")).to_be_visible()
     hint = page.get_by_role("status", name="Hint")
     box = page.locator(".pd-legend-box.pd-solid")
-    assert box_of(box)[2] < box_of(hint)[0]
+    assert box_of(hint)[3] < box_of(box)[1]
     editor.screenshot("legend")
 
 
@@ -244,10 +244,10 @@ def test_hints_leave_one_by_one_and_do_not_come_back(editor):
     card = page.get_by_role("status", name="Hint")
     card.filter(has_text="Click a car").wait_for()
     legend = page.locator(".pd-legend-box.pd-solid")
-    left, top, _, bottom = box_of(card)
+    _, top, _, bottom = box_of(card)
     assert bottom - top < 60  # Two lines at most, where the picture is narrow.
     assert box_of(legend)[0] < 40
-    assert box_of(legend)[3] < top or box_of(legend)[2] < left
+    assert bottom < box_of(legend)[1]
     editor.click_at(centre(editor, session.scenario.focal_id))
     card.filter(has_text="Drag it").wait_for()
     editor.reload()

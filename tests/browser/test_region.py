@@ -69,7 +69,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     editor.fill("Vehicles", 2)
     for other in ("Buses", "Motorcyclists", "Cyclists", "Pedestrians"):
         editor.fill(other, 0)
-    editor.press("Resample")
+    editor.run("Resample", "region")
     editor.until(lambda: len(session.entries) == 1, "agents", 120)
     command = session.entries[0].command
     assert command.request.region == region

@@ -45,7 +45,7 @@ def test_roll_out_cancel_undo_and_redo(editor, monkeypatch):
     roll_out.click()
     editor.until(lambda: is_running(editor), "a run")
     expect(roll_out).to_be_disabled()
-    editor.page.locator(".pd-chip").get_by_role("button", name="Cancel").click()
+    editor.run_bar.get_by_role("button", name="Cancel").click()
     editor.until(lambda: not is_running(editor), "its end")
     go_on.set()
     assert editor.session.scenario is opened

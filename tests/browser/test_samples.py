@@ -18,7 +18,7 @@ def editor(open_editor):
 
 def regenerated(editor, count: int = 4) -> None:
     """A run of several samples, and its strip."""
-    editor.fill("Samples", count)
+    editor.set_number("Samples", count)
     editor.key("r")
     editor.until(lambda: editor.session.entries, "a run", 120)
     strip(editor).wait_for(state="visible")
@@ -127,7 +127,7 @@ def test_samples_are_previewed_adopted_and_undone(editor):
 def test_samples_by_keys_ranking_and_choice(editor):
     regenerated(editor, 5)
     page, session = editor.page, editor.session
-    editor.key("j")
+    editor.key("Shift+J")
     page.wait_for_function("document.activeElement.classList.contains('pd-sample')")
     # The sample in use may be ranked last, from where no key leads on.
     page.keyboard.press("Home")
@@ -158,7 +158,7 @@ def test_samples_by_keys_ranking_and_choice(editor):
     cards(editor).first.click()
     page.keyboard.press("Escape")
     strip(editor).wait_for(state="hidden")
-    editor.key("j")
+    editor.key("Shift+J")
     strip(editor).wait_for(state="visible")
     editor.reload()
     expect(strip(editor)).to_be_hidden()
@@ -167,12 +167,12 @@ def test_samples_by_keys_ranking_and_choice(editor):
 @pytest.mark.slow
 def test_resampled_agents_are_offered_as_samples(editor):
     session = editor.session
-    editor.fill("Samples", 2)
+    editor.set_number("Samples", 2)
     editor.choose("Where", "In the middle of my view (125 m square)")
     editor.fill("Vehicles", 3)
     for label in ("Pedestrians", "Buses", "Cyclists", "Motorcyclists"):
         editor.fill(label, 0)
-    editor.press("Resample")
+    editor.run("Resample", "everybody")
     editor.until(lambda: session.entries, "agents", 120)
     editor.until(lambda: cards(editor).count() == 2, "cards")
     card(editor, 2).click()
@@ -214,7 +214,7 @@ def test_resampled_agents_are_offered_as_samples(editor):
     keep.click()
     editor.until(lambda: editor.workspace.basket.entries(), "a starred scenario")
     # A single sample needs no choice.
-    editor.fill("Samples", 1)
+    editor.set_number("Samples", 1)
     editor.key("r")
     editor.until(lambda: len(session.entries) == 2, "a run of one", 120)
     strip(editor).wait_for(state="hidden")

@@ -76,6 +76,28 @@ def test_the_playhead_runs_between_two_messages_of_the_server(editor):
     assert places == 3
 
 
+def test_keys_of_film_editors_play_back_pause_and_play(editor):
+    """J, K, L: again is twice as fast; full stop and comma step a frame of 0.1 s."""
+    playback, start = editor.workspace.playback, editor.workspace.playback.step
+    editor.key("j")
+    editor.until(lambda: playback.step < start - 3, "playback to the past")
+    editor.page.get_by_role("button", name="Speed \u22121\u00d7").wait_for()
+    editor.key("j")
+    editor.page.get_by_role("button", name="Speed \u22122\u00d7").wait_for()
+    editor.key("l")
+    editor.page.get_by_role("button", name="Speed 1\u00d7").wait_for()
+    assert (playback.direction, playback.speed) == (1, 1.0)
+    editor.key("l")
+    editor.until(lambda: playback.speed == 2.0, "twice the speed")
+    editor.key("k")
+    editor.until(lambda: not playback.is_playing, "a pause")
+    assert not editor.session.scenario.locks
+    editor.seek(1.0)
+    for keys, step in ((".", 60), (",", 59)):
+        editor.key(keys)
+        editor.until(lambda step=step: playback.step == step, f"step {step}")
+
+
 def test_speed_and_loop(editor):
     playback = editor.workspace.playback
     editor.press("Speed 1\u00d7")
@@ -132,9 +154,5 @@ def test_a_speed_is_pulled_by_mouse_and_keys(editor):
     page.keyboard.press("ArrowUp")
     editor.until(lambda: len(session.entries) == 2, "the pull by keys")
     assert pulled() == pytest.approx(slower + 1, abs=0.06)
-    playback = editor.workspace.playback
-    for keys, step in ((",", now + 19), (".", now + 20)):
-        editor.key(keys)
-        editor.until(lambda step=step: playback.step == step, f"step {step}")
     page.get_by_role("button", name="Curve of speed").click()
     expect(curve).to_be_hidden()

@@ -223,15 +223,14 @@ def test_regenerate_applies_a_result_and_a_stale_one_is_only_offered(tab):
         time.sleep(0.05)
     tab.run(lambda: None)
     assert len(labels(tab)) == 2
-    assert not panel._result._take.disabled
     # (D12) It does not fit the new state, so using it goes back to its own.
     assert tab.model.run.action == "Go to its state, use result"
-    tab.run(panel.use_result)
+    tab.run(panel.result.use_result)
     assert [label.split(" (")[0] for label in labels(tab)] == [
         "Regenerate 2 agents",
         "Regenerate 2 agents",
     ]
-    assert panel._result._take.disabled
+    assert tab.model.run is None
 
 
 def test_an_offered_result_that_still_fits_is_applied(tab):
@@ -247,7 +246,7 @@ def test_an_offered_result_that_still_fits_is_applied(tab):
         time.sleep(0.05)
     tab.run(lambda: None)
     assert tab.model.run.action == "Use result"
-    tab.run(panel.use_result)
+    tab.run(panel.result.use_result)
     assert len(labels(tab)) == 2
 
 
@@ -268,13 +267,13 @@ def test_cancel_changes_nothing(tab):
 
     def start_and_cancel() -> None:
         panel.regenerate()
-        panel._result.cancel()
+        panel.result.cancel()
 
     tab.run(start_and_cancel)
     time.sleep(0.3)
     tab.run(lambda: None)
     assert tab.session.scenario is opened
-    assert not panel._run.disabled
+    assert not tab.model.is_running
 
 
 def test_two_tabs_have_sessions_of_their_own(app):

@@ -106,7 +106,7 @@ define("agents", (api) => {
   ] as const)
     foot.append(button("", text, () => choose(wanted()), { title }));
   const lock = () => api.send({ kind: "lock", number: state.number });
-  foot.append(button("", "Lock", lock, { title: "Lock or unlock the selected agents (K)" }));
+  foot.append(button("", "Lock", lock, { title: "Lock or unlock the selected agents (Shift+K)" }));
   drawer.append(head, filters, columns, list, count, foot);
   api.box.append(drawer);
 

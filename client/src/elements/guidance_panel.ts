@@ -39,13 +39,7 @@ define("guidance_panel", (api) => {
   possible.addEventListener("pointerleave", () => point(null));
   const list = make("ul", "pd-guidance-list", { "aria-label": "Guidance terms" });
   const foot = make("div", "pd-guidance-foot", { role: "status" });
-  const run = button("pd-guidance-run", "", () => send({ kind: "run", isAll: false }));
-  const runAll = button("pd-guidance-all", "", () => send({ kind: "run", isAll: true }), {
-    title: "Regenerate the trajectories of all agents",
-  });
-  const runs = make("div", "pd-guidance-runs");
-  runs.append(run, runAll);
-  box.append(about, tools, ask, possible, runs, foot, list);
+  box.append(about, tools, ask, possible, foot, list);
   let state: GuidancePanelState | null = null;
   let count = 0;
   const rows = new Map<number, Built>();
@@ -298,10 +292,6 @@ define("guidance_panel", (api) => {
     state = next;
     attach();
     about.textContent = next.about;
-    run.textContent = run.title = next.run.label;
-    runAll.textContent = next.run.all;
-    runAll.hidden = !next.run.all;
-    run.disabled = runAll.disabled = !next.run.isEnabled;
     showTools(next);
     showPossible(next);
     showRows(next);

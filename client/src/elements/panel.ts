@@ -81,7 +81,7 @@ define("panel", (api) => {
     if (event.key !== "Enter" || event.isComposing || !(event.target instanceof HTMLInputElement)) return;
     const field = event.target;
     if (field.matches("[type=checkbox], [type=range]") || field.closest("[role=dialog]")) return;
-    if (field.closest(`${viser.FIELD}, .pd-guidance-inputs`)) field.blur();
+    if (field.closest(`${viser.FIELD}, .pd-guidance-inputs, .pd-run`)) field.blur();
   });
 
   // viser sends no number of a field that is emptied, so that the number before it stays

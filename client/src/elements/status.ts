@@ -1,4 +1,4 @@
-// The status chip, bottom right above the timeline, and the list that it opens upwards.
+// The status chip, bottom right, and the list that it opens upwards.
 // The chip keeps its place and size whatever it says; the open list only grows.
 import { button, hasModifier, icon, make } from "../dom.ts";
 import { define, root } from "../frame.ts";
@@ -42,15 +42,7 @@ define("status", (api) => {
   const text = make("span", "pd-clipped", { role: "status", "aria-label": "Status" });
   const caret = make("span", "pd-caret", {}, "\u25b4");
   main.append(make("span", "pd-dot"), text, caret);
-  const use = button("pd-strong", "", () => api.send({ kind: "use" }));
-  const cancel = button("pd-strong", "Cancel", () => api.send({ kind: "cancel" }));
-  const bar = make("div", "pd-progress", {
-    role: "progressbar",
-    "aria-label": "Progress",
-    "aria-valuemin": "0",
-    "aria-valuemax": "100",
-  });
-  chip.append(main, use, cancel, bar);
+  chip.append(main);
   api.box.append(list, unsaved, chip);
 
   const items = () => [...rows.querySelectorAll<HTMLElement>(".pd-problem-row")];
@@ -182,13 +174,6 @@ define("status", (api) => {
     chip.dataset.tone = next.tone;
     if (text.textContent !== next.text) text.textContent = next.text;
     text.title = next.text;
-    cancel.hidden = bar.hidden = next.fraction === null;
-    use.hidden = !next.action;
-    use.textContent = next.action;
-    caret.hidden = !cancel.hidden || !use.hidden;
-    const percent = 100 * (next.fraction ?? 0);
-    bar.style.width = `${percent}%`;
-    bar.setAttribute("aria-valuenow", String(Math.round(percent)));
     unsaved.hidden = !next.unsaved;
     unsavedText.textContent = unsavedText.title = next.unsaved;
     api.box.classList.toggle("pd-has-unsaved", Boolean(next.unsaved));

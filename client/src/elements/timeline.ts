@@ -124,7 +124,7 @@ define("timeline", (api) => {
       play.setAttribute("aria-label", head.isPlaying ? "Pause" : "Play");
       play.replaceChildren(head.isPlaying ? pauseIcon : playIcon);
     }
-    speed.textContent = `${head.speed}\u00d7`;
+    speed.textContent = `${head.speed}\u00d7`.replace("-", "\u2212");
     speed.setAttribute("aria-label", `Speed ${speed.textContent}`);
     loop.setAttribute("aria-pressed", String(head.loops));
   };

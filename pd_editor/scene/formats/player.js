@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (50ef09a5b0453323); not to be edited. */
+/* Built by .ci/client.py from client/ (fb7ca80c934f5d2c); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts
@@ -10,10 +10,12 @@
   function stepAfter(seconds, head2, { beginStep, endStep, stepS }) {
     if (!head2.isPlaying) return head2.step;
     const step = head2.step + seconds / stepS * head2.speed;
-    if (step <= endStep) return step;
+    const sign = Math.sign(head2.speed);
+    const [ahead, behind] = sign > 0 ? [endStep, beginStep] : [beginStep, endStep];
+    const passed = sign * (step - ahead);
+    if (passed <= 0) return step;
     const length = endStep - beginStep;
-    if (!head2.loops || length <= 0) return endStep;
-    return beginStep + (step - endStep) % length;
+    return !head2.loops || length <= 0 ? ahead : behind + sign * (passed % length);
   }
 
   // src/dom.ts

@@ -49,7 +49,7 @@ class LockControls:
         )
         self._seconds.precision = 1
         self._button = gui.add_button(
-            "Lock", icon=viser.Icon.LOCK, color="gray", hint="K"
+            "Lock", icon=viser.Icon.LOCK, color="gray", hint="Shift+K"
         )
         failure = "Lock not changed"
         ui.on_click(self._button, self.toggle, failure=failure)

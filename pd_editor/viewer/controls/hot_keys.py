@@ -28,11 +28,12 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
         "cmd/ctrl",
         failure="Not duplicated",
     )
-    key("Snap to lane", tab.agent.snap, "L", failure="Not snapped to a lane")
+    key("Snap to lane", tab.agent.snap, "L", "shift", failure="Not snapped to a lane")
     key(
         "Lock or unlock the selection",
         tab.agent.locks.toggle,
         "K",
+        "shift",
         failure="Lock not changed",
     )
     key("Select all agents", tab.selecting.select_all, "A", "cmd/ctrl")
@@ -44,14 +45,10 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     tab.steering.add_hotkeys()
     key("Show possible trajectories", tab.candidates.toggle_candidates, "G")
     key("Regenerate the selection, else all", tab.generation.regenerate, "R")
-    key(
-        "Live regeneration on or off",
-        tab.generation.live_switch.toggle,
-        "R",
-        "shift",
-    )
+    key("Resample, or add agents", tab.generation.resample)
+    key("Live on or off", tab.generation.live_switch.toggle, "R", "shift")
     key("Roll out in closed loop", tab.generation.closed_loop.roll_out)
-    key("Choose among the samples of the last run", tab.samples.focus, "J")
+    key("Choose among samples of the last run", tab.samples.focus, "J", "shift")
     key("Compare two samples of the last run", tab.samples.compare, "C")
     key("Cancel the generation", tab.generation.cancel)
     key("Reset road", tab.road.reset)
@@ -69,6 +66,9 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
 
 def _add_time_keys(ui: UiContext, timeline: Timeline) -> None:
     ui.hotkey("Play or pause", timeline.toggle_play, "space")
+    ui.hotkey("Play backwards; again: faster", partial(timeline.shuttle, -1), "J")
+    ui.hotkey("Pause", partial(timeline.shuttle, 0), "K")
+    ui.hotkey("Play; again: faster", partial(timeline.shuttle, 1), "L")
     ui.hotkey("Go to t = 0", timeline.go_to_current)
     ui.hotkey("Start from here", timeline.start_here)
     ui.hotkey("Next frame (right arrow)", lambda: timeline.step_by(1))

@@ -46,7 +46,8 @@ MOUSE: Final[tuple[KeyRow, ...]] = (
 )
 PAGE_KEYS: Final[tuple[KeyRow, ...]] = (
     KeyRow(
-        keys="\u2190 \u2192, comma, full stop", does="Step one frame; with Shift, ten"
+        keys="\u2190 \u2192, comma, full stop",
+        does="Step one frame of 0.1 s; arrows with Shift: ten",
     ),
     KeyRow(
         keys="\u2191 \u2193 Page, Home, End",

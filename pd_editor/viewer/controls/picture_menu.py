@@ -35,7 +35,7 @@ class PictureMenu:
 
     def _of_agent(self, row: int) -> Menu:
         """Acts on the selection if the agent is one of it, else on the agent alone."""
-        session = self.ui.session
+        session, tab = self.ui.session, self.tab
         scenario = session.scenario
         agents, agent_id = scenario.agents, scenario.agents.ids[row]
         former = session.selection
@@ -76,13 +76,12 @@ class PictureMenu:
                 else ()
             ),
             *self.tab.steering.agent_items(is_enabled=is_one and is_there),
-            MenuItem("Snap to lane", self.tab.agent.snap, is_enabled=is_there, key="L"),
+            MenuItem(
+                "Snap to lane", tab.agent.snap, is_enabled=is_there, key="Shift+L"
+            ),
             *self._lock_items(is_there),
             MenuItem(
-                "Duplicate",
-                self.tab.agent.duplicate,
-                is_enabled=is_there,
-                key="Ctrl+D",
+                "Duplicate", tab.agent.duplicate, is_enabled=is_there, key="Ctrl+D"
             ),
             MenuItem("Delete", self.tab.agent.delete, key="Del"),
             MenuItem(
@@ -98,10 +97,10 @@ class PictureMenu:
         """Unlock what is locked; else the three locks."""
         session, locks = self.ui.session, self.tab.agent.locks
         if all(name in session.scenario.locks for name in session.selection):
-            return (MenuItem("Unlock", locks.toggle, key="K"),)
+            return (MenuItem("Unlock", locks.toggle, key="Shift+K"),)
         beginning = locks.beginning
         return (
-            MenuItem("Lock trajectory", locks.toggle, key="K"),
+            MenuItem("Lock trajectory", locks.toggle, key="Shift+K"),
             MenuItem("Lock state", lambda: locks.lock(STATE_LOCK), is_enabled=is_there),
             MenuItem(
                 f"Lock {beginning.in_words}",

@@ -34,6 +34,7 @@ from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.study.study_panel import StudyPanel
 from pd_editor.viewer.tab.panel_style import PanelStyle
+from pd_editor.viewer.tab.tab_model import GUIDE
 from pd_editor.viewer.tab.ui_context import UiContext
 
 
@@ -96,7 +97,7 @@ class TabElements:
                 SignalsPanel(ui)
         with tabs.add_tab(AGENTS):
             self.agent = AgentPanel(ui, self.placing)
-        with tabs.add_tab("Guide"):
+        with tabs.add_tab(GUIDE):
             steering = self.steering
             self.guidance = GuidancePanel(
                 ui, steering.mode, steering.notes, steering.encounters
@@ -104,16 +105,13 @@ class TabElements:
         with tabs.add_tab("Drive"):
             self.candidates = CandidatesPanel(ui, self.steering.mode)
             self.generation = GenerationPanel(ui, generators, self.region, self.samples)
-            style.in_sight(self.generation.run_buttons)
         with tabs.add_tab("Study"):
             self.study = StudyPanel(ui, generators.offers)
         with tabs.add_tab("History"):
             self.history = HistoryPanel(ui, style)
         with tabs.add_tab("View"):
             self.view = ViewPanel(ui, self.viewpoint, self.picture)
-        self.chip = StatusChip(
-            ui, self.timeline, self.viewpoint, self.generation, self.export
-        )
+        self.chip = StatusChip(ui, self.timeline, self.viewpoint, self.export)
 
     def escape(self) -> None:
         """Leave what is innermost: a gesture, a mode, a list; else clear the selection."""

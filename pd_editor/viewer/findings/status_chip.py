@@ -8,9 +8,7 @@ from typing import Any, Final, Literal
 from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
 from pd_editor.editor.commands import ContinueScene
 from pd_editor.editor.cures import Cure, cures
-from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.viewer.files.export_panel import ExportPanel
-from pd_editor.viewer.generation.generation_panel import GenerationPanel
 from pd_editor.viewer.overlay.messages import (
     ActiveProblem,
     ProblemGroup,
@@ -23,7 +21,6 @@ from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
 MAX_ROWS: Final = 200
-_REGENERATE: Final = "Regenerate"
 Group = Literal["new", "notices", "ignored", "recorded"]
 _SOURCES: Final[dict[Source, str]] = {
     "recorded": "This is in the recording itself.",
@@ -61,7 +58,6 @@ class StatusChip:
         ui: UiContext,
         timeline: Timeline,
         viewpoint: Viewpoint,
-        generation: GenerationPanel,
         export: ExportPanel,
     ) -> None:
         """Show the chip."""
@@ -70,7 +66,6 @@ class StatusChip:
         self._overlay = ui.overlay
         self._timeline = timeline
         self._viewpoint = viewpoint
-        self._generation = generation
         self._export = export
         self._watch = ui.model.findings
         self._active: tuple[Group, Finding] | None = None
@@ -84,7 +79,6 @@ class StatusChip:
         chosen["problem"].subscribe(partial(self._mark_chosen, "new"))
         chosen["notice"].subscribe(partial(self._mark_chosen, "notices"))
         self._model.shown.subscribe(self.show)
-        self._model.run_changed.subscribe(self.show)
         self._model.checked.subscribe(self._after_check)
         self._model.pair_opened.subscribe(self.close_list)
 
@@ -98,19 +92,14 @@ class StatusChip:
         is_rolled = any(isinstance(one, ContinueScene) for one in commands)
         harsh = [one for one in groups["notices"] if one.kind == "harsh-motion"]
         self._timeline.set_marks("notice", _marks(harsh if is_rolled else ()))
-        run, count = self._model.run, len(groups["new"])
+        count = len(groups["new"])
         text, tone = "No new problems", "good"
         if count:
             text, tone = f"{count} problem{'s' if count > 1 else ''}", "warn"
         unrun = sum(one.kind == "guidance-not-run" for one in groups["new"])
-        action = "" if run is None else run.action
-        if run is not None and run.text:
-            text, tone = run.text, "busy"
-        elif not action and self._ui.session.awaits_guided_run:
-            if unrun:
-                which = "" if unrun == count else f"{unrun} "
-                text += f", {which}not yet guided"
-            tone, action = "busy", _REGENERATE
+        if unrun:
+            which = "" if unrun == count else f"{unrun} "
+            text, tone = f"{text}, {which}not yet guided", "busy"
         study = self._ui.workspace.study
         if study.is_running:
             text, tone = f"{text} \u00b7 study at {study.fraction:.0%}", "busy"
@@ -118,8 +107,6 @@ class StatusChip:
         state = StatusState(
             text=text,
             tone=tone,
-            fraction=None if run is None else run.fraction,
-            action=action,
             unsaved="" if problem is None else _unsaved(problem),
             groups=tuple(
                 ProblemGroup(
@@ -254,15 +241,6 @@ class StatusChip:
             if group != "recorded":
                 self._watch.ignore(problem, group != "ignored")
                 self._model.checked.emit()
-        elif kind == "cancel":
-            self._generation.cancel()
-        elif kind == "use":
-            run = self._model.run
-            if run is not None and run.action:
-                self._generation.use_result()
-            elif self._ui.session.awaits_guided_run:
-                steered = steered_agent_ids(self._ui.session.scenario)
-                self._model.run_requested.emit(steered, False)
         elif kind == "download":
             self._export.download()
 

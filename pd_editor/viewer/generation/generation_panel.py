@@ -12,6 +12,7 @@ from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
 from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.base.plain_text import one_line
 from pd_editor.editor.commands import RemoveAllAgents
+from pd_editor.editor.commands.command import shortened
 from pd_editor.editor.commands.locks import locked_agents_error
 from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
 from pd_editor.generation.generators import GeneratorCatalogue
@@ -33,6 +34,7 @@ from pd_editor.scene.roles.traffic_choice import (
     replaceable_agent_ids,
     resamplable_agent_ids,
     road_user_ids,
+    steered_agent_ids,
     trajectory_locked_ids,
 )
 from pd_editor.scene.scenario import Scenario
@@ -45,19 +47,18 @@ from pd_editor.viewer.generation.generation_run import (
 from pd_editor.viewer.generation.live_switch import LiveSwitch, nearest_to_edit
 from pd_editor.viewer.generation.region_drawing import RegionDrawing
 from pd_editor.viewer.generation.roll_out_panel import RollOutInput, RollOutPanel
+from pd_editor.viewer.generation.run_bar import IN_REGION, SCOPE_USUAL, RunBar
 from pd_editor.viewer.generation.sample_strip import SampleStrip
+from pd_editor.viewer.overlay.messages import RunVerb
 from pd_editor.viewer.tab.panel_style import WITH_PAST, KeptSettings, plain
 from pd_editor.viewer.tab.tab_model import RunState
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
-SCOPE_ALL: Final = "All agents"
-SCOPE_USUAL: Final = "The selection, else all"
 REPLACE_ALL: Final = "All agents"
 REDRAW_SELECTION: Final = "The selection"
 ADD_AGENTS: Final = "None (add)"
 AROUND_TRAFFIC: Final = "On the whole mapped road"
 AROUND_VIEW: Final = "In the middle of my view (125 m square)"
-IN_REGION: Final = "In the region I draw"
 _REGION: Final = "region"
 """Name of the drawn region among the kept settings."""
 DRAW_REGION: Final = "Draw a region"
@@ -79,7 +80,6 @@ MOVING_SHARES: Final[Mapping[str, float | None]] = {
     "All": 1.0,
 }
 QUALITIES: Final[Mapping[str, Quality]] = {"Fast": "fast", "High, slower": "high"}
-MAX_SAMPLES: Final = 16
 MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
 NUM_LIVE_STEPS: Final = 3
@@ -91,7 +91,7 @@ _SAME: Final = 1e-6
 
 
 class GenerationPanel:
-    """The generator and its options; Regenerate and Resample."""
+    """The generator and its options, and what the run bar's buttons do."""
 
     def __init__(
         self,
@@ -116,11 +116,7 @@ class GenerationPanel:
                 )
                 for broken in catalogue.unusable
             ]
-            self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
             self._renews = gui.add_checkbox("New seed after each run", True)
-            self._samples = gui.add_slider(
-                "Samples", 1, MAX_SAMPLES, 1, 1, hint="To choose among"
-            )
             self._steps = gui.add_slider(
                 "Denoising steps", 1, MAX_STEPS, 1, 4, hint="More are slower"
             )
@@ -147,26 +143,25 @@ class GenerationPanel:
                 hint="Agents that would still collide yield",
             )
         with gui.add_folder("Regenerate trajectories"):
-            self._scope = gui.add_dropdown(
-                "Agents",
-                (SCOPE_USUAL, SCOPE_ALL, IN_REGION),
-                hint="Locked trajectories are kept",
-            )
             self._kinds = gui.add_dropdown(
                 "Only kinds",
                 (ALL_KINDS, *KIND_LABELS.values()),
                 hint="Of the agents that are regenerated, resampled or replaced",
             )
-            self._run = gui.add_button(
-                "Regenerate", icon=viser.Icon.PLAYER_PLAY, hint="R"
-            )
             self.live_switch = LiveSwitch(ui)
         self.closed_loop = RollOutPanel(ui, self._roll_out)
         self._build_resample(gui)
-        # Last, since its report is of any length.
-        with gui.add_folder("Last run"):
-            self._result = GenerationRun(ui, strip)
-        ui.on_click(self._run, self.regenerate)
+        self.result = GenerationRun(ui, strip)
+        self.bar = RunBar(
+            ui,
+            {
+                "regenerate": self.regenerate,
+                "resample": self.resample,
+                "cancel": self.cancel,
+                "use": self.result.use_result,
+                "scope": self._scope_chosen,
+            },
+        )
         ui.on_change(self._model, lambda _name: self._model_chosen())
         self._live = LiveRegeneration(
             ui.session,
@@ -174,16 +169,17 @@ class GenerationPanel:
             self._live_requests,
             on_change=self._run_changed,
             on_end=ui.gesture_was_committed,
-            on_result=self._result.tell_reaction,
+            on_result=self.result.tell_reaction,
             on_error=self._live_failed,
         )
         ui.live = self._live
         self._settings = self._kept_settings()
         self._restore()
         self.live_switch.switched.subscribe(self._live_switched)
-        self._result.changed.subscribe(self._run_changed)
+        self.result.changed.subscribe(self._run_changed)
         self._tab.run_requested.subscribe(self.regenerate_agents)
         self._tab.shown.subscribe(self.show)
+        self._tab.tab_opened.subscribe(self._show_bar)
 
     def _build_resample(self, gui: viser.GuiApi) -> None:
         self._resample_folder = gui.add_folder("Resample agents")
@@ -224,15 +220,12 @@ class GenerationPanel:
             self._quality = gui.add_dropdown(
                 "Quality", tuple(QUALITIES), hint="Of the agents placed"
             )
-            self._resample = gui.add_button("Resample", icon=viser.Icon.ARROWS_SHUFFLE)
             clear = gui.add_button("Clear the road", color="gray")
-        self._ui.on_click(self._resample, self.resample)
         self._ui.on_click(self._draw_region, self._drawing.toggle)
         self._ui.on_change(self._where, lambda _value: self._where_chosen())
         self._drawing.changed.subscribe(self._region_changed)
         self._ui.on_click(clear, lambda: self._ui.apply(RemoveAllAgents()))
         self._ui.on_change(self._which, lambda _value: self._show_counts())
-        self._ui.on_change(self._scope, lambda _value: self._scope_chosen())
         self._ui.on_change(self._kinds, lambda _value: self._show_counts())
         for handle in (self._fits, self._keeps_focal, self._keeps_ego):
             self._ui.on_change(handle, lambda _value: self._show_counts())
@@ -240,14 +233,11 @@ class GenerationPanel:
     def _kept_settings(self) -> KeptSettings:
         inputs: Mapping[str, Any] = {
             "model": self._model,
-            "seed": self._seed,
             "renews": self._renews,
-            "samples": self._samples,
             "steps": self._steps,
             "guidance": self._guidance,
             "tries": self._tries,
             "yields": self._yields,
-            "scope": self._scope,
             "kinds": self._kinds,
             "which": self._which,
             "fits": self._fits,
@@ -273,56 +263,95 @@ class GenerationPanel:
         counts_region = self._where.value == IN_REGION
         if region is not None:
             self._drawing.take(region)
-        for choice, other in (
-            (self._scope, SCOPE_USUAL),
-            (self._where, AROUND_TRAFFIC),
-        ):
+        elif counts_region or self.bar.scope == IN_REGION:
             # A region that was being drawn is gone.
-            if region is None and choice.value == IN_REGION:
-                set_value(choice, other)
+            self._leave_region()
         self._show_region()
         self._show_counts()
         if region is not None or not counts_region:
             self._settings.restore(kind.value for kind in self._counts)
 
-    @property
-    def run_buttons(self) -> tuple[viser.GuiButtonHandle, ...]:
-        """Buttons that start a run."""
-        return self._run, self._resample
-
     def show(self) -> None:
         """Follow the session."""
         scenario = self._ui.session.scenario
-        self._result.show()
+        self.result.show()
         self.closed_loop.show()
-        self._tab.run = self.run_state
         if self._which.value == REPLACE_ALL and self._counted is not scenario:
             self._count_present(scenario)
-        name = "Regenerate the selection" if self._selected() else "Regenerate"
-        for button, label, kept in (
-            (self._run, name, len(trajectory_locked_ids(scenario))),
-            (self._resample, "Resample", len(scenario.locks)),
-        ):
-            held = f" ({kept} locked {'is' if kept == 1 else 'are'} kept)" * bool(kept)
-            set_property(button, "label", label + held)
+        self._show_bar()
 
-    def _selected(self) -> tuple[str, ...]:
-        """The selection, where it is what is regenerated."""
-        return self._ui.session.selection if self._scope.value == SCOPE_USUAL else ()
+    def _show_bar(self) -> None:
+        """Name whom runs are about, and tell how the run goes or has gone."""
+        result, scenario = self.result, self._ui.session.scenario
+        is_refining = self._live.is_refining
+        self._tab.run = RunState(text="Refining ...") if is_refining else result.state
+        said = result.said or self.live_switch.silence(scenario)
+        regenerate = RunVerb(
+            label="Regenerate",
+            target=self._target(
+                self._chosen_ids(),
+                trajectory_locked_ids(scenario),
+                is_region=self.bar.scope == IN_REGION,
+            ),
+            is_enabled=not result.is_running,
+        )
+        verbs = regenerate, self._resampling()
+        self.bar.show(verbs, self._tab.run, said, result.tone)
+
+    def _resampling(self) -> RunVerb:
+        which, session = self._which.value, self._ui.session
+        if which == ADD_AGENTS:
+            target = "as many as fit" if self._fits.value else "agents"
+        else:
+            target = self._target(
+                session.selection if which == REDRAW_SELECTION else None,
+                frozenset(session.scenario.locks),
+                is_region=self._where.value == IN_REGION,
+            )
+        return RunVerb(
+            label="Add" if which == ADD_AGENTS else "Resample",
+            target=target,
+            is_enabled=not self.result.is_running and self._may_resample(),
+        )
+
+    def _target(
+        self, chosen: tuple[str, ...] | None, locked: frozenset[str], *, is_region: bool
+    ) -> str:
+        """Agents of the wanted kinds in few words: the chosen ones, or all (None)."""
+        scenario, words = self._ui.session.scenario, self._kinds.value.lower()
+        ids = scenario.agents.ids if chosen is None else chosen
+        ids = agent_ids_of_kinds(scenario, ids, self._wanted_kinds())
+        if chosen is not None:
+            words = shortened(ids[0]) if len(ids) == 1 else f"{len(ids) or 'no'} agents"
+        elif not self._wanted_kinds():
+            words = "region" if is_region else "everybody"
+        elif is_region:
+            words += " in the region"
+        if is_region and chosen is None and self._drawing.region is not None:
+            ids = self._drawing.region.held(scenario, ids)
+        kept = len(locked.intersection(ids))
+        is_one = chosen is not None and len(ids) == 1
+        return words + (" (locked)" if is_one else f" but {kept} locked") * bool(kept)
+
+    def _chosen_ids(self) -> tuple[str, ...] | None:
+        """The selection, or the guided agents, where they are regenerated; None for all.
+
+        Guidance that no run has followed yet is what a run is for, as in the tab Guide.
+        """
+        session = self._ui.session
+        if self.bar.scope != SCOPE_USUAL:
+            return None
+        if self._tab.is_guiding or session.awaits_guided_run:
+            return steered_agent_ids(session.scenario, session.selection)
+        return session.selection or None
 
     def close(self) -> None:
         """Stop a running generation, and keep the settings for the page that comes."""
         self._settings.keep()
+        self.bar.keep()
         self._ui.workspace.drive_settings[_REGION] = self._drawing.region
-        self._result.close()
+        self.result.close()
         self._live.close()
-
-    @property
-    def run_state(self) -> RunState | None:
-        """State of a running generation or a waiting result."""
-        if self._live.is_refining:
-            return RunState(text="Refining ...")
-        return self._result.state
 
     def cancel(self) -> None:
         """Cancel a running generation; nothing changes.
@@ -331,25 +360,19 @@ class GenerationPanel:
         """
         if self._live.is_refining:
             self._ui.commit_gesture()
-        self._result.cancel()
-
-    def use_result(self) -> None:
-        """Apply a result that came after an edit."""
-        self._result.use_result()
+        self.result.cancel()
 
     def regenerate(self) -> None:
-        """Regenerate the trajectories of the selection; without one, of all agents.
-
-        Unless another choice of agents is made.
+        """Regenerate the trajectories of the agents that the run bar names.
 
         Raises:
             GenerationError: there is no agent to generate, or a run is active.
         """
-        wanted = self._selected() or None
-        if wanted is None and (self._scope.value == IN_REGION or self._wanted_kinds()):
+        wanted, is_region = self._chosen_ids(), self.bar.scope == IN_REGION
+        if wanted is None and (is_region or self._wanted_kinds()):
             scenario = self._ui.session.scenario
             wanted = drivable_agent_ids(scenario)
-            if self._scope.value == IN_REGION:
+            if is_region:
                 wanted = self._drawn_region().held(scenario, wanted)
         if wanted is not None:
             wanted = self._of_wanted_kinds(wanted)
@@ -436,10 +459,10 @@ class GenerationPanel:
         """Let a region be drawn where there is none."""
         drawing = self._drawing
         is_missing = drawing.region is None and not drawing.is_active
-        if self._scope.value == IN_REGION and is_missing:
+        if self.bar.scope == IN_REGION and is_missing:
             drawing.toggle()
         self._show_region()
-        self.show()
+        self._show_bar()
 
     def _where_chosen(self) -> None:
         """Show the region where it counts, and let it be drawn where there is none."""
@@ -460,16 +483,20 @@ class GenerationPanel:
         if is_active or drawing.region is not None:
             set_value(self._where, IN_REGION)
         else:
-            if self._where.value == IN_REGION:
-                set_value(self._where, AROUND_TRAFFIC)
-            if self._scope.value == IN_REGION:
-                set_value(self._scope, SCOPE_USUAL)
+            self._leave_region()
         self._show_region()
         self._show_counts()
 
+    def _leave_region(self) -> None:
+        """Make other choices where a region is chosen that is gone."""
+        if self._where.value == IN_REGION:
+            set_value(self._where, AROUND_TRAFFIC)
+        if self.bar.scope == IN_REGION:
+            self.bar.scope = SCOPE_USUAL
+
     def _show_region(self) -> None:
         """Show the drawn region where it counts."""
-        self._drawing.set_shown(IN_REGION in (self._where.value, self._scope.value))
+        self._drawing.set_shown(IN_REGION in (self._where.value, self.bar.scope))
 
     def _drawn_region(self) -> Region:
         """The drawn region."""
@@ -516,12 +543,12 @@ class GenerationPanel:
             back_casts=bool(self._back_casts.value),
             region=region,
             quality=QUALITIES[self._quality.value] if samples_states else "fast",
-            num_samples=1 if is_cure else int(self._samples.value),
+            num_samples=1 if is_cure else self.bar.samples,
             num_denoising_steps=None
             if offer.default_num_steps is None
             else int(self._steps.value),
             guidance=self._guidance_settings(offer),
-            seed=int(self._seed.value),
+            seed=self.bar.seed,
         )
         check_room(request, len(removed_ids))
         task = GenerationInput(
@@ -532,9 +559,9 @@ class GenerationPanel:
 
     def _start_run(self, task: RunInput) -> None:
         name = self._model.value
-        self._result.start(name, self._generators[name].make, task)
+        self.result.start(name, self._generators[name].make, task)
         if self._renews.value:
-            set_value(self._seed, int(self._seed.value) + 1)
+            self.bar.seed += 1
 
     def _roll_out(self, duration_s: float, policy: str) -> None:
         """Let the scene go on in closed loop; an empty name lets no policy drive.
@@ -555,7 +582,7 @@ class GenerationPanel:
         task = RollOutInput(
             base=scenario,
             duration_s=duration_s,
-            seed=int(self._seed.value),
+            seed=self.bar.seed,
             policy=policy,
             driven_ids=driven,
         )
@@ -604,7 +631,7 @@ class GenerationPanel:
 
     def _live_requests(self, scenario: Scenario) -> LiveRequests | None:
         """What is generated for an edit that led to a scenario; None if nothing reacts."""
-        if not self.live_switch.is_on or self._result.is_running:
+        if not self.live_switch.is_on or self.result.is_running:
             return None
         ids = self.live_switch.reacting_ids(scenario)
         if not ids:
@@ -618,7 +645,7 @@ class GenerationPanel:
             agent_ids=ids,
             num_denoising_steps=int(self._steps.value) if has_steps else None,
             guidance=self._guidance_settings(offer),
-            seed=int(self._seed.value),
+            seed=self.bar.seed,
         )
         fast = replace(
             usual,
@@ -652,7 +679,7 @@ class GenerationPanel:
         return None if usual is None or abs(asked - usual) < _SAME else asked
 
     def _model_chosen(self) -> None:
-        self._result.forget()
+        self.result.forget()
         self._show_options()
 
     def _show_options(self) -> None:
@@ -686,14 +713,13 @@ class GenerationPanel:
             set_property(handle, "disabled", not places or which != REPLACE_ALL)
         takes_counts = "new-agents" in supports and which != REDRAW_SELECTION
         set_property(self._fits, "disabled", not takes_counts)
-        is_running = self._result.is_running
-        set_property(self._resample, "disabled", is_running or not self._may_resample())
         for count in self._counts.values():
             set_property(count, "disabled", not takes_counts or self._fits.value)
             if self._which.value == ADD_AGENTS:
                 set_value(count, 0)
         if self._which.value == REPLACE_ALL:
             self._count_present(self._ui.session.scenario)
+        self._show_bar()
 
     def _count_present(self, scenario: Scenario) -> None:
         """Propose as many of each kind as there are on the mapped roads.
@@ -732,9 +758,6 @@ class GenerationPanel:
 
     def _run_changed(self) -> None:
         """Show and tell the state of the run."""
-        is_running = self._result.is_running
-        set_property(self._run, "disabled", is_running)
-        self.closed_loop.set_running(is_running)
-        set_property(self._resample, "disabled", is_running or not self._may_resample())
-        self._tab.run = self.run_state
+        self.closed_loop.set_running(self.result.is_running)
+        self._show_bar()
         self._tab.run_changed.emit()

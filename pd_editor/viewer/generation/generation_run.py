@@ -21,13 +21,12 @@ from pd_editor.scene.generation import (
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import TrafficSample
 from pd_editor.viewer.generation.sample_strip import SampleSet, SampleStrip
+from pd_editor.viewer.overlay.messages import Tone
 from pd_editor.viewer.state.guided_runs import GuidedRun
 from pd_editor.viewer.state.signal import Signal
-from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.tab_model import RunState
-from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+from pd_editor.viewer.tab.ui_context import UiContext
 
-REPORT_LINES: Final = 6
 CLOSE_WAIT_S: Final = 2.0
 """Time in which a cancelled generator finishes its step when its page is gone."""
 
@@ -153,20 +152,19 @@ class GenerationInput(RunInput):
 
 
 class GenerationRun:
-    """Runs a generator in a background thread and applies its samples.
-
-    Its controls always exist and are only enabled and disabled. The report is below all
-    of them, with a constant height: a panel that is scrolled to its end would move with
-    the length of the text.
-    """
+    """Runs a generator in a background thread and applies its samples."""
 
     def __init__(self, ui: UiContext, strip: SampleStrip) -> None:
-        """Build cancel, the choice of a sample and the report."""
+        """Run nothing yet; the strip offers the samples of a run."""
         self._ui = ui
         self._strip = strip
         strip.adopted.subscribe(self.adopt)
         self.changed = Signal[()]()
-        """``state`` has changed."""
+        """``state`` or ``said`` has changed."""
+        self.said = ""
+        """Report on the last run, or why there was none."""
+        self.tone: Tone = ""
+        self._failed_at: tuple[Scenario, tuple[str, ...]] | None = None
         self._job: GenerationJob[Any] | None = None
         self._state: RunState | None = None
         self._generated: tuple[RunInput, Any] | None = None
@@ -178,30 +176,9 @@ class GenerationRun:
         """What cures have made of it."""
         self._index = 0
         self._took_s = 0.0
-        gui = ui.client.gui
-        self._sample = gui.add_slider(
-            "Sample shown",
-            1,
-            2,
-            1,
-            1,
-            disabled=True,
-            hint="Which of the samples of the last run",
-        )
-        self._take = gui.add_button(
-            "Use the result",
-            color="gray",
-            disabled=True,
-            hint="Of a run during which the scenario was edited",
-        )
-        self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
-        self._report = FixedText(gui, REPORT_LINES)
-        ui.on_click(self._cancel, self.cancel)
-        ui.on_click(self._take, self.use_result)
-        ui.on_change(self._sample, self._sample_chosen, merge_key="sample")
         if ui.workspace.has_lost_run:
             ui.workspace.has_lost_run = False
-            self._say(_LOST)
+            self._say(_LOST, "warn")
             ui.notify("Generation cancelled", _LOST, "warning", stays=True)
 
     @property
@@ -233,7 +210,6 @@ class GenerationRun:
             raise GenerationError("A generation is running already; cancel it first.")
         if not task.is_cure:
             self.forget()
-        self._set_running(True)
         started = time.monotonic()
         post, generator = self._ui.post, LazyGenerator(name=name, make=make)
 
@@ -261,11 +237,6 @@ class GenerationRun:
         is_shown = self._applied is not None and now is self._applied
         samples = self._samples()
         count = len(samples) if _differ(samples) else 1
-        has_choice = is_shown and count > 1
-        set_property(self._sample, "disabled", not has_choice)
-        # The number of an earlier run would be taken for that of this scene.
-        set_property(self._sample, "max", count if has_choice else 2)
-        set_value(self._sample, self._index + 1 if has_choice else 1)
         is_cured = any(now is one for one in self._cured)
         is_offered = is_cured or (self._before is not None and now is self._before)
         self._strip.follow(
@@ -274,10 +245,11 @@ class GenerationRun:
         )
         if (self._applied or self._cured) and not (is_shown or is_cured):
             self._say("")
-        use = self._use()
+        state, failed_at = self._ui.session.state, self._failed_at
+        if failed_at is not None and (state.scenario, state.selection) != failed_at:
+            self._say("")
         if self._waits:
-            self._say(_WORDS_OF_USE[use])
-        set_property(self._take, "disabled", use is None)
+            self._say(_WORDS_OF_USE[self._use()], "warn")
 
     def close(self) -> None:
         """Stop a running generation, because its page is gone."""
@@ -292,7 +264,7 @@ class GenerationRun:
         if self._job is not None:
             self._job.cancel()
             self._job = None
-            self._set_running(False)
+            self._set_state(None)
             self._say("Cancelled.")
 
     def use_result(self) -> None:
@@ -365,11 +337,10 @@ class GenerationRun:
     def _progressed(self, task: RunInput, progress: GenerationProgress) -> None:
         text = task.in_words(progress)
         self._set_state(RunState(text=text, fraction=round(progress.fraction, 3)))
-        self._say(f"{text} ...")
 
     def _finished(self, task: RunInput, result: Any, started: float) -> None:
         self._job = None
-        self._set_running(False)
+        self._set_state(None)
         try:
             task.check(result)
         except GenerationError as error:
@@ -445,35 +416,35 @@ class GenerationRun:
         else:
             self.show()
 
-    def _sample_chosen(self, number: float) -> None:
-        """Replace the sample that was just applied by another one."""
-        self.adopt(int(number) - 1)
-
     def _failed(self, error: Exception) -> None:
         self._job = None
-        self._set_running(False)
-        self._say(str(error))
+        self._set_state(None)
+        self.refuse(error)
         self._ui.report(error)
 
-    def _say(self, text: str) -> None:
-        self._report.show("", text)
+    def refuse(self, error: Exception) -> None:
+        """Say why there is no run, until something else is shown or selected."""
+        state = self._ui.session.state
+        self._say(str(error), "bad")
+        self._failed_at = state.scenario, state.selection
+
+    def _say(self, text: str, tone: Tone = "") -> None:
+        self._failed_at = None
+        if text != self.said:
+            self.said, self.tone = text, tone
+            self.changed.emit()
 
     def _set_state(self, state: RunState | None) -> None:
         if state != self._state:
             self._state = state
             self.changed.emit()
 
-    def _set_running(self, is_running: bool) -> None:
-        set_property(self._cancel, "disabled", not is_running)
-        if not is_running:
-            self._set_state(None)
-
 
 _LOST: Final = "Its page was closed or loaded again while it ran."
 _WORDS_OF_USE: Final[Mapping[str | None, str]] = {
     "here": "The scenario was edited during the run, and the result still fits: "
-    '"Use the result" applies it.',
-    "back": 'The scenario was edited during the run. "Use the result" goes to the state '
+    '"Use result" applies it.',
+    "back": 'The scenario was edited during the run. "Use result" goes to the state '
     "that it was made for; edits after it are undone.",
     None: "The state that the result was made for is no longer in the history, so it "
     "cannot be used.",

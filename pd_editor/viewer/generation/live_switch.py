@@ -12,7 +12,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.original_view import changed_rows
 from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.state.view_memory import LiveAgents
-from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+from pd_editor.viewer.tab.ui_context import UiContext
 
 GENERATED: Final = "Generated ones"
 ALL: Final = "All agents"
@@ -47,27 +47,20 @@ def retimed_ids(before: Scenario, edited: Scenario) -> frozenset[str]:
 
 
 class LiveSwitch:
-    """A checkbox and a menu; the choices are kept for the next connection."""
+    """Live or not, and a menu of whom; the choices are kept for the next connection."""
 
     def __init__(self, ui: UiContext) -> None:
         """Build it into the current folder."""
         self._ui = ui
         self.switched = Signal[()]()
         gui, view = ui.client.gui, ui.workspace.view
-        self._box = gui.add_checkbox(
-            "Live (Shift+R)",
-            view.is_live,
-            hint="Trajectories follow while you drag an agent, a slider or a goal",
-        )
         scope = next(name for name, kept in _SCOPES.items() if kept == view.live_agents)
         self._scope = gui.add_dropdown(
-            "Agents that react",
+            "Live: agents",
             tuple(_SCOPES),
             initial_value=scope,
-            disabled=not view.is_live,
-            hint="Others keep their trajectories, which move with their agents",
+            hint="That follow while you drag an agent, a slider or a goal (Shift+R)",
         )
-        ui.on_change(self._box, lambda value: self._set(bool(value)))
         ui.on_change(self._scope, self._scope_chosen)
 
     @property
@@ -77,7 +70,9 @@ class LiveSwitch:
 
     def toggle(self) -> None:
         """Switch it on or off."""
-        self._set(not self.is_on)
+        view = self._ui.workspace.view
+        self._ui.workspace.view = replace(view, is_live=not view.is_live)
+        self.switched.emit()
 
     def reacting_ids(self, scenario: Scenario) -> tuple[str, ...]:
         """Ids of the agents that react to an edit; empty if none does.
@@ -85,13 +80,7 @@ class LiveSwitch:
         Besides generated agents, those react whose trajectory guidance changes. An edit
         of the guidance of some agents is about these alone, as Regenerate in Guide is.
         """
-        wanted = None
-        if self._ui.workspace.view.live_agents == "generated":
-            wanted = self._guided_anew(scenario)
-            if not wanted:
-                wanted.update(generated_agent_ids(self._ui.session.commands_in_force))
-                for term in scenario.guidance:
-                    wanted.update(term.guided_ids if term.is_on else ())
+        wanted = self._asked_ids(scenario)
         if not scenario.time_axis.num_future_steps:
             return ()
         kept = retimed_ids(self._ui.session.committed_scenario, scenario)
@@ -106,6 +95,28 @@ class LiveSwitch:
         except GenerationError:
             return ()
 
+    def silence(self, scenario: Scenario) -> str:
+        """Why nothing reacts to edits, in few words; empty if something does."""
+        if not self.is_on or self.reacting_ids(scenario):
+            return ""
+        why = "all are locked, or not there"
+        if not scenario.time_axis.num_future_steps:
+            why = "the scene has no future"
+        elif self._asked_ids(scenario) == set():
+            why = "none is generated or guided"
+        return f"Nothing reacts live: {why}"
+
+    def _asked_ids(self, scenario: Scenario) -> set[str] | None:
+        """Ids of the agents that the user lets react; None for all."""
+        if self._ui.workspace.view.live_agents == "all":
+            return None
+        wanted = self._guided_anew(scenario)
+        if not wanted:
+            wanted.update(generated_agent_ids(self._ui.session.commands_in_force))
+            for term in scenario.guidance:
+                wanted.update(term.guided_ids if term.is_on else ())
+        return wanted
+
     def _guided_anew(self, scenario: Scenario) -> set[str]:
         """Agents of changed terms, if nothing else was edited; empty for terms of all."""
         before = self._ui.session.committed_scenario
@@ -118,13 +129,8 @@ class LiveSwitch:
             return set()
         return {name for term in terms for name in term.guided_ids}
 
-    def _set(self, is_on: bool) -> None:
-        self._ui.workspace.view = replace(self._ui.workspace.view, is_live=is_on)
-        set_value(self._box, is_on)
-        set_property(self._scope, "disabled", not is_on)
-        self.switched.emit()
-
     def _scope_chosen(self, name: str) -> None:
         self._ui.workspace.view = replace(
             self._ui.workspace.view, live_agents=_SCOPES[name]
         )
+        self.switched.emit()

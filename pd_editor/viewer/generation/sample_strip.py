@@ -56,7 +56,7 @@ _KINDS: Final[Mapping[str, str]] = {
     "guidance-not-met": "unmet guidance",
 }
 """Kinds of problems, in few words, in the order in which a card tells them."""
-COVERED_PX: Final = 300
+COVERED_PX: Final = 344
 """Height of the picture's lower part that the strip and what is under it cover."""
 
 
@@ -216,7 +216,7 @@ class SampleStrip:
         if self._cards is None or not self._is_shown:
             self._ui.notify(
                 "No samples to choose among",
-                "Set 'Samples' under Drive to 2 or more, then regenerate or resample.",
+                "Set 'Samples' in the run bar to 2 or more, then regenerate or resample.",
             )
             return False
         return True

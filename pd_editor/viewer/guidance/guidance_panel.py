@@ -15,7 +15,6 @@ from pd_editor.editor.commands import (
     RemoveGuidance,
 )
 from pd_editor.scene.guidance_terms import GuidanceTerm
-from pd_editor.scene.roles.traffic_choice import steered_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.encounters import Encounters
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes, Line
@@ -31,7 +30,6 @@ from pd_editor.viewer.guidance.term_rows import (
 from pd_editor.viewer.overlay.messages import (
     GuidancePanelState,
     GuidanceRow,
-    GuidanceRun,
     GuidanceTool,
     Note,
 )
@@ -91,8 +89,6 @@ class GuidancePanel:
             return
         self._guiding.follow()
         report = self._notes.report()
-        is_running = self._model.is_running
-        steered = steered_agent_ids(scenario, selection)
         state = GuidancePanelState(
             version=self._version,
             answered=self._answered,
@@ -103,11 +99,6 @@ class GuidancePanel:
             rows=tuple(
                 self._row(index, scenario)
                 for index in listed(scenario.guidance, selection)
-            ),
-            run=GuidanceRun(
-                label="Regenerating ..." if is_running else run_label(steered),
-                all="Everybody" if steered is not None else "",
-                is_enabled=not is_running,
             ),
             report=_noted(report.lines),
             figures=tuple(report.figures),
@@ -160,11 +151,6 @@ class GuidancePanel:
         kind = event.get("kind")
         if kind == "tool":
             self._use_tool(str(event.get("tool")))
-        elif kind == "run":
-            session = self._ui.session
-            steered = steered_agent_ids(session.scenario, session.selection)
-            ids = None if event.get("isAll") is True else steered
-            self._model.run_requested.emit(ids, False)
         elif kind == "take":
             self._take_unguided()
         elif kind == "look":
@@ -279,13 +265,6 @@ def listed(guidance: tuple[GuidanceTerm, ...], selection: tuple[str, ...]) -> li
         for index, term in enumerate(guidance)
         if not selection or not term.named_ids or set(term.named_ids) & set(selection)
     ]
-
-
-def run_label(steered: tuple[str, ...] | None) -> str:
-    """What the main button does, to some agents or to all (None)."""
-    if steered is None or len(steered) > 2:
-        return f"Regenerate {'all' if steered is None else len(steered)} agents"
-    return f"Regenerate {' and '.join(steered)}"
 
 
 def about_in_words(scenario: Scenario, selection: tuple[str, ...]) -> str:

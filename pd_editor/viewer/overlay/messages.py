@@ -531,8 +531,6 @@ class ActiveProblem(Message, frozen=True):
 class StatusState(Message, frozen=True):
     text: str
     tone: Tone
-    fraction: float | None
-    action: str
     unsaved: str
     groups: tuple[ProblemGroup, ...]
     active: ActiveProblem | None
@@ -542,10 +540,38 @@ class StatusState(Message, frozen=True):
 class StatusEvent(Message, frozen=True):
     """A part of the chip; ``free`` is the share of the picture left of its list."""
 
-    kind: Literal["list", "choose", "cure", "ignore", "cancel", "use", "download"]
+    kind: Literal["list", "choose", "cure", "ignore", "download"]
     value: str = ""
     free: float = 1.0
     is_open: bool = False
+
+
+class RunVerb(Message, frozen=True):
+    """A button that starts a run: what it does to whom."""
+
+    label: str
+    target: str
+    is_enabled: bool
+
+
+class RunBarState(Message, frozen=True):
+    """Regenerate and Resample; ``text`` tells how a run goes, or how the last one went."""
+
+    verbs: tuple[RunVerb, RunVerb]
+    scope: str
+    scopes: tuple[str, ...]
+    samples: int
+    seed: int
+    limits: dict[str, tuple[int, int]]
+    text: str
+    tone: Tone
+    fraction: float | None
+    action: str
+
+
+class RunBarEvent(Message, frozen=True):
+    kind: Literal["regenerate", "resample", "cancel", "use", "scope", "samples", "seed"]
+    value: str | int = ""
 
 
 AgentRow = tuple[str, int, float | None, float | None, int, bool]
@@ -631,12 +657,6 @@ class EncounterList(Message, frozen=True):
     items: tuple[EncounterLine, ...] = ()
 
 
-class GuidanceRun(Message, frozen=True):
-    label: str
-    all: str
-    is_enabled: bool
-
-
 class GuidancePanelState(Message, frozen=True):
     """The list of guidance terms; ``answered`` is the newest event that it answers."""
 
@@ -647,7 +667,6 @@ class GuidancePanelState(Message, frozen=True):
     tools: tuple[GuidanceTool, ...]
     encounters: EncounterList
     rows: tuple[GuidanceRow, ...]
-    run: GuidanceRun
     report: tuple[Note, ...]
     figures: tuple[tuple[str, str, str, str], ...]
     action: str | None
@@ -655,13 +674,12 @@ class GuidancePanelState(Message, frozen=True):
 
 class GuidancePanelEvent(Message, frozen=True):
     kind: Literal[
-        "tool", "run", "take", "look", "leave", "point", "make",
+        "tool", "take", "look", "leave", "point", "make",
         "choose", "switch", "remove", "weight", "input",
     ]  # fmt: skip
     version: int | None
     count: int
     tool: str = ""
-    is_all: bool = False
     number: int | None = None
     index: int = -1
     is_on: bool = False
@@ -771,6 +789,7 @@ STATES: Final[dict[str, type[Message]]] = {
     "scorecard": ScorecardState,
     "charts": ChartsState,
     "status": StatusState,
+    "run": RunBarState,
     "agents": AgentsState,
     "agent-selection": AgentSelectionState,
     "guidance_panel": GuidancePanelState,
@@ -800,6 +819,7 @@ EVENTS: Final[dict[str, type[Message]]] = {
     "sample-pair": SamplePairEvent,
     "scorecard": ScorecardEvent,
     "status": StatusEvent,
+    "run": RunBarEvent,
     "agents": AgentsEvent,
     "guidance_panel": GuidancePanelEvent,
     "guidance_marks": GuidanceMarksEvent,

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (50ef09a5b0453323); not to be edited. */
+/* Built by .ci/client.py from client/ (fb7ca80c934f5d2c); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -658,7 +658,7 @@
     ])
       foot.append(button("", text, () => choose(wanted()), { title }));
     const lock = () => api.send({ kind: "lock", number: state.number });
-    foot.append(button("", "Lock", lock, { title: "Lock or unlock the selected agents (K)" }));
+    foot.append(button("", "Lock", lock, { title: "Lock or unlock the selected agents (Shift+K)" }));
     drawer.append(head3, filters, columns, list, count, foot);
     api.box.append(drawer);
     function choose(rows) {
@@ -1358,13 +1358,7 @@
     possible.addEventListener("pointerleave", () => point(null));
     const list = make("ul", "pd-guidance-list", { "aria-label": "Guidance terms" });
     const foot = make("div", "pd-guidance-foot", { role: "status" });
-    const run = button("pd-guidance-run", "", () => send2({ kind: "run", isAll: false }));
-    const runAll = button("pd-guidance-all", "", () => send2({ kind: "run", isAll: true }), {
-      title: "Regenerate the trajectories of all agents"
-    });
-    const runs = make("div", "pd-guidance-runs");
-    runs.append(run, runAll);
-    box.append(about, tools, ask, possible, runs, foot, list);
+    box.append(about, tools, ask, possible, foot, list);
     let state = null;
     let count = 0;
     const rows = /* @__PURE__ */ new Map();
@@ -1592,10 +1586,6 @@
       state = next;
       attach();
       about.textContent = next.about;
-      run.textContent = run.title = next.run.label;
-      runAll.textContent = next.run.all;
-      runAll.hidden = !next.run.all;
-      run.disabled = runAll.disabled = !next.run.isEnabled;
       showTools(next);
       showPossible(next);
       showRows(next);
@@ -2367,7 +2357,7 @@
       if (event.key !== "Enter" || event.isComposing || !(event.target instanceof HTMLInputElement)) return;
       const field = event.target;
       if (field.matches("[type=checkbox], [type=range]") || field.closest("[role=dialog]")) return;
-      if (field.closest(`${FIELD}, .pd-guidance-inputs`)) field.blur();
+      if (field.closest(`${FIELD}, .pd-guidance-inputs, .pd-run`)) field.blur();
     });
     const numbers = /* @__PURE__ */ new WeakMap();
     const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));
@@ -2733,6 +2723,62 @@
     };
   });
 
+  // src/elements/run_bar.ts
+  define("run", (api) => {
+    const bar = make("div", "pd-solid pd-run", { role: "group", "aria-label": "Run" });
+    const verbs = ["regenerate", "resample"].map(
+      (kind) => button(`pd-run-${kind}`, "", () => api.send({ kind }))
+    );
+    const scope = make("select", "", { "aria-label": "Agents to regenerate", title: "Whom to regenerate" });
+    scope.addEventListener("change", () => api.send({ kind: "scope", value: scope.value }));
+    const numbers = ["samples", "seed"].map((kind) => {
+      const name = { samples: "Samples", seed: "Seed" }[kind];
+      const field = make("input", "", { type: "number", name: kind, "aria-label": name });
+      field.addEventListener("change", () => {
+        field.value = String(clamp(Math.round(field.valueAsNumber || 0), Number(field.min), Number(field.max)));
+        api.send({ kind, value: Number(field.value) });
+      });
+      return { kind, field, label: make("label", "", {}, name) };
+    });
+    for (const { field, label } of numbers) label.append(field);
+    const text = make("span", "pd-run-said pd-clipped", { role: "status", "aria-label": "Last run" });
+    const use = button("pd-strong", "", () => api.send({ kind: "use" }));
+    const cancel = button("pd-strong", "Cancel", () => api.send({ kind: "cancel" }));
+    const progress = make("div", "pd-progress", {
+      role: "progressbar",
+      "aria-label": "Progress",
+      "aria-valuemin": "0",
+      "aria-valuemax": "100"
+    });
+    const end = make("div", "pd-run-end", { tabindex: 0 });
+    end.append(text, use, cancel);
+    bar.append(verbs[0], scope, verbs[1], ...numbers.map((one) => one.label), end, progress);
+    api.box.append(bar);
+    return (state) => {
+      for (const [index, { label, target, isEnabled }] of state.verbs.entries()) {
+        verbs[index].replaceChildren(`${label} `, make("b", "", {}, target));
+        verbs[index].title = `${label} ${target} (${index ? "settings in the tab Drive" : "R"})`;
+        verbs[index].disabled = !isEnabled;
+      }
+      if (!scope.length) scope.append(...state.scopes.map((one) => option(one, one)));
+      scope.value = state.scope;
+      for (const { kind, field } of numbers) {
+        [field.min, field.max] = state.limits[kind].map(String);
+        if (document.activeElement !== field) field.value = String(state[kind]);
+      }
+      if (text.textContent !== state.text) text.textContent = state.text;
+      end.toggleAttribute("data-hint", Boolean(state.text));
+      if (state.text) end.dataset.hint = state.text;
+      bar.dataset.tone = state.tone;
+      use.hidden = !state.action;
+      use.textContent = state.action;
+      cancel.hidden = progress.hidden = state.fraction === null;
+      const percent = 100 * (state.fraction ?? 0);
+      progress.style.width = `${percent}%`;
+      progress.setAttribute("aria-valuenow", String(Math.round(percent)));
+    };
+  });
+
   // src/elements/samples.ts
   var pictures = [];
   var redraw = () => {
@@ -3082,15 +3128,7 @@
     const text = make("span", "pd-clipped", { role: "status", "aria-label": "Status" });
     const caret = make("span", "pd-caret", {}, "▴");
     main.append(make("span", "pd-dot"), text, caret);
-    const use = button("pd-strong", "", () => api.send({ kind: "use" }));
-    const cancel = button("pd-strong", "Cancel", () => api.send({ kind: "cancel" }));
-    const bar = make("div", "pd-progress", {
-      role: "progressbar",
-      "aria-label": "Progress",
-      "aria-valuemin": "0",
-      "aria-valuemax": "100"
-    });
-    chip.append(main, use, cancel, bar);
+    chip.append(main);
     api.box.append(list, unsaved, chip);
     const items = () => [...rows.querySelectorAll(".pd-problem-row")];
     const place = (id) => items().findIndex((item) => item.dataset.problem === id);
@@ -3205,13 +3243,6 @@
       chip.dataset.tone = next.tone;
       if (text.textContent !== next.text) text.textContent = next.text;
       text.title = next.text;
-      cancel.hidden = bar.hidden = next.fraction === null;
-      use.hidden = !next.action;
-      use.textContent = next.action;
-      caret.hidden = !cancel.hidden || !use.hidden;
-      const percent = 100 * (next.fraction ?? 0);
-      bar.style.width = `${percent}%`;
-      bar.setAttribute("aria-valuenow", String(Math.round(percent)));
       unsaved.hidden = !next.unsaved;
       unsavedText.textContent = unsavedText.title = next.unsaved;
       api.box.classList.toggle("pd-has-unsaved", Boolean(next.unsaved));
@@ -3238,10 +3269,12 @@
   function stepAfter(seconds, head3, { beginStep, endStep, stepS }) {
     if (!head3.isPlaying) return head3.step;
     const step = head3.step + seconds / stepS * head3.speed;
-    if (step <= endStep) return step;
+    const sign = Math.sign(head3.speed);
+    const [ahead, behind] = sign > 0 ? [endStep, beginStep] : [beginStep, endStep];
+    const passed = sign * (step - ahead);
+    if (passed <= 0) return step;
     const length = endStep - beginStep;
-    if (!head3.loops || length <= 0) return endStep;
-    return beginStep + (step - endStep) % length;
+    return !head3.loops || length <= 0 ? ahead : behind + sign * (passed % length);
   }
   function ticks(axis2) {
     const first = Math.ceil(secondsOf(axis2.firstStep, axis2) - 1e-6);
@@ -3358,7 +3391,7 @@
         play.setAttribute("aria-label", head2.isPlaying ? "Pause" : "Play");
         play.replaceChildren(head2.isPlaying ? pauseIcon : playIcon);
       }
-      speed.textContent = `${head2.speed}×`;
+      speed.textContent = `${head2.speed}×`.replace("-", "−");
       speed.setAttribute("aria-label", `Speed ${speed.textContent}`);
       loop.setAttribute("aria-pressed", String(head2.loops));
     };

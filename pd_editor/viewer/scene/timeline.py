@@ -72,6 +72,11 @@ class Timeline:
             self._playback.play()
         self.show()
 
+    def shuttle(self, direction: int) -> None:
+        """Play in a direction, or faster if it plays in it already; 0 pauses."""
+        self._playback.shuttle(direction)
+        self.show()
+
     def go_to_current(self) -> None:
         """Stop at the current step, where edits act."""
         self.seek(float(self._playback.axis.current_step))
@@ -117,7 +122,7 @@ class Timeline:
         head = PlayheadState(
             step=round(playback.step - now, 4),
             is_playing=playback.is_playing,
-            speed=playback.speed,
+            speed=playback.direction * playback.speed,
             loops=playback.loops,
         )
         self._overlay.show(track)

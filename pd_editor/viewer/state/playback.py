@@ -26,6 +26,8 @@ class Playback:
         """Last step of playback; no agent exists later."""
         self.step = 0.0
         self.speed = 1.0
+        self.direction = 1
+        """1, or -1 if it plays backwards."""
         self.loops = True
 
     @property
@@ -40,11 +42,23 @@ class Playback:
         self.first_step, self.last_step = 0, axis.num_steps - 1
         self.step = float(axis.current_step)
 
-    def play(self) -> None:
-        """Move, from the first step if the end was reached."""
-        if self.step >= self.last_step:
-            self.step = float(self.first_step)
+    def play(self, direction: int = 1) -> None:
+        """Move, from the other end if the one ahead was reached."""
+        self.direction = direction
+        ahead, behind = self._ends()
+        if direction * (self.step - ahead) >= 0:
+            self.step = behind
         self._last_time = self._next_frame = self._clock()
+
+    def shuttle(self, direction: int) -> None:
+        """Play in a direction, or twice as fast if it plays in it already; 0 pauses."""
+        if not direction:
+            self.pause()
+        elif self.is_playing and direction == self.direction:
+            self.speed = min(2 * self.speed, SPEEDS[-1])
+        else:
+            self.speed = min(self.speed, 1.0)
+            self.play(direction)
 
     def pause(self) -> None:
         """Pause playback."""
@@ -66,6 +80,11 @@ class Playback:
         self.speed = SPEEDS[(SPEEDS.index(self.speed) + 1) % len(SPEEDS)]
         return self.speed
 
+    def _ends(self) -> tuple[float, float]:
+        """The step at which playback ends, and the one at which it begins again."""
+        first, last = float(self.first_step), float(self.last_step)
+        return (last, first) if self.direction > 0 else (first, last)
+
     def advance(self) -> tuple[bool, float | None]:
         """Move with the clock.
 
@@ -78,17 +97,16 @@ class Playback:
         now = self._clock()
         if now < self._next_frame:
             return False, self._next_frame - now
-        self.step += (now - self._last_time) / self.axis.step_s * self.speed
+        steps = (now - self._last_time) / self.axis.step_s * self.speed
+        self.step += self.direction * steps
         self._last_time = now
-        first, last = float(self.first_step), float(self.last_step)
-        if self.step > last:
-            if self.loops:
-                passed = (
-                    math.fmod(self.step - last, last - first) if last > first else 0
-                )
-                self.step = first + passed
-            else:
-                self.step = last
-                self.pause()
+        (ahead, behind), length = self._ends(), self.last_step - self.first_step
+        passed = self.direction * (self.step - ahead)
+        if passed > 0 and self.loops:
+            passed = math.fmod(passed, length) if length > 0 else 0.0
+            self.step = behind + self.direction * passed
+        elif passed > 0:
+            self.step = ahead
+            self.pause()
         self._next_frame = max(self._next_frame + FRAME_S, now)
         return True, max(self._next_frame - now, 0.0)

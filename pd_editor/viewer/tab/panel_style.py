@@ -44,18 +44,6 @@ class PanelStyle:
             "overflow:hidden;text-overflow:ellipsis;white-space:nowrap}",
         )
 
-    def in_sight(self, buttons: Iterable[viser.GuiButtonHandle]) -> None:
-        """Keep buttons at the lower edge of the panel while their folder goes on below."""
-        for button in buttons:
-            place = f'[id="{button._impl.uuid}"]'
-            self._rules += [
-                # Parts around it that scroll or are "hidden" would be what it sticks to.
-                f"[data-scrollarea-viewport] :has(.mantine-Paper-root {place}){{overflow:clip !important}}",
-                f":has(> {place}){{position:sticky;bottom:0;z-index:4;"
-                "background:var(--mantine-color-body)}",
-            ]
-        self._add(())
-
     def unfilled(self, sliders: Iterable[viser.GuiSliderHandle[Any]]) -> None:
         """Show a slider whose zero is in its middle as a bare line.
 

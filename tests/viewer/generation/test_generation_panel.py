@@ -1,10 +1,12 @@
 """Regenerating and resampling in the whole tab, without a browser."""
 
 import contextlib
+import json
 import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -36,13 +38,11 @@ from pd_editor.viewer.generation.generation_panel import (
     ADD_AGENTS,
     AROUND_TRAFFIC,
     AROUND_VIEW,
-    IN_REGION,
     REDRAW_SELECTION,
     REGION_HALF_SIDE_M,
-    SCOPE_ALL,
-    SCOPE_USUAL,
 )
 from pd_editor.viewer.generation.generation_run import GenerationInput
+from pd_editor.viewer.generation.run_bar import IN_REGION, SCOPE_ALL, SCOPE_USUAL
 from pd_editor.viewer.tab.panel_style import plain
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.builders import two_agents_that_pass
@@ -86,13 +86,22 @@ def run_to_end(tab: FakeTab, start: Callable[[], None]) -> None:
     tab.run(lambda: None)
 
 
+def bar(tab: FakeTab) -> dict[str, Any]:
+    """What the page shows of the run bar."""
+    return json.loads(tab.ui.overlay._shown["run"])
+
+
+def targets(tab: FakeTab) -> list[str]:
+    return [f"{one['label']} {one['target']}" for one in bar(tab)["verbs"]]
+
+
 def labels(tab: FakeTab) -> list[str]:
     return [entry.label for entry in tab.session.entries]
 
 
 def test_options_reach_the_request(tab, placing):
     panel = tab.elements.generation
-    panel._steps.value, panel._guidance.value, panel._samples.value = 9, 0.7, 3
+    panel._steps.value, panel._guidance.value, panel.bar.samples = 9, 0.7, 3
     run_to_end(tab, panel.regenerate)
     (request,) = placing.requests
     assert request.num_denoising_steps == 9
@@ -100,7 +109,7 @@ def test_options_reach_the_request(tab, placing):
     assert request.guidance == (GuidanceSetting(name=LANE_GUIDANCE, weight=0.7),)
     assert not request.resampled_state_ids
     assert labels(tab) == ["Regenerate 2 agents, sample 1 of 3 (placing, seed 0)"]
-    assert panel._seed.value == 1
+    assert panel.bar.seed == 1
 
 
 def test_untouched_guidance_is_the_models_own_choice(tab, placing):
@@ -115,8 +124,9 @@ def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing
     assert (panel._steps.value, panel._guidance.value) == (6, 0.4)
     panel._model.value = "plain"
     tab.run(panel._show_options)
-    unused = (panel._steps, panel._guidance, panel._which, panel._resample)
+    unused = (panel._steps, panel._guidance, panel._which)
     assert all(handle.disabled for handle in unused)
+    assert [one["isEnabled"] for one in bar(tab)["verbs"]] == [True, False]
     run_to_end(tab, panel.regenerate)
     (request,) = placing.requests
     assert request.num_denoising_steps is None
@@ -220,14 +230,13 @@ def test_agents_are_added_where_one_looks(tab, placing):
 
 def test_another_sample_takes_the_place_of_the_first(tab, placing):
     panel = tab.elements.generation
-    panel._samples.value, panel._keeps_focal.value = 3, False
+    panel.bar.samples, panel._keeps_focal.value = 3, False
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
-    chooser = panel._result._sample
-    assert not chooser.disabled
-    assert chooser.max == 3
+    strip = tab.elements.samples
+    until(lambda: strip.is_open)
     first = tab.session.scenario
-    tab.run(lambda: panel._result._sample_chosen(3))
+    tab.run(lambda: strip.adopted.emit(2))
     now = first.current_step
     assert labels(tab) == ["Resample 2 agents, sample 3 of 3 (placing, seed 0)"]
     np.testing.assert_allclose(
@@ -238,12 +247,11 @@ def test_another_sample_takes_the_place_of_the_first(tab, placing):
     )
     # After any other edit the samples are not offered any more.
     tab.run(lambda: tab.ui.apply(RemoveAllAgents()))
-    tab.run(lambda: panel._result._sample_chosen(2))
-    assert chooser.disabled
-    assert chooser.value == 1
+    tab.run(lambda: strip.adopted.emit(1))
+    assert not strip.is_open
     assert labels(tab)[-1] == "Remove all agents"
     tab.run(tab.session.undo)
-    assert (chooser.disabled, chooser.value, chooser.max) == (False, 3, 3)
+    assert strip.is_open
 
 
 def test_models_of_a_users_own_are_offered_first(tmp_path):
@@ -318,7 +326,7 @@ def test_the_settings_outlive_a_reload(app, placing):
     """Samples and steps were back at their defaults, and the next seed was 0 again."""
     with connected_tab(app) as tab:
         panel = tab.elements.generation
-        panel._samples.value, panel._steps.value, panel._quality.value = 3, 9, "Fast"
+        panel.bar.samples, panel._steps.value, panel._quality.value = 3, 9, "Fast"
         panel._which.value = ADD_AGENTS
         tab.run(panel._show_counts)
         panel._counts[AgentKind.BUS].value = 2
@@ -350,12 +358,12 @@ def test_a_model_is_chosen_again_with_its_settings(app):
 def test_a_region_is_gone_with_its_page(app):
     with connected_tab(app) as tab:
         panel = tab.elements.generation
-        panel._where.value = panel._scope.value = IN_REGION
+        panel._where.value = panel.bar.scope = IN_REGION
         panel._counts[AgentKind.BUS].value = 7
     with connected_tab(app) as tab:
         panel = tab.elements.generation
         assert panel._where.value == AROUND_TRAFFIC
-        assert panel._scope.value == SCOPE_USUAL
+        assert panel.bar.scope == SCOPE_USUAL
         assert panel._counts[AgentKind.BUS].value == 0
 
 
@@ -375,16 +383,15 @@ def test_a_run_that_a_reload_cancelled_is_told_once(app, placing):
         tab.run(tab.elements.generation.regenerate)
         assert begun.wait(20)
     with connected_tab(app) as tab:
-        report = tab.elements.generation._result._report
-        assert report.text == "Its page was closed or loaded again while it ran."
+        assert bar(tab)["text"] == "Its page was closed or loaded again while it ran."
         assert not tab.model.is_running
     with connected_tab(app) as tab:
-        assert tab.elements.generation._result._report.text == ""
+        assert "Its page" not in bar(tab)["text"]
 
 
 def test_a_run_that_places_nobody_changes_nothing(tab):
     before = tab.session.scenario
-    run = tab.elements.generation._result
+    run = tab.elements.generation.result
     names = before.agents.ids
     task = GenerationInput(
         base=before,
@@ -404,7 +411,7 @@ def test_a_run_that_places_nobody_changes_nothing(tab):
 
 def test_equal_samples_are_no_choice(tab):
     before = tab.session.scenario
-    run = tab.elements.generation._result
+    run = tab.elements.generation.result
     task = GenerationInput(
         base=before,
         request=GenerationRequest(scenario=before, agent_ids=before.agents.ids),
@@ -416,7 +423,7 @@ def test_equal_samples_are_no_choice(tab):
         )
     )
     assert tab.session.scenario is not before
-    assert run._sample.disabled
+    assert not tab.elements.samples.is_open
 
 
 def two_samples_without(gone: tuple[str, ...], scenario) -> tuple[TrafficSample, ...]:
@@ -435,33 +442,36 @@ def two_samples_without(gone: tuple[str, ...], scenario) -> tuple[TrafficSample,
 def test_a_selection_is_what_is_regenerated(tab, placing):
     """R, which the hint on a stale trajectory names, replaced all other agents too."""
     panel = tab.elements.generation
-    assert panel._run.label == "Regenerate"
+    assert targets(tab) == ["Regenerate everybody", "Resample everybody"]
     tab.run(lambda: tab.session.select(("101",)))
-    assert panel._run.label == "Regenerate the selection"
+    assert targets(tab)[0] == "Regenerate 101"
     run_to_end(tab, panel.regenerate)
     assert placing.requests[-1].agent_ids == ("101",)
-    tab.enter(panel._scope, SCOPE_ALL)
-    until(lambda: panel._run.label == "Regenerate")
-    run_to_end(tab, panel.regenerate)
+    tab.run(lambda: tab.session.select(("100", "101")))
+    assert targets(tab)[0] == "Regenerate 2 agents"
+    tab.run(lambda: tab.session.select(("101",)))
+    tab.hear("run", kind="scope", value=SCOPE_ALL)
+    assert targets(tab)[0] == "Regenerate everybody"
+    tab.hear("run", kind="regenerate")
+    until(lambda: len(placing.requests) == 2)
+    tab.run(lambda: None)
     assert placing.requests[-1].agent_ids == ("100", "101")
 
 
 def test_locks_of_beginnings_and_states_keep_no_trajectory(tab):
-    panel = tab.elements.generation
     for lock, label in (
-        (Lock(kept_s=2.0), "Regenerate"),
-        (Lock(), "Regenerate (1 locked is kept)"),
+        (Lock(kept_s=2.0), "Regenerate everybody"),
+        (Lock(), "Regenerate everybody but 1 locked"),
     ):
         command = SetLocks(agent_ids=("101",), lock=lock)
         tab.run(lambda command=command: tab.session.apply(command))
-        assert panel._run.label == label
-        assert panel._resample.label == "Resample (1 locked is kept)"
+        assert targets(tab) == [label, "Resample everybody but 1 locked"]
 
 
 def test_a_cure_makes_one_sample_and_the_others_can_still_be_chosen(tab, placing):
     """It made as many as 'Samples' says, and threw away those that were there."""
     panel = tab.elements.generation
-    panel._samples.value, panel._keeps_focal.value = 3, False
+    panel.bar.samples, panel._keeps_focal.value = 3, False
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
     strip = tab.elements.samples
@@ -479,7 +489,7 @@ def test_a_cure_makes_one_sample_and_the_others_can_still_be_chosen(tab, placing
 
 def test_a_comparison_of_samples_closes_the_list_of_problems(tab):
     panel, strip = tab.elements.generation, tab.elements.samples
-    panel._samples.value, panel._keeps_focal.value = 3, False
+    panel.bar.samples, panel._keeps_focal.value = 3, False
     tab.run(panel._show_counts)
     run_to_end(tab, panel.resample)
     until(lambda: strip.is_open)
@@ -495,4 +505,6 @@ def test_a_refusal_stays_to_be_read(tab, placing):
         placing, "generate", side_effect=GenerationError("No road.")
     ):
         run_to_end(tab, panel.regenerate)
-    assert panel._result._report.text == "No road."
+    assert (bar(tab)["text"], bar(tab)["tone"]) == ("No road.", "bad")
+    tab.run(lambda: tab.session.select(("101",)))
+    assert bar(tab)["text"].startswith("Nothing reacts live")

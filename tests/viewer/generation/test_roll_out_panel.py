@@ -120,7 +120,7 @@ def test_cancel_at_any_moment_changes_nothing(tab):
     with driven_by(hang):
         press(tab, "Roll out")
         assert inside.wait(60)
-        press(tab, "Cancel")
+        tab.hear("run", kind="cancel")
         assert not tab.model.is_running
         go_on.set()
     assert tab.session.scenario is before
@@ -166,7 +166,7 @@ def test_a_result_after_an_edit_waits_until_it_is_wanted(tab):
     with driven_by(after_edit):
         rolled(tab)
     assert len(tab.session.entries) == 1
-    press(tab, "Use the result")
+    tab.hear("run", kind="use")
     assert tab.session.entries[-1].command.policies == {"AV": "mine"}
     steps = tab.session.scenario.time_axis.num_steps
     assert steps == tab.session.scenario.current_step + 101

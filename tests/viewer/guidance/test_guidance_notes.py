@@ -102,7 +102,7 @@ def guided(tab: FakeTab) -> FakeTab:
         generator="ready",
         guidance=(report,),
     )
-    run = tab.elements.generation._result
+    run = tab.elements.generation.result
     task = GenerationInput(
         base=scenario,
         request=GenerationRequest(scenario=scenario, agent_ids=(agent_id,)),
@@ -195,7 +195,7 @@ def test_contradictions_are_told_beside_the_terms_and_before_a_run(
     told: list[str] = []
     monkeypatch.setattr(tab.ui, "notify", lambda _title, body="", *_: told.append(body))
     monkeypatch.setattr(
-        tab.elements.generation._result, "start", lambda *_: told.append("started")
+        tab.elements.generation.result, "start", lambda *_: told.append("started")
     )
     tab.run(tab.elements.generation.regenerate)
     assert "above its speed limit" in told[0]
@@ -285,7 +285,7 @@ def test_nothing_is_generated_that_could_obey_nothing(tab: FakeTab, monkeypatch)
     threat = Threaten(agent_id="100", other_id="101", approach="head-on")
     tab.run(lambda: tab.ui.apply(AddGuidance(term=threat)))
     generation, started = tab.elements.generation, []
-    monkeypatch.setattr(generation._result, "start", lambda *_: started.append(1))
+    monkeypatch.setattr(generation.result, "start", lambda *_: started.append(1))
     with pytest.raises(GenerationError, match=r"head-on.*switch it off to regenerate"):
         tab.run(generation.regenerate)
     assert not started

@@ -24,6 +24,11 @@ def shown(tab: FakeTab, element: str) -> dict:
     return json.loads(tab.ui.overlay._shown[element])
 
 
+def target(tab: FakeTab) -> str:
+    """Whom the run bar would regenerate."""
+    return shown(tab, "run")["verbs"][0]["target"]
+
+
 def ray_to(point) -> dict:
     """A ray straight down on a point of the ground."""
     x, y = map(float, point)
@@ -281,28 +286,27 @@ def test_a_regeneration_carries_the_terms_of_the_scenario(tab: FakeTab, monkeypa
     panel = tab.elements.generation
     requests: list[GenerationRequest] = []
     monkeypatch.setattr(
-        panel._result, "start", lambda _n, _m, task: requests.append(task.request)
+        panel.result, "start", lambda _n, _m, task: requests.append(task.request)
     )
-    heard(tab, kind="run")
+    tab.hear("run", kind="regenerate")
     (request,) = requests
     assert request.scenario.guidance == guidance(tab)
-    # It regenerated everybody, whatever was guided and whatever the tab Drive said.
-    assert shown(tab, "guidance_panel")["run"]["label"] == f"Regenerate {agent_id}"
+    # It regenerated everybody, whatever was guided.
+    assert target(tab) == agent_id
     assert request.agent_ids == (agent_id,)
     tab.run(lambda: tab.session.select(()))
-    assert shown(tab, "guidance_panel")["run"]["label"] == f"Regenerate {agent_id}"
-    heard(tab, kind="run")
+    assert target(tab) == agent_id
+    tab.hear("run", kind="regenerate")
     assert requests[-1].agent_ids == (agent_id,)
-    heard(tab, kind="run", isAll=True)
+    tab.hear("run", kind="scope", value="All agents")
+    tab.hear("run", kind="regenerate")
     everybody = drivable_agent_ids(tab.session.scenario)
     assert requests[-1].agent_ids == everybody
     assert len(everybody) > 1
+    tab.hear("run", kind="scope", value="The selection, else all")
+    assert target(tab) == agent_id
     heard(tab, kind="remove", index=0)
-    assert shown(tab, "guidance_panel")["run"] == {
-        "label": "Regenerate all agents",
-        "all": "",
-        "isEnabled": True,
-    }
+    assert target(tab) == "everybody"
 
 
 def test_what_a_new_term_replaces():

@@ -111,3 +111,38 @@ def test_a_recording_of_one_step_plays_on_the_spot():
         clock.now += 0.5
         playback.advance()
         assert playback.step == 0
+
+
+def test_a_shuttle_plays_both_ways_and_twice_as_fast_each_time():
+    playback, clock = make()
+    playback.shuttle(-1)
+    clock.now += 1.0
+    playback.advance()
+    assert playback.step == pytest.approx(39)
+    playback.shuttle(-1)
+    clock.now += 1.0
+    playback.advance()
+    assert playback.step == pytest.approx(19)
+    clock.now += 1.0
+    playback.advance()
+    assert playback.step == pytest.approx(109 - 1), "it goes round at the beginning"
+    playback.shuttle(1)
+    assert (playback.direction, playback.speed) == (1, 1.0)
+    speeds = [(playback.shuttle(1), playback.speed)[1] for _ in range(3)]
+    assert speeds == [2.0, 4.0, 4.0]
+    playback.shuttle(0)
+    assert not playback.is_playing
+
+
+def test_backwards_ends_at_the_first_step_and_begins_at_the_last():
+    playback, clock = make()
+    playback.loops = False
+    playback.shuttle(-1)
+    clock.now += 60.0
+    playback.advance()
+    assert (playback.step, playback.is_playing) == (0, False)
+    playback.shuttle(-1)
+    assert playback.step == 109
+    playback.pause()
+    playback.play()
+    assert playback.step == 0, "Space plays forward"

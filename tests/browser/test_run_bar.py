@@ -1,0 +1,138 @@
+"""The run bar by real mouse: in sight everywhere, named, with progress, result and cancel."""
+
+import threading
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from pd_editor.generation.path_diffuser import PathDiffuser
+
+pytestmark = pytest.mark.browser
+
+TABS = ("Scene", "Road", "Agents", "Guide", "Drive", "Study", "History", "View")
+
+
+@pytest.fixture
+def editor(open_editor):
+    page = open_editor()
+    page.page.set_viewport_size({"width": 1280, "height": 720})
+    page.go_to_now()
+    page.close_notifications()
+    return page
+
+
+def button(editor, verb: str):
+    return editor.run_bar.locator(f".pd-run-{verb}")
+
+
+def is_on_top(element) -> bool:
+    """Whether an element's middle is in the window and nothing covers it."""
+    return element.evaluate(
+        "one => { const r = one.getBoundingClientRect();"
+        " const at = document.elementFromPoint(r.x + r.width / 2, r.y + r.height / 2);"
+        " return r.bottom <= innerHeight && (one === at || one.contains(at)); }"
+    )
+
+
+def test_the_bar_never_moves_and_nothing_covers_it(editor):
+    """Regenerate was under the fold of one of eight tabs at this size."""
+    page, session = editor.page, editor.session
+    parts = [button(editor, verb) for verb in ("regenerate", "resample")]
+    parts += [editor.run_bar.get_by_role("spinbutton", name="Samples")]
+    still = [part.bounding_box() for part in parts]
+    for tab in TABS:
+        editor.open_tab(tab)
+        assert all(map(is_on_top, parts)), tab
+    # With the curve of speed, the list of problems and a drawer, it is where it was.
+    editor.select((session.scenario.focal_id,))
+    page.locator(".pd-chip-main").click()
+    page.locator(".pd-problems.pd-solid").wait_for()
+    editor.key("i")
+    page.get_by_role("region", name="Scorecard").wait_for()
+    assert all(map(is_on_top, parts))
+    assert [part.bounding_box() for part in parts] == still
+    for place in (".pd-timeline-bar", ".pd-chip", ".pd-scalebar"):
+        assert page.locator(place).bounding_box()["y"] < still[0]["y"] - 40
+    editor.screenshot("80_run_bar")
+
+
+def test_it_names_whom_a_run_is_about(editor):
+    session, page = editor.session, editor.page
+    regenerate, resample = button(editor, "regenerate"), button(editor, "resample")
+    expect(regenerate).to_have_text("Regenerate everybody")
+    expect(resample).to_have_text("Resample everybody")
+    told = editor.run_bar.get_by_role("status", name="Last run")
+    expect(told).to_have_text("Nothing reacts live: none is generated or guided")
+    now = session.scenario.current_step
+    focal = session.scenario.agents.row_of[session.scenario.focal_id]
+    place = session.scenario.agents.position_m[focal, now]
+    editor.click_at((*place, 1.0))
+    editor.until(lambda: session.selection, "a selection")
+    expect(regenerate).to_have_text(f"Regenerate {session.selection[0]}")
+    editor.key("Control+a")
+    expect(regenerate).to_have_text(f"Regenerate {len(session.selection)} agents")
+    editor.key("Escape")
+    expect(regenerate).to_have_text("Regenerate everybody")
+
+    editor.choose_scope("In the region I draw")
+    editor.page.get_by_text("Drawing a region").first.wait_for()
+    editor.drag(place + np.array([9.0, 9.0]), place - np.array([9.0, 9.0]))
+    editor.until(lambda: editor.tab().elements.region.region, "a region")
+    expect(regenerate).to_have_text("Regenerate region")
+    expect(resample).to_have_text("Resample region")
+    page.get_by_role("button", name="Clear the region").click()
+    expect(regenerate).to_have_text("Regenerate everybody")
+    menu = editor.run_bar.get_by_role("combobox", name="Agents to regenerate")
+    expect(menu).to_have_value("The selection, else all")
+
+
+def test_a_run_tells_its_progress_and_result_and_is_cancelled(editor, monkeypatch):
+    session = editor.session
+    told = editor.run_bar.get_by_role("status", name="Last run")
+    progress = editor.run_bar.get_by_role("progressbar", name="Progress")
+    generate, go_on = PathDiffuser.generate, threading.Event()
+
+    def slowly(diffuser, request):
+        steps = generate(diffuser, request)
+        while True:
+            try:
+                step = next(steps)
+            except StopIteration as end:
+                return end.value
+            yield step
+            go_on.wait(0.5)
+
+    monkeypatch.setattr(PathDiffuser, "generate", slowly)
+    editor.select((session.scenario.focal_id,))
+    editor.set_number("Samples", 99)
+    samples = editor.run_bar.get_by_role("spinbutton", name="Samples")
+    expect(samples).to_have_value("16")
+    editor.set_number("Samples", 1)
+    editor.set_number("Seed", 41)
+    button(editor, "regenerate").click()
+    expect(progress).to_be_visible()
+    expect(button(editor, "regenerate")).to_be_disabled()
+    expect(button(editor, "resample")).to_be_disabled()
+    editor.run_bar.get_by_role("button", name="Cancel").click()
+    expect(told).to_have_text("Cancelled.")
+    expect(progress).to_be_hidden()
+    assert not session.entries
+
+    go_on.set()
+    button(editor, "regenerate").click()
+    editor.until(lambda: session.entries, "a trajectory", 120)
+    assert "seed 42" in session.entries[0].label
+    expect(told).to_contain_text("1 agent in")
+    expect(editor.run_bar.get_by_role("spinbutton", name="Seed")).to_have_value("43")
+
+    # A refusal is told as well, until something else is selected.
+    editor.open_tab("Drive")
+    editor.choose("Replace", "The selection")
+    editor.select(())
+    expect(button(editor, "resample")).to_have_text("Resample no agents")
+    button(editor, "resample").click()
+    expect(told).to_contain_text("Nothing is selected")
+    editor.select((session.scenario.focal_id,))
+    expect(told).not_to_contain_text("Nothing is selected")
+    assert len(session.entries) == 1
