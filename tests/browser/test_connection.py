@@ -50,7 +50,7 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_edit
     expect(alert).to_have_text(
         re.compile(r"Connection lost\. Edits up to [\d:]+.* are saved\. Reconnecting")
     )
-    play = page.get_by_role("button", name="Play")
+    play = page.get_by_role("button", name="Play", exact=True)
     assert play.evaluate("one => getComputedStyle(one).pointerEvents") == "none"
     again = ViewerApp(
         reference="signalised-junction",
