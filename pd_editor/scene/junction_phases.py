@@ -77,7 +77,7 @@ class Junction:
         step_s: float,
         random: np.random.Generator,
     ) -> Int[np.ndarray, "M S"]:
-        """States over some steps, from a moment in a phase on.
+        """States over some steps, from a moment on in a phase that lasts beyond the first.
 
         Each phase ends with caution of those that wait in the next one, and a clear
         junction.
@@ -85,7 +85,7 @@ class Junction:
         phases = self.phases_after(first)
         states = np.full((len(first), num_steps), SignalState.STOP, np.int8)
         green_s = random.uniform(*_GREEN_S, len(phases))
-        at_s, number = -green_s[0] * random.random(), 0
+        at_s, number = (2 * step_s - green_s[0]) * random.random(), 0
         while at_s < num_steps * step_s:
             now, later = phases[number], phases[(number + 1) % len(phases)]
             ends_s = at_s + green_s[number]

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pd_editor.scene.av2_io.read import read_scenario
@@ -118,6 +118,7 @@ def test_other_junctions_keep_their_signals():
 
 
 @given(st.integers(0, 2**63 - 1), st.integers(0, 5))
+@example(seed=1216, phase=0)  # The first phase nearly over: its green was skipped.
 def test_phases_change_and_let_all_lanes_go_but_never_two_that_cross(seed, phase):
     scenario = crossing()
     scenario = replace(scenario, signals=sampled_signals(scenario, phase))
