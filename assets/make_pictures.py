@@ -99,7 +99,7 @@ def main() -> None:
         for name in names:
             demo, make = MAKERS[name]
             with tempfile.TemporaryDirectory() as library:
-                app = ViewerApp(reference=demo, port=0, library=Path(library))
+                app = ViewerApp(reference=demo, port=0, state=Path(library))
                 page = browser.new_page(
                     viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]}
                 )

@@ -60,7 +60,7 @@ def serve(library: Path, report: int, log: Path) -> None:
     from pd_editor.viewer import viewer_app
 
     viewer_app.STORAGE_TIMEOUT_S = 0.05
-    app = viewer_app.ViewerApp(reference="crosswalk", port=0, library=library)
+    app = viewer_app.ViewerApp(reference="crosswalk", port=0, state=library)
     app._warm_up.cancel()
     app._warms_up = True
 
@@ -250,7 +250,7 @@ def found_afterwards(
             continue
         if not _is_as_told(works[name], said):
             counts["ahead" if _is_one_ahead(works[name], said) else "lost"] += 1
-    for place in (out, library / "basket"):
+    for place in (out, library / "library"):
         for folder in sorted(place.iterdir()) if place.is_dir() else ():
             if folder.name.startswith("."):
                 continue

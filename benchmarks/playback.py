@@ -66,7 +66,7 @@ def serve(reference: str, library: str, pipe: Connection) -> None:
     """Run the editor until told to stop."""
     from pd_editor.viewer.viewer_app import ViewerApp
 
-    app = ViewerApp(reference=reference, port=0, library=Path(library))
+    app = ViewerApp(reference=reference, port=0, state=Path(library))
     pipe.send(app.address)
     pipe.recv()
     app.stop()

@@ -51,7 +51,7 @@ class Server:
         words = ["edit", "roundabout", "--port", str(self.port)]
         with self.log.open("w") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "pd_editor", *words, "--library", folder],
+                [sys.executable, "-m", "pd_editor", *words, "--state", folder],
                 stdout=log,
                 stderr=log,
             )

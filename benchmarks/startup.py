@@ -77,7 +77,7 @@ def started(library: str) -> Iterator[tuple[subprocess.Popen, str, float]]:
             SERVER,
             "--port",
             str(free_port()),
-            "--library",
+            "--state",
             library,
         ],
         cwd=ROOT,

@@ -148,7 +148,7 @@ def drags_of(folder: Path, count: int, rng: np.random.Generator) -> list[Outcome
     """Some drags on one scene, in a browser of its own."""
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as library, opened_chromium() as browser:
-        app = ViewerApp(reference=str(folder), port=0, library=Path(library))
+        app = ViewerApp(reference=str(folder), port=0, state=Path(library))
         context = browser.new_context(viewport=VIEWPORT)
         try:
             editor = EditorPage(context.new_page(), app)

@@ -192,7 +192,7 @@ def measured(browser: Browser, reference: str, title: str) -> None:
     times = ServerTimes()
     viewport = {"width": CANVAS["width"] + PANEL_WIDTH, "height": CANVAS["height"]}
     with tempfile.TemporaryDirectory() as folder:
-        app = ViewerApp(reference=reference, port=0, library=Path(folder))
+        app = ViewerApp(reference=reference, port=0, state=Path(folder))
         context = browser.new_context(viewport=viewport)
         try:
             editor = EditorPage(context.new_page(), app)

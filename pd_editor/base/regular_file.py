@@ -153,3 +153,9 @@ def unwritable(
 def _too_large(path: Path, max_bytes: int, error: type[PdEditorError]) -> PdEditorError:
     limit = f"{max_bytes >> 20} MiB" if max_bytes >= 2**20 else f"{max_bytes >> 10} KiB"
     return error(f"{path}: is larger than {limit}, the most that is read.")
+
+
+def state_folder() -> Path:
+    """Folder of the editor's own files (XDG base directories)."""
+    state = os.environ.get("XDG_STATE_HOME")
+    return (Path(state) if state else Path.home() / ".local" / "state") / "pd-editor"

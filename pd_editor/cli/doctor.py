@@ -18,6 +18,7 @@ from packaging.requirements import Requirement
 from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.installed_files import demo_names
 from pd_editor.base.plain_text import one_line
+from pd_editor.base.regular_file import state_folder
 from pd_editor.cli.options.arguments import OptionalFolder
 from pd_editor.experiments.work_engine.work_engine import WorkFailure, failure_of
 
@@ -38,14 +39,14 @@ class Diagnosis:
         )
 
 
-def doctor(*, library: OptionalFolder = None, port: int = 8080) -> Diagnosis:
+def doctor(*, state: OptionalFolder = None, port: int = 8080) -> Diagnosis:
     """Tell whether the editor can do its work on this machine.
 
     Looks at Python, packages, the device, disk, port and browser, and fills a demo with
     sampled traffic. Exits with 2 if something is wrong.
 
     Args:
-        library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
+        state: Folder for unfinished work; ~/.local/state/pd-editor if not given.
         port: Port of the editor.
     """
     checks: dict[str, Callable[[], str]] = {
@@ -53,7 +54,7 @@ def doctor(*, library: OptionalFolder = None, port: int = 8080) -> Diagnosis:
         "packages": _packages,
         "extras": _extras,
         "device": _device,
-        "disk": lambda: _disk(library),
+        "disk": lambda: _disk(state),
         "port": lambda: _port(port),
         "browser": _browser,
         "traffic": _traffic,
@@ -115,13 +116,11 @@ def _device() -> str:
     return f"CPU, {os.cpu_count()} cores, {threads} threads, torch {torch.__version__}"
 
 
-def _disk(library: Path | None) -> str:
-    from pd_editor.viewer.viewer_app import default_library
-
-    folder = library or default_library()
+def _disk(state: Path | None) -> str:
+    folder = state or state_folder()
     there = next(one for one in (folder, *folder.absolute().parents) if one.exists())
     if not (there.is_dir() and os.access(there, os.W_OK)):
-        raise InputError(f"{there}: cannot be written to; choose another --library.")
+        raise InputError(f"{there}: cannot be written to; choose another --state.")
     free_gb = shutil.disk_usage(there).free / 2**30
     if free_gb < _LEAST_FREE_GB:
         raise InputError(f"{there}: has {free_gb:.1f} GB left; expected 1 GB.")

@@ -39,6 +39,7 @@ def edit(
     radius: RadiusOption = None,
     data: OptionalFolder = None,
     library: OptionalFolder = None,
+    state: OptionalFolder = None,
     models: OptionalFolders = (),
     token: Switch = False,
     no_token: Switch = False,
@@ -55,7 +56,8 @@ def edit(
         around: Metres in the file's frame, about which a square of its map is used; the browser can choose it, too.
         radius: Half the side of that square.
         data: Root of a dataset to browse: Argoverse 2, or files of other formats.
-        library: Folder for unfinished work; ~/.local/state/pd-editor if not given.
+        library: Folder of kept scenarios, shared by all who are let in; each visitor has an own one if not given.
+        state: Folder for unfinished work; ~/.local/state/pd-editor if not given.
         models: Folders of trained models to offer beside the shipped one, folders of such folders, and generators of your own as package.module:attribute.
         token: Serve only those who open the printed address with its token, also on this machine: for proxies, and machines that others use as well.
         no_token: Ask for no token although other machines can reach the editor.
@@ -79,6 +81,7 @@ def edit(
         port=port,
         data_root=data,
         library=library,
+        state=state,
         models=several(models),
         debug=debug,
         token=True if token else False if no_token else None,

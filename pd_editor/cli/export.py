@@ -28,8 +28,8 @@ from pd_editor.cli.output.outcome import (
     write_session,
 )
 from pd_editor.cli.replay import open_base, read_recipe
-from pd_editor.editor.basket.index_table import INDEX_NAME, index_csv, index_row
 from pd_editor.editor.commands import SetFocalAgent
+from pd_editor.editor.library.index_table import INDEX_NAME, index_csv, index_row
 from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name

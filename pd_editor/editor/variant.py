@@ -67,11 +67,11 @@ class Variant:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportMark:
-    """That a state of a session was exported, or is kept in the basket."""
+    """That a state of a session was exported, or is kept in the library."""
 
     name: str
-    starred_at: float | None = None
-    """Time of starring, which tells entries of one name apart; None if exported."""
+    saved_at: float | None = None
+    """Time of saving, which tells cards of one name apart; None if exported."""
 
 
 def name_from_text(text: str) -> str:

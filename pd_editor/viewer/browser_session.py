@@ -33,8 +33,8 @@ TIMELINE_REFRESH_S: Final = 0.25
 SEARCH_PAUSE_S: Final = 0.02
 FUTURE_CHECK_DELAY_S: Final = 0.4
 """Pause after an edit before the future is checked for problems."""
-BASKET_FOLLOW_S: Final = 1.0
-"""Interval at which the basket is compared with what other tabs made of it."""
+LIBRARY_FOLLOW_S: Final = 1.0
+"""Interval at which the library is compared with what other tabs made of it."""
 JOURNAL_RETRY_S: Final = 3.0
 """Interval of attempts to write edits that could not be stored on disk."""
 
@@ -65,7 +65,7 @@ class BrowserSession:
         self._checks_future_at: float | None = None
         self._timeline_shown_at = 0.0
         self._retries_journal_at = 0.0
-        self._follows_basket_at = 0.0
+        self._follows_library_at = 0.0
         self.is_built = False
         """Whether the page has all its elements."""
         self._built = threading.Event()
@@ -211,9 +211,9 @@ class BrowserSession:
             self._retries_journal_at = now + JOURNAL_RETRY_S
             workspace.retry_journals()
             tab.chip.show()
-        if now >= self._follows_basket_at:
-            self._follows_basket_at = now + BASKET_FOLLOW_S
-            tab.basket.follow()
+        if now >= self._follows_library_at:
+            self._follows_library_at = now + LIBRARY_FOLLOW_S
+            tab.library.follow()
             tab.unfinished.follow()
             tab.dataset.follow_index()
         is_searching = workspace.search_on()

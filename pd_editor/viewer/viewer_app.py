@@ -14,6 +14,7 @@ from typing import Final
 import viser
 
 from pd_editor.base.errors import LargeMapError, PdEditorError
+from pd_editor.base.regular_file import state_folder
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.experiments.scene_index.index_file import INDEX_NAME
 from pd_editor.generation.generators import catalogue_with
@@ -35,7 +36,7 @@ _LOG = logging.getLogger(__name__)
 STORAGE_KEY: Final = "pd-editor-sessions"
 STORAGE_TIMEOUT_S: Final = 2.0
 VISITORS_NAME: Final = "visitors"
-"""Folder of the library with kept work of browsers of other machines."""
+"""Folder of the state with kept work of browsers of other machines."""
 ENDING_PATIENCE_S: Final = 12.0
 """How long a page that is loaded again waits for the end of the former one, whose worker
 may be in the middle of a message."""
@@ -45,12 +46,6 @@ MAX_KEPT_WORKSPACES: Final = 16
 """Number of workspaces without a browser that are kept; older ones are closed."""
 WARM_UP_AFTER_S: Final = 3.0
 """Delay before models are loaded, so that loading does not delay the first picture."""
-
-
-def default_library() -> Path:
-    """Folder of the editor's own files (XDG base directories)."""
-    state = os.environ.get("XDG_STATE_HOME")
-    return (Path(state) if state else Path.home() / ".local" / "state") / "pd-editor"
 
 
 class ViewerApp:
@@ -65,6 +60,7 @@ class ViewerApp:
         port: int = 8080,
         data_root: Path | None = None,
         library: Path | None = None,
+        state: Path | None = None,
         models: Sequence[str | Path] = (),
         debug: bool = False,
         token: bool | None = None,
@@ -72,7 +68,8 @@ class ViewerApp:
         """Start serving, with models and plugins of one's own among the generators.
 
         ``cut`` says what is used of each recording that is opened by its place.
-        With ``debug`` the page offers viser's own settings and scene tree. With a
+        All visitors share a ``library`` that is named; else each has one in ``state``,
+        the folder of unfinished work. With ``debug`` the page offers viser's own settings and scene tree. With a
         ``token``, which other machines need unless it is refused, pages and connections
         are served only to those who know it: it is part of ``address``.
 
@@ -90,7 +87,7 @@ class ViewerApp:
             self._scenario = open_part(reference, replace(self._cut, window=window))
         self._is_local = is_loopback(host)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
-        self._library = library or default_library()
+        self._library, self._state = library, state or state_folder()
         self._index_run = self._new_index_run()
         self._shelves: dict[str, SessionShelf] = {}
         """Kept work by visitor."""
@@ -148,14 +145,14 @@ class ViewerApp:
             return tuple(self._workspaces.values())
 
     def _new_index_run(self) -> IndexRun | None:
-        """The index of the dataset: in its root, or in the library if it is read only."""
+        """The index of the dataset: in its root, or in the state if it is read only."""
         if self._dataset is None:
             return None
         root = os.path.abspath(self._dataset.root)
         name = hashlib.sha256(os.fsencode(root)).hexdigest()[:32]
         file = Path(root, INDEX_NAME)
         if not file.exists() and not (self._is_local and os.access(root, os.W_OK)):
-            file = self._library / f"{name}.{INDEX_NAME}"
+            file = self._state / f"{name}.{INDEX_NAME}"
         return IndexRun(self._dataset, file)
 
     async def _connected(self, client: viser.ClientHandle) -> None:
@@ -279,10 +276,8 @@ class ViewerApp:
             else hashlib.sha256(visitor.encode(errors="replace")).hexdigest()
         )
         if name not in self._shelves:
-            folder = (
-                self._library / VISITORS_NAME / name[:32] if name else self._library
-            )
-            self._shelves[name] = SessionShelf(folder)
+            folder = self._state / VISITORS_NAME / name[:32] if name else self._state
+            self._shelves[name] = SessionShelf(folder, self._library)
         return self._shelves[name]
 
     def _forget_old(self, in_use: set[str]) -> None:

@@ -57,7 +57,7 @@ def open_editor(browser, tmp_path: Path) -> Iterator[Callable[..., EditorPage]]:
             defaults = {
                 "reference": "signalised-junction",
                 "port": 0,
-                "library": tmp_path / "library",
+                "state": tmp_path / "state",
             }
             app = ViewerApp(**{**defaults, **options})
             apps.append(app)

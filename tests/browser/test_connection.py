@@ -56,7 +56,7 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_edit
         reference="signalised-junction",
         host=host,
         port=port,
-        library=app._library,
+        state=app._state,
     )
     try:
         expect(alert).to_contain_text("started anew. Your edits are under")
@@ -76,7 +76,7 @@ def test_a_page_with_the_token_of_an_earlier_start_says_what_to_do(open_editor):
     alert = editor.page.locator(".pd-connection-bar")
     expect(alert).to_contain_text("Reconnecting")
     again = ViewerApp(
-        reference="queue", host=host, port=port, library=app._library, token=True
+        reference="queue", host=host, port=port, state=app._state, token=True
     )
     try:
         expect(alert).to_contain_text("open the one that it printed. Edits up to")

@@ -130,7 +130,7 @@ def test_a_raising_callback_is_shown_and_the_editor_lives(open_editor, caplog):
 
 
 def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
-    library = tmp_path / "library"
+    state = tmp_path / "state"
     code = (
         "import sys, time; from pathlib import Path;"
         "from pd_editor.editor.scenario_store import open_scenario;"
@@ -144,7 +144,7 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
         "work.session.undo(); print('ready', flush=True); time.sleep(60)"
     )
     process = subprocess.Popen(
-        [sys.executable, "-c", code, str(library)],
+        [sys.executable, "-c", code, str(state)],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -154,7 +154,7 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
     process.wait(10)
     process.stdout.close()
 
-    editor = open_editor(library=library)
+    editor = open_editor(state=state)
     notice(editor, "Unfinished work found")
     # The notice stays until the list is opened.
     editor.press("Unfinished work (1)")
@@ -231,7 +231,7 @@ def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
     editor.press("Close")
 
 
-def test_a_basket_is_opened_again_as_a_list(open_editor, tmp_path):
+def test_a_library_is_opened_again_as_a_list(open_editor, tmp_path):
     """A zip with several scenarios was refused, the editor's own included."""
     editor = open_editor()
     session, workspace = editor.session, editor.workspace
@@ -243,10 +243,10 @@ def test_a_basket_is_opened_again_as_a_list(open_editor, tmp_path):
             workspace.star()
 
     editor.tab().ui.post(star_two)
-    editor.until(lambda: len(workspace.basket.entries()) == 2, "two stars")
-    first, second = (entry.name for entry in workspace.basket.entries())
-    upload = tmp_path / "basket.zip"
-    upload.write_bytes(workspace.basket.zipped((first, second)))
+    editor.until(lambda: len(workspace.library.cards()) == 2, "two stars")
+    first, second = (entry.name for entry in workspace.library.cards())
+    upload = tmp_path / "library.zip"
+    upload.write_bytes(workspace.library.zipped((first, second)))
     with editor.page.expect_file_chooser() as chooser:
         editor.press("Upload zip, or parquet and map")
     chooser.value.set_files(upload)
@@ -258,6 +258,6 @@ def test_a_basket_is_opened_again_as_a_list(open_editor, tmp_path):
     editor.press("Continue with its 2 edits")
     editor.until(lambda: session.state.position == 2, "its edits")
     editor.until(lambda: workspace.is_exported, "what the zip holds")
-    editor.press("Scenarios of basket.zip")
+    editor.press("Scenarios of library.zip")
     dialog.get_by_role("button", name=first, exact=True).click()
     editor.until(lambda: session.base.scenario_id == first, "the first one")

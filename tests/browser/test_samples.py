@@ -209,10 +209,10 @@ def test_resampled_agents_are_offered_as_samples(editor):
     assert len(session.entries) == 1
     card(editor, 2).hover()
     keep = strip(editor).get_by_role(
-        "button", name="Use sample 2 and put it into the basket"
+        "button", name="Use sample 2 and save it to the library"
     )
     keep.click()
-    editor.until(lambda: editor.workspace.basket.entries(), "a starred scenario")
+    editor.until(lambda: editor.workspace.library.cards(), "a starred scenario")
     # A single sample needs no choice.
     editor.set_number("Samples", 1)
     editor.key("r")

@@ -1,4 +1,4 @@
-"""Exports with names, the basket, and exports that are opened again."""
+"""Exports with names, the library, and exports that are opened again."""
 
 import csv
 import io
@@ -53,7 +53,7 @@ def downloaded(editor, button: str) -> tuple[str, zipfile.ZipFile]:
 
 @pytest.mark.slow
 def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
-    """(D6): names are proposed, the basket survives a reload, S stars."""
+    """(D6): names are proposed, the library survives a reload, S stars."""
     editor = open_editor()
     notice(editor, "focal agent ok · ego ok")
     bend(editor)
@@ -67,11 +67,11 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     editor.fill("Tags", "slow, bent")
     editor.fill("Note", "a note")
     editor.until(lambda: editor.session.variant.note, "a note")
-    editor.press("Star: into the basket")
+    editor.press("Save to library")
     notice(editor, "Starred: My-slow-one")
-    editor.press("Star: into the basket")
-    notice(editor, "in the basket already")
-    editor.screenshot("41_basket")
+    editor.press("Save to library")
+    notice(editor, "in the library already")
+    editor.screenshot("41_library")
     name, archive = downloaded(editor, "Download 2 scenarios")
     assert name == "scenarios.zip"
     rows = list(csv.DictReader(io.StringIO(archive.read("index.csv").decode())))
@@ -96,7 +96,7 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     editor.press("Remove the ticked")
     editor.until(
         lambda: (
-            [one.name for one in editor.workspace.basket.entries()] == ["My-slow-one"]
+            [one.name for one in editor.workspace.library.cards()] == ["My-slow-one"]
         ),
         "an entry less",
     )

@@ -37,7 +37,7 @@ def test_each_fault_is_a_sentence_and_the_rest_is_looked_at(
     file.touch()
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        code = main(["doctor", "--library", str(file / "in"), "--port", str(port)])
+        code = main(["doctor", "--state", str(file / "in"), "--port", str(port)])
     out, err = capsys.readouterr()
     assert code == 2
     told = dict(line.split(maxsplit=1) for line in out.splitlines())

@@ -65,6 +65,7 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         "port": 8123,
         "data_root": Path("somewhere"),
         "library": None,
+        "state": None,
         "models": (),
         "debug": False,
         "token": None,
@@ -123,7 +124,7 @@ def test_a_taken_port_is_stepped_over(shell: Shell, monkeypatch: pytest.MonkeyPa
 @pytest.mark.slow
 def test_app_says_that_it_starts_then_prints_its_address_and_serves(tmp_path: Path):
     process = subprocess.Popen(
-        [sys.executable, "app.py", "--port", "8391", "--library", str(tmp_path)],
+        [sys.executable, "app.py", "--port", "8391", "--state", str(tmp_path)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from pd_editor.analysis.findings.check import SceneCheck
 from pd_editor.base.installed_files import demo_names
-from pd_editor.editor.basket.index_table import index_row
 from pd_editor.editor.commands import SetFocalAgent, SetRoadWarp, TransformAgents
 from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.editor.library.index_table import index_row
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (
     exported_files,

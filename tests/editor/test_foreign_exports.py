@@ -1,4 +1,4 @@
-"""Exports of other formats: continued, attributed, uploaded as zips, kept in the basket."""
+"""Exports of other formats: continued, attributed, uploaded as zips, kept in the library."""
 
 import io
 import zipfile

@@ -164,7 +164,7 @@ def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
 
 
 @contextlib.contextmanager
-def running_app(library: Path, reference: str, **options: Any) -> Iterator[ViewerApp]:
+def running_app(state: Path, reference: str, **options: Any) -> Iterator[ViewerApp]:
     """An app on a free port; no browser answers for its storage, so do not wait.
 
     No shipped network runs in it: live reactions to an edit would load torch on a thread,
@@ -173,7 +173,7 @@ def running_app(library: Path, reference: str, **options: Any) -> Iterator[Viewe
     before = viewer_app.STORAGE_TIMEOUT_S
     viewer_app.STORAGE_TIMEOUT_S = 0.05
     with mock.patch.object(registry, "GENERATORS", _without_networks()):
-        app = ViewerApp(reference=reference, port=0, library=library, **options)
+        app = ViewerApp(reference=reference, port=0, state=state, **options)
     try:
         yield app
     finally:

@@ -15,10 +15,10 @@ from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.space import StayOnRoad
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import PdEditorError
-from pd_editor.editor.basket.index_table import index_csv
 from pd_editor.editor.commands import AddGuidance, SetRoadWarp, traffic_command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.editor.library.index_table import index_csv
 from pd_editor.editor.scenario_store import exported_files, made_by
 from pd_editor.scene.av2_io.upload import scenario_from_upload
 from pd_editor.scene.generation import GenerationRequest, run_to_end

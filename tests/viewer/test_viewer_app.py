@@ -17,7 +17,7 @@ from pathlib import Path
 from pd_editor.viewer import viewer_app
 
 viewer_app.WARM_UP_AFTER_S = 0.0
-app = viewer_app.ViewerApp(reference="crosswalk", port=0, library=Path(sys.argv[1]))
+app = viewer_app.ViewerApp(reference="crosswalk", port=0, state=Path(sys.argv[1]))
 app._warm_up.start()
 time.sleep(float(sys.argv[2]))
 app.stop()
@@ -59,16 +59,16 @@ def test_visitors_of_an_open_server_see_only_their_own_work(
             one.run(lambda edit=edit: one.session.apply(edit))
             one.run(first.star if name == "crosswalk" else lambda: None)
             one.run(lambda name=name: first.open_reference(name))
-        assert len(first.shelf.unfinished()) == len(first.basket.entries()) == 1
+        assert len(first.shelf.unfinished()) == len(first.library.cards()) == 1
         assert (first.shelf is second.shelf) == shares
         assert len(second.shelf.unfinished()) == (1 if shares else 0)
-        assert len(second.basket.entries()) == (1 if shares else 0)
+        assert len(second.library.cards()) == (1 if shares else 0)
         if not shares:
-            (starred,) = first.basket.entries()
-            second.basket.remove(starred.name)
+            (starred,) = first.library.cards()
+            second.library.remove(starred.name)
             with pytest.raises(InputError):
-                second.basket.zipped([starred.name])
-            assert first.basket.entries() == [starred]
+                second.library.zipped([starred.name])
+            assert first.library.cards() == [starred]
 
 
 def test_a_visitor_finds_its_work_again_after_a_restart(tmp_path: Path):

@@ -119,8 +119,8 @@ define("samples", (api) => {
         "aria-label": label,
         title,
       });
-    const keep = `Use sample ${index + 1} and put it into the basket`;
-    box.append(card, more("keep", "\u2606", keep, "Use it and put it into the basket"));
+    const keep = `Use sample ${index + 1} and save it to the library`;
+    box.append(card, more("keep", "\u2606", keep, "Use it and save it to the library"));
     const pair = `Compare sample ${index + 1} with the one in use`;
     if (!isAdopted) box.append(more("pair", "\u25eb", pair, "Side by side with the sample in use"));
     return box;

@@ -9,8 +9,8 @@ import numpy as np
 
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.base.errors import PdEditorError
-from pd_editor.editor.basket.thumbnail import thumbnail
 from pd_editor.editor.commands import SetRoadWarp, traffic_command
+from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.scenario_store import export_into, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import (

@@ -11,9 +11,9 @@ from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.key_sheet import KeySheet
 from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, Hints, SidePanel
 from pd_editor.viewer.controls.view_panel import ViewPanel
-from pd_editor.viewer.files.basket_panel import BasketPanel
 from pd_editor.viewer.files.dataset_panel import DatasetPanel
 from pd_editor.viewer.files.export_panel import ExportPanel
+from pd_editor.viewer.files.library_panel import LibraryPanel
 from pd_editor.viewer.files.scenario_panel import ScenarioPanel
 from pd_editor.viewer.files.unfinished_panel import UnfinishedPanel
 from pd_editor.viewer.findings.scorecard_drawer import ScorecardDrawer
@@ -90,7 +90,7 @@ class TabElements:
             self.export = ExportPanel(ui)
             self.unfinished = UnfinishedPanel(ui)
             self.dataset = DatasetPanel(ui, self.timeline, self.viewpoint)
-            self.basket = BasketPanel(ui, self.export)
+            self.library = LibraryPanel(ui, self.export)
         with tabs.add_tab("Road"):
             self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
             with gui.add_folder("Signals"):

@@ -44,7 +44,7 @@ class ExportPanel:
                 hint="One page that any browser plays, without a network",
             )
             self._star = gui.add_button(
-                "Star: into the basket",
+                "Save to library",
                 icon=viser.Icon.STAR,
                 color="gray",
                 hint="S: keeps this state in the list at the end of this tab",

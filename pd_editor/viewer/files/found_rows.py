@@ -8,7 +8,7 @@ from typing import Final
 import viser
 
 from pd_editor.analysis.manoeuvres import SceneEvent
-from pd_editor.editor.basket.thumbnail import thumbnail
+from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.scene_index.find import FoundScene

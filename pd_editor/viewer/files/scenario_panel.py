@@ -9,7 +9,7 @@ import viser
 
 from pd_editor.base.errors import ArchiveError, InputError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
-from pd_editor.editor.basket.thumbnail import thumbnail
+from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.editor.scenario_store import is_foreign
 from pd_editor.scene.av2_io.upload import (

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import viser
 
-from pd_editor.editor.basket.thumbnail import thumbnail
+from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import moment
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
@@ -37,7 +37,7 @@ class UnfinishedPanel:
             hint="Edits of other scenarios, to continue or to discard",
         )
         ui.on_click(self._button, self.open_dialog)
-        ui.model.basket_changed.subscribe(self.follow)
+        ui.model.library_changed.subscribe(self.follow)
         ui.model.scene_shown.subscribe(lambda: ui.post(self.follow))
         self.follow()
         if self._count and self._workspace.is_new:

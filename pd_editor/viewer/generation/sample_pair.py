@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pd_editor.editor.basket.thumbnail import PictureFrame, ground_path
+from pd_editor.editor.library.thumbnail import PictureFrame, ground_path
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.overlay.messages import (

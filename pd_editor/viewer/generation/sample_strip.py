@@ -20,11 +20,11 @@ from pd_editor.analysis.findings.sample_ranking import (
     with_fullness,
 )
 from pd_editor.base.errors import PdEditorError
-from pd_editor.editor.basket.thumbnail import PictureFrame, thumbnail
 from pd_editor.editor.commands import Command, ReplaceTraffic
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.roll_out import begun_like
 from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.editor.library.thumbnail import PictureFrame, thumbnail
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.generation.sample_pair import SamplePair

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (fb7ca80c934f5d2c); not to be edited. */
+/* Built by .ci/client.py from client/ (60645191ebda3c94); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2886,8 +2886,8 @@
         "aria-label": label,
         title: title2
       });
-      const keep = `Use sample ${index + 1} and put it into the basket`;
-      box.append(card, more("keep", "☆", keep, "Use it and put it into the basket"));
+      const keep = `Use sample ${index + 1} and save it to the library`;
+      box.append(card, more("keep", "☆", keep, "Use it and save it to the library"));
       const pair = `Compare sample ${index + 1} with the one in use`;
       if (!isAdopted) box.append(more("pair", "◫", pair, "Side by side with the sample in use"));
       return box;

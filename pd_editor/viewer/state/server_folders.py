@@ -19,7 +19,7 @@ class ServerFolders:
 
     is_local: bool
     """Whether only browsers of this machine can reach the editor."""
-    library: Path
+    state: Path
     """Folder of the editor's own files."""
     dataset_root: Path | None
     """Root of the dataset that the server offers."""
@@ -59,7 +59,7 @@ class ServerFolders:
         return Path(f"{DEMO_PREFIX}{name}")
 
     def results(self, text: str) -> Path:
-        """A folder for results; for other machines one of this name in the library.
+        """A folder for results; for other machines one of this name among the editor's files.
 
         Raises:
             InputError: this is no path, or no name.
@@ -70,4 +70,4 @@ class ServerFolders:
         name = name_from_text(text)
         if not name:
             raise InputError("Name the results with letters or digits.")
-        return Path(os.path.realpath(self.library)) / STUDIES_NAME / name
+        return Path(os.path.realpath(self.state)) / STUDIES_NAME / name

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.base.errors import RecipeError
-from pd_editor.editor.basket.basket import KEPT_S, Basket
 from pd_editor.editor.journal import Journal
+from pd_editor.editor.library.library import KEPT_S, LIBRARY_NAME, Library
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork, find_unfinished, restore
 from pd_editor.editor.variant import ExportMark
@@ -34,17 +34,17 @@ class KeptWork:
 
 
 class SessionShelf:
-    """Basket and left sessions of one visitor, whose tabs share them.
+    """Library and left sessions of one visitor, whose tabs share them.
 
     Opening the scenario of a left session resumes it. Journals of exported work stay on
     disk as long as the shelf exists, and those of a killed process for a day.
     """
 
-    def __init__(self, folder: Path) -> None:
-        """Use a folder, which is created when needed."""
+    def __init__(self, folder: Path, library: Path | None = None) -> None:
+        """Use a folder, created when needed, and a library; None: one in the folder."""
         self.folder = folder
         self.journals = folder / "journals"
-        self.basket = Basket(folder / "basket")
+        self.library = Library(library or folder / LIBRARY_NAME)
         self._live: list[EditorSession] = []
         self._stored: set[Path] = set()
         """Journals of this shelf's sessions that are no longer in memory."""
@@ -68,17 +68,17 @@ class SessionShelf:
             on_disk = self.journals.stat().st_mtime_ns
         except OSError:
             on_disk = 0
-        return self._changes, on_disk, self.basket.stamp()
+        return self._changes, on_disk, self.library.stamp()
 
     def is_finished(self, work: EditorSession | UnfinishedWork) -> bool:
-        """Whether the last state was exported, or is in the basket."""
+        """Whether the last state was exported, or is in the library."""
         is_open = isinstance(work, EditorSession)
         marks = work.exports_of_state if is_open else work.exports
-        return any(one.starred_at is None or self._has(one) for one in marks)
+        return any(one.saved_at is None or self._has(one) for one in marks)
 
     def _has(self, mark: ExportMark) -> bool:
-        entry = self.basket.entry(mark.name)
-        return entry is not None and entry.starred_at == mark.starred_at
+        entry = self.library.card(mark.name)
+        return entry is not None and entry.saved_at == mark.saved_at
 
     def put(self, left: EditorSession) -> None:
         """Store a session; one without edits is closed."""

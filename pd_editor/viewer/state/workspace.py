@@ -13,10 +13,10 @@ from jaxtyping import Float
 
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
-from pd_editor.editor.basket.basket import BasketEntry
-from pd_editor.editor.basket.index_table import index_row
-from pd_editor.editor.basket.thumbnail import thumbnail
 from pd_editor.editor.commands import BeginAt, Command, ContinueScene
+from pd_editor.editor.library.index_table import index_row
+from pd_editor.editor.library.library import LibraryCard
+from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (
     RECIPE_NAME,
@@ -113,7 +113,7 @@ class OpenedEdits:
 
 
 class Workspace:
-    """An editing session with playhead, dataset, basket and exports."""
+    """An editing session with playhead, dataset, library and exports."""
 
     def __init__(
         self,
@@ -131,21 +131,21 @@ class Workspace:
         """
         self.folders = ServerFolders(
             is_local=is_local,
-            library=shelf.folder,
+            state=shelf.folder,
             dataset_root=None if dataset is None else dataset.root,
         )
         self.shelf = shelf
         self.tell: Callable[[str, str], object] = lambda _title, _body: None
         """Shows a title and a sentence to the user; set by the connected tab."""
-        self.basket = shelf.basket
+        self.library = shelf.library
         self._given: dict[str, Scenario] = {}
         """Exported or starred states by their names."""
         self.unticked: set[str] = set()
-        """Scenarios of the basket that are not selected for download."""
+        """Scenarios of the library that are not selected for download."""
         self.driven_plans: list[tuple[Command, DrivenPlans]] = []
         """What policies planned in roll-outs, with the edits that applied these."""
         self.removed: tuple[str, ...] = ()
-        """Scenarios that were removed last from the basket, and can be put back."""
+        """Scenarios that were removed last from the library, and can be put back."""
         self.continuation: OpenedEdits | None = None
         """Edits that can be continued, if the open scenario is an export of the editor."""
         self.session = EditorSession(scenario, journal=shelf.new_journal())
@@ -386,7 +386,7 @@ class Workspace:
 
     @property
     def is_exported(self) -> bool:
-        """Whether the current state was exported, or is in the basket."""
+        """Whether the current state was exported, or is in the library."""
         return self.shelf.is_finished(self.session)
 
     def search_for(
@@ -497,36 +497,34 @@ class Workspace:
         self._given[name] = self.session.scenario
         self.session.mark_exported(ExportMark(name=name))
 
-    def star(self) -> BasketEntry:
-        """Add the current state to the basket; one that is there is described anew.
+    def star(self) -> LibraryCard:
+        """Add the current state to the library; one that is there is described anew.
 
         Raises:
             ExportError: the state cannot be written.
         """
         self.session.commit_gesture()
-        former = self.starred_entry()
+        former = self.saved_card()
         recipe = self._recipe_to_star(former)
         session = self.session
-        entry = self.basket.add(
+        entry = self.library.add(
             index_row(session.scenario, session.base, recipe),
             exported_files(session.scenario, recipe, session.base),
-            starred_at=time.time() if former is None else former.starred_at,
+            saved_at=time.time() if former is None else former.saved_at,
             thumbnail=thumbnail(session.scenario),
             replaces=None if former is None else former.name,
         )
         self._given[entry.name] = session.scenario
-        self.session.mark_exported(
-            ExportMark(name=entry.name, starred_at=entry.starred_at)
-        )
+        self.session.mark_exported(ExportMark(name=entry.name, saved_at=entry.saved_at))
         if former is not None and former.name in self.unticked:
             self.unticked.add(entry.name)
         return entry
 
-    def basket_zip(self, names: Collection[str], format_name: str) -> bytes:
-        """A zip of some scenarios of the basket in a format.
+    def library_zip(self, names: Collection[str], format_name: str) -> bytes:
+        """A zip of some scenarios of the library in a format.
 
         Raises:
-            InputError: none of them is in the basket, or one cannot be read.
+            InputError: none of them is in the library, or one cannot be read.
             ExportError: the format cannot say one of them.
         """
 
@@ -534,14 +532,14 @@ class Workspace:
             if format_name == ARGOVERSE2.name:
                 return files
             scenario, recipe = _from_upload(files, SceneCut())
-            assert recipe is not None, "the basket holds exports"
+            assert recipe is not None, "the library holds exports"
             return exported_files(scenario, recipe, format_name=format_name)
 
-        return self.basket.zipped(names, converted)
+        return self.library.zipped(names, converted)
 
-    def is_starred(self) -> bool:
-        """Whether the basket holds the current state, with what is said of it."""
-        former = self.starred_entry()
+    def is_saved(self) -> bool:
+        """Whether the library holds the current state, with what is said of it."""
+        former = self.saved_card()
         if former is None:
             return False
         said, row = self._recipe_to_star(former), former.row
@@ -553,20 +551,20 @@ class Workspace:
             set(row.ignored),
         )
 
-    def starred_entry(self) -> BasketEntry | None:
-        """Entry of the current state in the basket; None if it is not there."""
+    def saved_card(self) -> LibraryCard | None:
+        """Entry of the current state in the library; None if it is not there."""
         for mark in self.session.exports_of_state:
-            entry = self.basket.entry(mark.name)
-            if entry is not None and entry.starred_at == mark.starred_at:
+            entry = self.library.card(mark.name)
+            if entry is not None and entry.saved_at == mark.saved_at:
                 return entry
         return None
 
-    def _recipe_to_star(self, former: BasketEntry | None) -> Recipe:
+    def _recipe_to_star(self, former: LibraryCard | None) -> Recipe:
         """Recipe with a name that is unused, or that the former entry of the state has."""
         kept = "" if former is None else former.name
         return self._named_recipe(
             lambda name: (
-                name != kept and (self.basket.has(name) or self._is_given(name))
+                name != kept and (self.library.has(name) or self._is_given(name))
             )
         )
 
@@ -574,7 +572,7 @@ class Workspace:
         """Whether another state was exported under the name."""
         given = self._given.get(name)
         if given is None:
-            return self.basket.has(name)
+            return self.library.has(name)
         return given is not self.session.scenario
 
     def _named_recipe(self, is_taken: Callable[[str], bool]) -> Recipe:

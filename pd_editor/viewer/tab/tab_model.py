@@ -102,8 +102,8 @@ class TabModel:
         self.sample_pointed = Signal[()]()
         self.pair_opened = Signal[()]()
         self.star_requested = Signal[()]()
-        """The scenario is to be put into the basket."""
-        self.basket_changed = Signal[()]()
+        """The scenario is to be put into the library."""
+        self.library_changed = Signal[()]()
 
     @property
     def palette(self) -> Palette:

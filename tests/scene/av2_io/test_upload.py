@@ -228,7 +228,7 @@ def in_folders(names: str) -> dict[str, bytes]:
     ],
 )
 def test_each_scenario_of_a_zip_can_be_opened(files: dict[str, bytes]) -> None:
-    """A zip of several could not be opened, that of the editor's basket included."""
+    """A zip of several could not be opened, that of the editor's library included."""
     uploaded = zip_of(files)
     assert scenarios_in_upload(uploaded) == ("a", "b", "c")
     for name in "abc":

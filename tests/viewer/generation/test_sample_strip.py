@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pd_editor.editor.basket.thumbnail import PictureFrame
 from pd_editor.editor.commands import traffic_command
+from pd_editor.editor.library.thumbnail import PictureFrame
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.generation import GeneratedTraffic, GenerationRequest
 from pd_editor.viewer.generation.sample_strip import (

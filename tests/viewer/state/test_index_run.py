@@ -102,7 +102,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_the_work(tmp_path, root)
     assert len(run.index.table) == 0
 
 
-def test_the_app_puts_the_index_of_a_read_only_dataset_into_the_library(
+def test_the_app_puts_the_index_of_a_read_only_dataset_into_the_state(
     root: Path, tmp_path: Path, monkeypatch
 ):
     monkeypatch.setattr("os.access", lambda *_: False)

@@ -133,10 +133,10 @@ def test_what_was_exported_is_not_unfinished(workspace: Workspace, root: Path):
     assert len(workspace.shelf.unfinished()) == 1
 
 
-def test_a_state_that_was_taken_out_of_the_basket_is_unfinished(
+def test_a_state_that_was_taken_out_of_the_library_is_unfinished(
     workspace: Workspace, root: Path
 ):
-    """A star keeps a state only as long as the basket holds it."""
+    """A star keeps a state only as long as the library holds it."""
     shift(workspace, 1.0)
     starred = workspace.star()
     workspace.open_reference(str(root / IDS[1]))
@@ -144,8 +144,8 @@ def test_a_state_that_was_taken_out_of_the_basket_is_unfinished(
     both_ways = workspace.star()
     workspace.exported_zip()
     assert workspace.shelf.unfinished() == []
-    workspace.basket.remove(starred.name)
-    workspace.basket.remove(both_ways.name)
+    workspace.library.remove(starred.name)
+    workspace.library.remove(both_ways.name)
     listed = workspace.shelf.unfinished()
     assert [work.scenario_id for work in listed] == [IDS[0]]
     close(workspace)
@@ -181,8 +181,8 @@ def test_exported_work_goes_on_after_it_fell_out_of_memory(
         workspace.open_reference(str(root / name))
         shift(workspace, 1.0)
     if way == "starred":
-        assert len(workspace.basket.entries()) == 1
-        workspace.basket.remove(starred.name)
+        assert len(workspace.library.cards()) == 1
+        workspace.library.remove(starred.name)
         listed = {w.scenario_id for w in workspace.shelf.unfinished()}
         assert IDS[0] in listed
         close(workspace)
@@ -334,11 +334,11 @@ def test_exported_work_stays_exported_after_a_kill(root: Path, way: str):
     left = [work.scenario_id for work in second.shelf.unfinished()]
     assert left == ([IDS[0]] if way == "edited since" else [])
     if way == "starred":
-        second.basket.remove(starred.name)
+        second.library.remove(starred.name)
         assert [work.scenario_id for work in second.shelf.unfinished()] == [IDS[0]]
         second.open_reference(str(root / IDS[0]))
-        second.basket.put_back(starred.name)
-        assert second.is_starred(), "its entry is known again"
+        second.library.put_back(starred.name)
+        assert second.is_saved(), "its entry is known again"
     close(second)
 
 
@@ -447,9 +447,9 @@ def test_a_problem_that_is_ignored_after_the_star_is_no_longer_counted(
     workspace.session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
     former = workspace.star()
     left = overlap_ignored(workspace)
-    assert not workspace.is_starred()
+    assert not workspace.is_saved()
     entry = workspace.star()
-    assert workspace.is_starred()
+    assert workspace.is_saved()
     assert entry.row.num_problems == left == former.row.num_problems - 1
 
 

@@ -1,4 +1,4 @@
-"""The basket on disk, and its table."""
+"""The library on disk, and its table."""
 
 import csv
 import io
@@ -16,10 +16,10 @@ from pd_editor.analysis.findings.finding import open_in_words
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import ExportError, InputError
-from pd_editor.editor.basket.basket import ENTRY_NAME, Basket
-from pd_editor.editor.basket.index_table import index_csv, index_row
-from pd_editor.editor.basket.thumbnail import thumbnail
 from pd_editor.editor.commands import AddGuidance, TransformAgents, traffic_command
+from pd_editor.editor.library.index_table import index_csv, index_row
+from pd_editor.editor.library.library import CARD_NAME, Library
+from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import exported_files
 from pd_editor.editor.session import EditorSession
@@ -29,28 +29,28 @@ from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import DriftGenerator
 
 
-def starred(basket: Basket, name: str, moment: float, note: str = "") -> None:
+def starred(library: Library, name: str, moment: float, note: str = "") -> None:
     session = EditorSession(two_agents_that_pass())
     session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
     session.describe(Variant(name=name, tags=("a",), note=note))
     recipe = session.recipe()
-    basket.add(
+    library.add(
         index_row(session.scenario, session.base, recipe),
         exported_files(session.scenario, recipe),
-        starred_at=moment,
+        saved_at=moment,
     )
 
 
 def test_entries_outlive_the_process_and_are_zipped_with_a_table(tmp_path: Path):
     """(D6): only one scenario could be downloaded, under the original's id."""
-    basket = Basket(tmp_path / "basket")
-    assert basket.entries() == []
-    starred(basket, "second", 2.0, note="=cmd()")
-    starred(basket, "first", 1.0)
-    again = Basket(tmp_path / "basket")
-    assert [entry.name for entry in again.entries()] == ["first", "second"]
-    assert again.entries()[0].row.num_problems >= 1
-    assert again.entries() == basket.entries()
+    library = Library(tmp_path / "library")
+    assert library.cards() == []
+    starred(library, "second", 2.0, note="=cmd()")
+    starred(library, "first", 1.0)
+    again = Library(tmp_path / "library")
+    assert [entry.name for entry in again.cards()] == ["first", "second"]
+    assert again.cards()[0].row.num_problems >= 1
+    assert again.cards() == library.cards()
     with zipfile.ZipFile(io.BytesIO(again.zipped({"second", "gone"}))) as archive:
         assert sorted(archive.namelist()) == [
             "index.csv",
@@ -67,48 +67,48 @@ def test_entries_outlive_the_process_and_are_zipped_with_a_table(tmp_path: Path)
 
 
 def test_nothing_is_replaced_and_what_is_removed_is_gone(tmp_path: Path):
-    basket = Basket(tmp_path)
-    starred(basket, "one", 1.0)
+    library = Library(tmp_path)
+    starred(library, "one", 1.0)
     with pytest.raises(ExportError, match="already holds files"):
-        starred(basket, "one", 2.0)
-    basket.remove("one")
-    basket.remove("../elsewhere")
-    assert basket.entries() == []
+        starred(library, "one", 2.0)
+    library.remove("one")
+    library.remove("../elsewhere")
+    assert library.cards() == []
     with pytest.raises(InputError, match="holds none of these"):
-        basket.zipped(["one"])
+        library.zipped(["one"])
 
 
 def test_what_is_removed_can_be_put_back_for_a_day(tmp_path: Path):
-    basket = Basket(tmp_path)
-    starred(basket, "one", 1.0)
-    (entry,) = basket.entries()
-    basket.remove("one")
-    starred(basket, "one", 2.0)
+    library = Library(tmp_path)
+    starred(library, "one", 1.0)
+    (entry,) = library.cards()
+    library.remove("one")
+    starred(library, "one", 2.0)
     with pytest.raises(ExportError, match="has this name by now"):
-        basket.put_back("one")
-    basket.remove("one")
+        library.put_back("one")
+    library.remove("one")
     # The one that was removed last.
-    basket.put_back("one")
-    assert [again.starred_at for again in basket.entries()] == [2.0]
+    library.put_back("one")
+    assert [again.saved_at for again in library.cards()] == [2.0]
     (aside,) = (path for path in tmp_path.iterdir() if path.name.startswith("."))
-    basket.remove("one")
+    library.remove("one")
     os.utime(aside, (0.0, 0.0))
-    again = Basket(tmp_path)
+    again = Library(tmp_path)
     assert not aside.exists()
     again.put_back("one")
-    assert again.entries() == [replace(entry, starred_at=2.0)]
+    assert again.cards() == [replace(entry, saved_at=2.0)]
     with pytest.raises(ExportError, match="removed for good"):
         again.put_back("one")
 
 
 def test_what_is_half_written_or_damaged_is_not_listed(tmp_path: Path, caplog):
-    basket = Basket(tmp_path)
-    starred(basket, "one", 1.0)
+    library = Library(tmp_path)
+    starred(library, "one", 1.0)
     (tmp_path / "one").rename(tmp_path / ".one.12345678.new")
-    starred(basket, "two", 1.0)
-    (tmp_path / "two" / "entry.json").write_text('{"row": {')
-    assert basket.entries() == []
-    assert "two in the basket cannot be read" in caplog.text
+    starred(library, "two", 1.0)
+    (tmp_path / "two" / "card.json").write_text('{"row": {')
+    assert library.cards() == []
+    assert "two in the library cannot be read" in caplog.text
 
 
 def test_problems_of_an_earlier_export_are_not_the_recordings():
@@ -174,22 +174,22 @@ def test_a_thumbnail_shows_the_state(tmp_path: Path):
     (ground,) = [one for one in drawn.iter() if one.tag.endswith("path")]
     assert ground.get("d", "").startswith("M")
 
-    basket = Basket(tmp_path)
+    library = Library(tmp_path)
     session = EditorSession(scenario)
     recipe = session.recipe()
-    entry = basket.add(
+    entry = library.add(
         index_row(scenario, scenario, recipe),
         exported_files(scenario, recipe),
-        starred_at=1.0,
+        saved_at=1.0,
         thumbnail=thumbnail(scenario),
     )
-    assert basket.entries() == [entry]
+    assert library.cards() == [entry]
     # Entries of earlier versions have none.
-    about = basket._folder / entry.name / ENTRY_NAME
+    about = library._folder / entry.name / CARD_NAME
     former = json.loads(about.read_bytes())
     del former["thumbnail"]
     about.write_text(json.dumps(former))
-    assert basket.entries()[0].thumbnail == ""
+    assert library.cards()[0].thumbnail == ""
 
 
 def test_a_thumbnail_of_an_empty_road(tmp_path: Path):
@@ -198,16 +198,16 @@ def test_a_thumbnail_of_an_empty_road(tmp_path: Path):
     assert "<polygon" not in thumbnail(empty)
 
 
-def test_an_entry_with_a_long_picture_stays_in_the_basket(tmp_path: Path):
-    basket = Basket(tmp_path / "basket")
+def test_an_entry_with_a_long_picture_stays_in_the_library(tmp_path: Path):
+    library = Library(tmp_path / "library")
     session = EditorSession(two_agents_that_pass())
     recipe = session.recipe()
     picture = f"<svg>{'<path/>' * 5_000}</svg>"
-    basket.add(
+    library.add(
         index_row(session.scenario, session.base, recipe),
         exported_files(session.scenario, recipe),
-        starred_at=1.0,
+        saved_at=1.0,
         thumbnail=picture,
     )
-    (entry,) = Basket(tmp_path / "basket").entries()
+    (entry,) = Library(tmp_path / "library").cards()
     assert entry.thumbnail == picture

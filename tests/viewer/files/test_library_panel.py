@@ -1,4 +1,4 @@
-"""The basket in its panel: stars that are described anew, and tabs that share it."""
+"""The library in its panel: stars that are described anew, and tabs that share it."""
 
 import csv
 import io
@@ -27,7 +27,7 @@ def tabs(tmp_path: Path) -> Iterator[tuple[FakeTab, FakeTab]]:
 
 def star(tab: FakeTab, **about: Any) -> None:
     tab.run(lambda: tab.session.describe(Variant(**about)))
-    tab.run(tab.elements.basket.star)
+    tab.run(tab.elements.library.star)
 
 
 def drive(tab: FakeTab, speed_mps: float) -> None:
@@ -37,7 +37,7 @@ def drive(tab: FakeTab, speed_mps: float) -> None:
 
 
 def listed(tab: FakeTab) -> list[str]:
-    return list(tab.elements.basket._rows)
+    return list(tab.elements.library._rows)
 
 
 def notices(tab: FakeTab) -> Any:
@@ -46,7 +46,7 @@ def notices(tab: FakeTab) -> Any:
 
 def downloaded(tab: FakeTab) -> zipfile.ZipFile:
     with mock.patch.object(tab.ui.client, "send_file_download") as send:
-        tab.run(tab.elements.basket.download)
+        tab.run(tab.elements.library.download)
     return zipfile.ZipFile(io.BytesIO(send.call_args.args[1]))
 
 
@@ -56,21 +56,21 @@ def test_a_star_takes_the_name_tags_and_note_that_were_typed_after_it(tabs):
     drive(tab, 3.0)
     star(tab)
     (former,) = listed(tab)
-    first = tab.tab.workspace.basket.entry(former)
+    first = tab.tab.workspace.library.card(former)
     with notices(tab) as told:
         star(tab, tags=("cut-in",), note="near miss")
-        assert told.call_args.args[0] == f"Updated in the basket: {former}"
+        assert told.call_args.args[0] == f"Updated in the library: {former}"
         star(tab, name="near-miss", tags=("cut-in",))
         star(tab, name="near-miss", tags=("cut-in",))
-        assert told.call_args.args == ("This state is in the basket already",)
+        assert told.call_args.args == ("This state is in the library already",)
     assert listed(tab) == ["near-miss"]
     archive = downloaded(tab)
     (row,) = csv.DictReader(io.StringIO(archive.read("index.csv").decode()))
     assert (row["id"], row["tags"], row["note"]) == ("near-miss", "cut-in", "")
     assert "near-miss/scenario_near-miss.parquet" in archive.namelist()
-    now = tab.tab.workspace.basket.entry("near-miss")
-    assert now.starred_at == first.starred_at
-    tab.tab.workspace.basket.remove("near-miss")
+    now = tab.tab.workspace.library.card("near-miss")
+    assert now.saved_at == first.saved_at
+    tab.tab.workspace.library.remove("near-miss")
     assert not tab.tab.workspace.is_exported
 
 
@@ -83,7 +83,7 @@ def test_another_state_under_the_name_of_a_star_is_one_more(tabs):
     assert listed(tab) == ["slow", "slow-2"]
     tab.run(tab.session.undo)
     star(tab, name="slow", note="the slower one")
-    entries = tab.tab.workspace.basket.entries()
+    entries = tab.tab.workspace.library.cards()
     assert [(one.name, one.row.note) for one in entries] == [
         ("slow", "the slower one"),
         ("slow-2", ""),
@@ -97,7 +97,7 @@ def test_a_star_of_another_tab_is_not_described_anew(tabs):
     star(one, name="slow")
     drive(other, 3.0)
     star(other, name="slow", note="mine")
-    entries = one.tab.workspace.basket.entries()
+    entries = one.tab.workspace.library.cards()
     assert [(entry.name, entry.row.note) for entry in entries] == [
         ("slow", ""),
         ("slow-2", "mine"),
@@ -112,12 +112,12 @@ def test_the_list_follows_what_other_tabs_do(tabs):
         star(one)
     until(lambda: listed(other) == listed(one))
     assert len(listed(other)) == 2
-    tab_one = one.elements.basket
+    tab_one = one.elements.library
     one.run(lambda: tab_one._toggle(listed(one)[0]))
     one.run(tab_one._remove_ticked)
     assert len(listed(one)) == 1
     until(lambda: listed(other) == listed(one))
-    download = other.elements.basket._download
+    download = other.elements.library._download
     until(lambda: download.label == "Download 1 scenario")
 
 
@@ -130,8 +130,8 @@ def test_a_download_tells_what_another_tab_has_removed(tabs):
     until(lambda: len(listed(other)) == 2)
     with notices(other) as told:
         # Before the list of the other tab follows.
-        with mock.patch.object(other.elements.basket, "follow"):
-            one.tab.workspace.basket.remove("gone")
+        with mock.patch.object(other.elements.library, "follow"):
+            one.tab.workspace.library.remove("gone")
             archive = downloaded(other)
         assert told.call_args.args[0] == "1 scenario not in the zip"
         assert "removed gone from" in told.call_args.args[1]
@@ -141,26 +141,26 @@ def test_a_download_tells_what_another_tab_has_removed(tabs):
 
 def test_what_was_removed_can_be_put_back(tabs):
     tab, _ = tabs
-    panel = tab.elements.basket
+    panel = tab.elements.library
     for speed in (3.0, 6.0):
         drive(tab, speed)
         star(tab)
-    before = tab.tab.workspace.basket.entries()
+    before = tab.tab.workspace.library.cards()
     assert not panel._put_back.visible
     tab.run(panel._remove_ticked)
     assert (listed(tab), panel._download.disabled) == ([], True)
     assert panel._put_back.visible
     assert panel._put_back.label == "Put back 2 scenarios"
     tab.run(panel._put_removed_back)
-    assert tab.tab.workspace.basket.entries() == before
+    assert tab.tab.workspace.library.cards() == before
     assert listed(tab) == [entry.name for entry in before]
     assert not panel._put_back.visible
     with notices(tab) as told:
-        tab.run(tab.elements.basket.star)
-        assert told.call_args.args == ("This state is in the basket already",)
+        tab.run(tab.elements.library.star)
+        assert told.call_args.args == ("This state is in the library already",)
 
 
-def test_the_basket_is_downloaded_in_the_chosen_format(tabs):
+def test_the_library_is_downloaded_in_the_chosen_format(tabs):
     tab, _ = tabs
     star(tab, name="near_miss")
     tab.elements.export._format.value = "CommonRoad"

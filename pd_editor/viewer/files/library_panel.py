@@ -1,9 +1,9 @@
-"""The basket: starred scenarios, listed at the end of the tab, downloaded together."""
+"""The library: starred scenarios, listed at the end of the tab, downloaded together."""
 
 import viser
 
 from pd_editor.analysis.findings.finding import open_in_words
-from pd_editor.editor.basket.basket import BasketEntry
+from pd_editor.editor.library.library import LibraryCard
 from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.tab.panel_style import PictureRows
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
@@ -11,7 +11,7 @@ from pd_editor.viewer.tab.ui_context import UiContext, set_property
 ZIP_NAME = "scenarios.zip"
 
 
-class BasketPanel:
+class LibraryPanel:
     """Buttons on top, which stay in place; below them the list, which grows."""
 
     def __init__(self, ui: UiContext, export: ExportPanel) -> None:
@@ -22,11 +22,11 @@ class BasketPanel:
         self._export = export
         self._ui = ui
         self._workspace = ui.workspace
-        self._entries: list[BasketEntry] = []
+        self._entries: list[LibraryCard] = []
         self._stamp = 0
         self._rows: dict[str, viser.GuiButtonHandle] = {}
         gui = ui.client.gui
-        self._folder = gui.add_folder("Basket")
+        self._folder = gui.add_folder("Library")
         with self._folder:
             self._download = gui.add_button(
                 "Download 0 scenarios",
@@ -49,34 +49,34 @@ class BasketPanel:
         self.refresh()
 
     def star(self) -> None:
-        """Add the current state to the basket, or tell that it is there already.
+        """Add the current state to the library, or tell that it is there already.
 
         One of which something else is said by now is described anew.
         """
         self._ui.commit_gesture()
-        if self._workspace.is_starred():
-            self._ui.notify("This state is in the basket already")
+        if self._workspace.is_saved():
+            self._ui.notify("This state is in the library already")
             return
-        is_update = self._workspace.starred_entry() is not None
+        is_update = self._workspace.saved_card() is not None
         entry = self._workspace.star()
         self.refresh()
         self._ui.notify(
-            f"{'Updated in the basket' if is_update else 'Starred'}: {entry.name}",
+            f"{'Updated in the library' if is_update else 'Starred'}: {entry.name}",
             f"With {open_in_words(entry.row.problems)}.",
             "warning" if entry.row.problems else "success",
         )
 
     def follow(self) -> None:
-        """Show what other tabs have changed in the basket."""
-        if self._workspace.basket.stamp() != self._stamp:
+        """Show what other tabs have changed in the library."""
+        if self._workspace.library.stamp() != self._stamp:
             self.refresh()
 
     def refresh(self) -> None:
-        """Show what is in the basket by now."""
+        """Show what is in the library by now."""
         # Read first: a change in between then counts as one that follows.
-        self._stamp = self._workspace.basket.stamp()
+        self._stamp = self._workspace.library.stamp()
         former = {entry.name: entry for entry in self._entries}
-        self._entries = self._workspace.basket.entries()
+        self._entries = self._workspace.library.cards()
         now = {entry.name: entry for entry in self._entries}
         for name in [one for one in self._rows if former.get(one) != now.get(one)]:
             self._pictures.remove(self._rows.pop(name))
@@ -96,17 +96,17 @@ class BasketPanel:
         shown = set(self._ticked())
         self.refresh()
         there = set(self._ticked()) & shown
-        content = self._workspace.basket_zip(there, self._export.format_name())
+        content = self._workspace.library_zip(there, self._export.format_name())
         self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
         gone = sorted(shown - there)
         if gone:
             self._ui.notify(
                 f"{_scenarios(len(gone))} not in the zip",
-                f"Another tab has removed {', '.join(gone)} from the basket.",
+                f"Another tab has removed {', '.join(gone)} from the library.",
                 "warning",
             )
 
-    def _add_row(self, entry: BasketEntry) -> None:
+    def _add_row(self, entry: LibraryCard) -> None:
         count = entry.row.num_problems
         problems = f" ({count} problem{'s' if count != 1 else ''})" if count else ""
         row = self._pictures.add(
@@ -114,7 +114,7 @@ class BasketPanel:
             entry.thumbnail,
             hint="; ".join(entry.row.edits)[:500] or "without edits",
             # One that is shown anew keeps its place.
-            order=entry.starred_at,
+            order=entry.saved_at,
         )
         self._rows[entry.name] = row
         self._ui.on_click(row, lambda: self._toggle(entry.name))
@@ -127,25 +127,25 @@ class BasketPanel:
     def _remove_ticked(self) -> None:
         names = self._ticked()
         for name in names:
-            self._workspace.basket.remove(name)
+            self._workspace.library.remove(name)
         self._workspace.removed = tuple(names)
         self._changed()
         self._ui.notify(
             f"{_scenarios(len(names))} removed",
-            f"{self._put_back.label}, in the basket, brings back what was removed.",
+            f"{self._put_back.label}, in the library, brings back what was removed.",
         )
 
     def _put_removed_back(self) -> None:
         names, self._workspace.removed = self._workspace.removed, ()
         try:
             for name in names:
-                self._workspace.basket.put_back(name)
+                self._workspace.library.put_back(name)
         finally:
             self._changed()
 
     def _changed(self) -> None:
         self.refresh()
-        self._ui.model.basket_changed.emit()
+        self._ui.model.library_changed.emit()
 
     def _ticked(self) -> list[str]:
         unticked = self._workspace.unticked

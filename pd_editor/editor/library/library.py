@@ -1,4 +1,4 @@
-"""The basket: starred scenarios, stored as folders on disk."""
+"""The library: starred scenarios, stored as folders on disk."""
 
 import json
 import logging
@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Final
 
 from pd_editor.base.errors import ExportError, InputError, RecipeError
-from pd_editor.editor.basket.index_table import INDEX_NAME, IndexRow, index_csv
 from pd_editor.editor.commands.json_values import from_json, to_json
+from pd_editor.editor.library.index_table import INDEX_NAME, IndexRow, index_csv
 from pd_editor.scene.exporters.bundle import write_files, zip_folders
 
-ENTRY_NAME: Final = "entry.json"
-"""File with an entry's summary for lists; not part of the scenario."""
+LIBRARY_NAME: Final = "library"
+"""Folder of a library among the editor's own files."""
+CARD_NAME: Final = "card.json"
+"""File with what lists tell of a scenario; not part of it."""
 KEPT_S: Final = 86_400.0
 """Time for which a removed scenario can be put back."""
 _REMOVED: Final = ".removed"
@@ -26,11 +28,11 @@ _logger: Final = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class BasketEntry:
+class LibraryCard:
     """A starred scenario."""
 
     row: IndexRow
-    starred_at: float
+    saved_at: float
     """Time of starring, in seconds since 1970."""
     thumbnail: str = ""
     """Small picture of the scenario as SVG; empty without one."""
@@ -41,7 +43,7 @@ class BasketEntry:
         return self.row.scenario_id
 
 
-class Basket:
+class Library:
     """A folder with one folder per starred scenario; a name is never taken twice.
 
     Tabs and processes may share it: entries are added and removed atomically.
@@ -57,23 +59,23 @@ class Basket:
         """Whether the name is taken."""
         return os.path.exists(self._folder / name)
 
-    def entry(self, name: str) -> BasketEntry | None:
-        """A starred scenario; None if it is not in the basket, or cannot be read."""
+    def card(self, name: str) -> LibraryCard | None:
+        """A starred scenario; None if it is not in the library, or cannot be read."""
         try:
-            content = json.loads((self._folder / name / ENTRY_NAME).read_bytes())
+            content = json.loads((self._folder / name / CARD_NAME).read_bytes())
             # Pictures are longer than texts may be.
             picture = content.pop("thumbnail", "") if isinstance(content, dict) else ""
-            entry = from_json(BasketEntry, content, "The entry")
+            entry = from_json(LibraryCard, content, "The entry")
             entry = replace(entry, thumbnail=str(picture))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError, RecipeError) as error:
-            _logger.warning("%s in the basket cannot be read: %s", name, error)
+            _logger.warning("%s in the library cannot be read: %s", name, error)
             return None
         return entry if entry.name == name else None
 
     def stamp(self) -> int:
-        """A number that changes when another tab or process changes the basket."""
+        """A number that changes when another tab or process changes the library."""
         try:
             return self._folder.stat().st_mtime_ns
         except OSError:
@@ -84,20 +86,20 @@ class Basket:
         row: IndexRow,
         files: Mapping[str, bytes],
         *,
-        starred_at: float,
+        saved_at: float,
         thumbnail: str = "",
         replaces: str | None = None,
-    ) -> BasketEntry:
+    ) -> LibraryCard:
         """Add an exported scenario, in place of the one named ``replaces`` if any.
 
         Raises:
             ExportError: the name is taken, or the files cannot be written.
         """
-        entry = BasketEntry(row=row, starred_at=starred_at, thumbnail=thumbnail)
+        entry = LibraryCard(row=row, saved_at=saved_at, thumbnail=thumbnail)
         about = json.dumps(to_json(entry)).encode()
         with self._adding:
             write_files(
-                {**files, ENTRY_NAME: about},
+                {**files, CARD_NAME: about},
                 self._folder / entry.name,
                 forbidden=None,
                 overwrite=entry.name == replaces,
@@ -106,18 +108,18 @@ class Basket:
             shutil.rmtree(self._set_aside(replaces), ignore_errors=True)
         return entry
 
-    def entries(self) -> list[BasketEntry]:
+    def cards(self) -> list[LibraryCard]:
         """All starred scenarios, the oldest first."""
-        found: list[BasketEntry] = []
+        found: list[LibraryCard] = []
         try:
             names = sorted(os.listdir(self._folder))
         except OSError:
             return []
         for name in names:
-            entry = None if name.startswith(".") else self.entry(name)
+            entry = None if name.startswith(".") else self.card(name)
             if entry is not None:
                 found.append(entry)
-        return sorted(found, key=lambda entry: (entry.starred_at, entry.name))
+        return sorted(found, key=lambda entry: (entry.saved_at, entry.name))
 
     def remove(self, name: str) -> None:
         """Remove a scenario atomically; ``put_back`` restores it for a day.
@@ -126,7 +128,7 @@ class Basket:
             ExportError: the folder cannot be removed.
         """
         self._forget_removed()
-        if self.entry(name) is not None:
+        if self.card(name) is not None:
             self._set_aside(name)
 
     def put_back(self, name: str) -> None:
@@ -141,7 +143,7 @@ class Basket:
         with self._adding:
             if self.has(name):
                 raise ExportError(
-                    f"{name}: another scenario of the basket has this name by now."
+                    f"{name}: another scenario of the library has this name by now."
                 )
             try:
                 max(aside, key=_moment).rename(self._folder / name)
@@ -179,11 +181,11 @@ class Basket:
         """Pack the folders of scenarios, converted, and a table of them into one zip.
 
         Raises:
-            InputError: none of them is in the basket, or one cannot be read.
+            InputError: none of them is in the library, or one cannot be read.
         """
-        wanted = [entry for entry in self.entries() if entry.name in names]
+        wanted = [entry for entry in self.cards() if entry.name in names]
         if not wanted:
-            raise InputError("The basket holds none of these; star a scenario first.")
+            raise InputError("The library holds none of these; star a scenario first.")
         folders = {one.name: converted(self._files(one.name)) for one in wanted}
         table = index_csv(entry.row for entry in wanted)
         return zip_folders(folders, {INDEX_NAME: table})
@@ -193,7 +195,7 @@ class Basket:
             return {
                 path.name: path.read_bytes()
                 for path in sorted((self._folder / name).iterdir())
-                if path.name != ENTRY_NAME
+                if path.name != CARD_NAME
             }
         except OSError as error:
             raise InputError(f"{name}: cannot be read ({error.strerror}).") from error

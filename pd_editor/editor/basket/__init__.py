@@ -1,1 +1,0 @@
-"""The basket: a collection of edited scenarios for a joint export."""
