@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import html
+import json
 import re
 import threading
 import time
@@ -56,15 +57,20 @@ def connected_tab(app: ViewerApp) -> Iterator["FakeTab"]:
                     socket.recv()
 
         threading.Thread(target=drain, daemon=True).start()
-        known = set(app._tabs)
+        known = set(open_tabs(app))
         socket.send(msgspec.msgpack.encode(CAMERA))
-        until(lambda: set(app._tabs) - known)
-        (client_id,) = set(app._tabs) - known
-        tab = app._tabs[client_id][1]
+        until(lambda: set(open_tabs(app)) - known)
+        (client_id,) = set(open_tabs(app)) - known
+        tab = open_tabs(app)[client_id]
         until(lambda: tab.is_built)
         yield FakeTab(tab, socket)
         socket.close()
-        until(lambda: client_id not in app._tabs)
+        until(lambda: client_id not in open_tabs(app))
+
+
+def open_tabs(app: ViewerApp) -> dict[int, BrowserSession]:
+    """The tabs of an app by the number of their connection."""
+    return {number: tab for number, (_, tab) in list(app._tabs.items())}
 
 
 class FakeTab:
@@ -77,6 +83,15 @@ class FakeTab:
         self.ui = tab.ui
         self.elements = tab.elements
         self.model = tab.ui.model
+        self.notices: list[tuple[str, str]] = []
+        """Titles and texts of the notices that the user was shown."""
+        notify = tab.ui.notify
+
+        def noted(title: str, body: str = "", *args: Any, **options: Any) -> Any:
+            self.notices.append((title, body))
+            return notify(title, body, *args, **options)
+
+        vars(tab.ui)["notify"] = noted
 
     def inputs(self) -> dict[str, list[Any]]:
         """All inputs and buttons of the page by their labels."""
@@ -94,6 +109,18 @@ class FakeTab:
         """Give the input of a label a value as the page does."""
         self.enter(self.field(label), value)
 
+    def press(self, label: str) -> None:
+        """Press the button of a label."""
+        self.type(label, True)
+
+    def refusal(self) -> str:
+        """The text of the newest notice, which is then forgotten."""
+        return self.notices.pop()[1]
+
+    def shown(self, element: str) -> Any:
+        """What the page was told last to show in an element over the picture, if any."""
+        return json.loads(self.ui.overlay._shown.get(element, "null"))
+
     def text(self) -> str:
         """All text of the panels, without that of inputs."""
         containers = self.ui.client.gui._container_handle_from_uuid.values()
@@ -103,8 +130,65 @@ class FakeTab:
 
     def is_drawn(self, node: str) -> bool:
         """Whether a node of the picture is there and seen."""
-        handle = self.ui.client.scene._handle_from_node_name.get(node)
+        handle = self.node(node)
         return handle is not None and handle.visible
+
+    def node(self, name: str) -> Any:
+        """A node of the picture, if there is one."""
+        return self.ui.client.scene._handle_from_node_name.get(name)
+
+    def body_of(self, agent_id: str) -> dict[str, Any]:
+        """Name and instance of an agent's body, as the page names what it points at."""
+        agents = self.session.scenario.agents
+        kind = agents.kinds[agents.row_of[agent_id]]
+        rows = [row for row, other in enumerate(agents.kinds) if other == kind]
+        return {
+            "name": f"/agents/{kind}/body",
+            "instance_index": rows.index(agents.row_of[agent_id]),
+            "owner": str(self.ui.client.client_id),
+        }
+
+    def click(
+        self,
+        point_m: tuple[float, float],
+        *,
+        on: str | None = None,
+        modifier: str | None = None,
+    ) -> None:
+        """Click a point of the ground from above, or an agent there, as the page does.
+
+        A click on an agent is reported for its body, and then for the picture.
+        """
+        x, y = map(float, point_m)
+        place = (0.5 + x / 1000, 0.5 - y / 1000)
+        ray = {"ray_origin": (x, y, 100.0), "ray_direction": (0.0, 0.0, -1.0)}
+        event = {**ray, "modifier": modifier}
+        if on is not None:
+            body = self.body_of(on)
+            message = {"type": "SceneNodeClickMessage", "screen_pos": place}
+            self.send({**message, **body, **event})
+        scene = {"type": "ScenePointerMessage", "event_type": "click"}
+        self.send({**scene, "screen_pos": (place,), **event})
+
+    def upload(
+        self, label: str, name: str, content: bytes, size_bytes: int | None = None
+    ) -> None:
+        """Give a file, of a size that the page tells, to the upload button of a label."""
+        button = {"source_component_uuid": uuid_of(self.field(label))}
+        transfer = {"transfer_uuid": name}
+        self.send(
+            {
+                "type": "FileTransferStartUpload",
+                **button,
+                **transfer,
+                "filename": name,
+                "mime_type": "",
+                "part_count": 1,
+                "size_bytes": len(content) if size_bytes is None else size_bytes,
+            }
+        )
+        part = {"part_index": 0, "content": content}
+        self.send({"type": "FileTransferPart", **button, **transfer, **part})
 
     def send(self, message: dict[str, Any]) -> None:
         """Send a message of viser's client, or a forged one, and wait for its effects."""
@@ -124,7 +208,7 @@ class FakeTab:
         self.send(
             {
                 "type": "GuiUpdateMessage",
-                "uuid": handle._impl.uuid,
+                "uuid": uuid_of(handle),
                 "updates": {"value": value},
             }
         )
@@ -147,6 +231,11 @@ class FakeTab:
         if "error" in result:
             raise result["error"]
         return result.get("value")
+
+
+def uuid_of(handle: Any) -> str:
+    """What the page calls an input."""
+    return handle._impl.uuid
 
 
 async def _settled() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
-from pd_editor.base.errors import EditError, InputError
+from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     AddGuidance,
     DeleteAgents,
@@ -24,6 +24,9 @@ from pd_editor.viewer.tab import ui_context as ui_module
 from tests.builders import two_agents_that_pass
 from tests.viewer.agents.drag_by_hand import DragByHand
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
+
+SIZE = "Length, width (m)"
+UPLOAD = "Upload zip, or parquet and map"
 
 
 @pytest.fixture
@@ -66,36 +69,33 @@ def test_reactions_to_edits_run_no_network_here(tab):
 
 
 def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab, monkeypatch):
-    panel, opened = tab.elements.road, tab.session.scenario
+    opened = tab.session.scenario
     # However slow the machine is, only the last rest is long enough.
     for power, pause_s in ((1.0, 60.0), (2.5, 60.0), (4.0, 0.1)):
         monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", pause_s)
         assert not labels(tab)
-        panel._power["double-turn"].value = power
-        tab.run(panel._changed)
+        tab.type("S-bend", power)
         assert tab.session.scenario.applied_warp is not None
     until(lambda: labels(tab))
     tab.run(lambda: None)
     assert labels(tab) == ["Bend the road: S-bend +4"]
-    assert "Friction-limited speed" in panel._readout.text
-    tab.run(panel.reset)
+    assert "Friction-limited speed" in tab.text()
+    tab.press("Reset road")
     assert tab.session.scenario.road_map is opened.road_map
-    assert panel._power["double-turn"].value == 0
-    tab.run(tab.elements.history.undo)
-    assert panel._power["double-turn"].value == 4
+    assert tab.field("S-bend").value == 0
+    tab.press("Undo")
+    assert tab.field("S-bend").value == 4
 
 
 def test_the_map_nodes_follow_the_warp(tab):
-    view, panel = tab.elements.picture.map, tab.elements.road
-    before = view._handles["lanes"].glb_data
-    panel._power["smooth-turn"].value = 5.0
-    tab.run(panel._changed)
-    assert view._handles["lanes"].glb_data != before
-    assert view._ghost is not None
-    assert view._ghost.visible
-    tab.run(panel.reset)
-    assert view._handles["lanes"].glb_data == before
-    assert not view._ghost.visible
+    before = tab.node("/map/lanes").glb_data
+    assert not tab.is_drawn("/map_ghost")
+    tab.type("Bend", 5.0)
+    assert tab.node("/map/lanes").glb_data != before
+    assert tab.is_drawn("/map_ghost")
+    tab.press("Reset road")
+    assert tab.node("/map/lanes").glb_data == before
+    assert not tab.is_drawn("/map_ghost")
 
 
 def drag(tab: FakeTab, agent_id: str, end: tuple[float, float], rotates: bool = False):
@@ -147,26 +147,23 @@ def test_overlaps_that_edits_cause_are_told_and_marked(tab):
 
 
 def test_clicks_select_toggle_and_clear(tab):
-    pointer, ids = tab.elements.pointer, tab.session.scenario.agents.ids
-    vehicle = AgentKind.VEHICLE
-    tab.run(lambda: pointer._node_clicked(vehicle, 0, (0.5, 0.5), False))
-    # The same click also arrives for the scene, and must not clear the selection.
-    down = ((0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
-    tab.run(lambda: pointer._ground_clicked(*down, (0.5, 0.5)))
-    assert tab.session.selection == (ids[0],)
-    tab.run(lambda: pointer._node_clicked(vehicle, 1, (0.6, 0.5), True))
-    assert tab.session.selection == ids
-    tab.run(lambda: pointer._node_clicked(vehicle, 1, (0.6, 0.5), True))
-    assert tab.session.selection == (ids[0],)
-    tab.run(lambda: pointer._ground_clicked(*down, (0.1, 0.1)))
+    agents = tab.session.scenario.agents
+    first, second = agents.position_m[:, 49]
+    # A click on an agent also arrives for the scene, and must not clear the selection.
+    tab.click(first, on=agents.ids[0])
+    assert tab.session.selection == agents.ids[:1]
+    tab.click(second, on=agents.ids[1], modifier="shift")
+    assert tab.session.selection == agents.ids
+    tab.click(second, on=agents.ids[1], modifier="shift")
+    assert tab.session.selection == agents.ids[:1]
+    tab.click((first[0], first[1] + 30.0))
     assert tab.session.selection == ()
 
 
 def test_placing_takes_the_lanes_heading_and_speed(tab):
-    tab.run(tab.elements.placing.toggle)
+    tab.press("Place on road")
     x, y = tab.session.scenario.agents.position_m[0, 49]
-    ray = ((x + 20.0, y + 0.4, 10.0), (0.0, 0.0, -1.0))
-    tab.run(lambda: tab.elements.pointer._ground_clicked(*ray, (0.3, 0.3)))
+    tab.click((x + 20.0, y + 0.4))
     agents = tab.session.scenario.agents
     row = agents.row_of[tab.session.selection[0]]
     assert agents.heading_rad[row, 49] == pytest.approx(0.0, abs=1e-6)
@@ -252,9 +249,8 @@ def test_an_offered_result_that_still_fits_is_applied(tab):
 
 def test_a_gesture_under_way_survives_an_error_and_a_reload(app):
     with connected_tab(app) as tab:
-        session, panel = tab.session, tab.elements.road
-        panel._power["smooth-turn"].value = 3.0
-        tab.run(panel._changed)
+        session = tab.session
+        tab.type("Bend", 3.0)
         with pytest.raises(EditError):
             tab.run(tab.elements.agent.snap)
         assert session.scenario.applied_warp is not None
@@ -288,46 +284,36 @@ def test_two_tabs_have_sessions_of_their_own(app):
 def test_agents_come_and_go_in_the_picture(tab):
     victim = tab.session.scenario.agents.ids[1]
     tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=(victim,))))
-    batch = tab.elements.picture.agents._batches[AgentKind.VEHICLE]
-    assert len(batch.rows) == 1
-    assert all(len(node.batched_positions) == 1 for node in batch.nodes)
-    tab.run(tab.elements.history.undo)
-    batch = tab.elements.picture.agents._batches[AgentKind.VEHICLE]
-    assert all(len(node.batched_positions) == 2 for node in batch.nodes)
-    assert all(len(node.batched_scales) == 2 for node in batch.nodes)
+    nodes = [tab.node(f"/agents/vehicle/{part}") for part in ("body", "dark")]
+    assert [len(node.batched_positions) for node in nodes] == [1, 1]
+    tab.press("Undo")
+    assert [len(node.batched_positions) for node in nodes] == [2, 2]
+    assert [len(node.batched_scales) for node in nodes] == [2, 2]
 
 
 def test_an_upload_of_another_kind_of_file_is_refused(tab):
-    with pytest.raises(InputError, match=r"notes\.txt: expected a \.zip"):
-        tab.run(lambda: tab.elements.scenario._uploaded("notes.txt", b"hello"))
+    tab.upload(UPLOAD, "notes.txt", b"hello")
+    until(lambda: tab.notices)
+    title, text = tab.notices[-1]
+    assert title == "Not opened: notes.txt"
+    assert text.startswith("notes.txt: expected a .zip")
 
 
 def test_an_upload_over_the_limit_is_refused_before_it_is_taken_in(tab):
-    from viser import _messages
-
-    message = _messages.FileTransferStartUpload(
-        source_component_uuid="x",
-        transfer_uuid="y",
-        filename="huge.zip",
-        mime_type="application/zip",
-        part_count=9,
-        size_bytes=10**9,
-    )
-    connection = tab.ui.client._websock_connection
-    for handler in connection._incoming_handlers[_messages.FileTransferStartUpload]:
-        handler(0, message)
-    assert "y" not in tab.ui.client.gui._current_file_upload_states
+    tab.upload(UPLOAD, "huge.zip", b"", size_bytes=10**9)
+    until(lambda: tab.notices)
+    assert tab.refusal() == "huge.zip has 954 MiB; at most 64 MiB are taken."
 
 
 def test_the_page_may_ask_for_a_theme_and_keeps_a_choice(tab):
-    (box,), shown = tab.inputs()["Dark theme"], tab.ui.overlay._shown
+    box = tab.field("Dark theme")
     tab.hear("theme", isDark=True)
     assert tab.tab.workspace.is_dark
     assert box.value
-    assert "theme" not in shown
+    assert tab.shown("theme") is None
     tab.enter(box, False)
     assert not tab.tab.workspace.is_dark
-    assert shown["theme"] == '{"isDark":false}'
+    assert tab.shown("theme") == {"isDark": False}
 
 
 def test_a_scene_plays_as_soon_as_the_page_can_draw(tab):
@@ -339,10 +325,11 @@ def test_a_scene_plays_as_soon_as_the_page_can_draw(tab):
 
 
 def test_themes_layers_and_views_switch(tab):
-    tab.enter(tab.inputs()["Dark theme"][0], True)
-    until(lambda: tab.tab.workspace.is_dark)
-    tab.run(lambda: tab.elements.picture.map.set_layer_visible("markings", False))
-    assert not tab.elements.picture.map._handles["markings"].visible
+    tab.type("Dark theme", True)
+    assert tab.tab.workspace.is_dark
+    assert tab.is_drawn("/map/markings")
+    tab.type("Lane marks", False)
+    assert not tab.is_drawn("/map/markings")
     tab.run(tab.elements.viewpoint.switch)
     assert tab.ui.client.camera.fov < 0.2
     tab.run(tab.elements.viewpoint.switch)
@@ -358,86 +345,102 @@ def test_switching_views_there_and_back_looks_at_the_same_place(tab):
 
 def test_inputs_of_a_refused_edit_return_to_the_agents_values(tab, monkeypatch):
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.1)
-    panel = tab.elements.agent
     tab.run(lambda: tab.session.select((tab.session.scenario.focal_id,)))
-    shown = panel._size.value
-    panel._size.value = (-4.0, 2.0)
-    with pytest.raises(EditError, match="Size"):
-        tab.run(lambda: panel._set_size((-4.0, 2.0)))
-    until(lambda: panel._size.value == shown)
+    shown = tab.field(SIZE).value
+    tab.type(SIZE, (-4.0, 2.0))
+    assert tab.refusal().startswith("Size")
+    until(lambda: tab.field(SIZE).value == shown)
     assert not labels(tab)
 
 
 def test_nothing_of_a_refused_number_stays(tab, monkeypatch):
     """Of 45 m, which is too long for a car, 4 m stayed as an edit."""
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 60.0)
-    panel, before = tab.elements.agent, tab.session.scenario
+    before = tab.session.scenario
     tab.run(lambda: tab.session.select((before.focal_id,)))
-    shown = panel._size.value
-
-    def typed(length: float) -> None:
-        panel._size.value = (length, 1.9)
-        panel._set_size((length, 1.9))
-
-    tab.run(lambda: typed(4.0))
-    with pytest.raises(EditError, match="Size"):
-        tab.run(lambda: typed(45.0))
+    shown = tab.field(SIZE).value
+    tab.type(SIZE, (4.0, 1.9))
+    assert not tab.notices
+    tab.type(SIZE, (45.0, 1.9))
+    assert tab.refusal().startswith("Size")
     # The field is left alone while the number may go on.
-    assert panel._size.value == (45.0, 1.9)
+    assert tab.field(SIZE).value == (45.0, 1.9)
     assert tab.session.scenario is before
-    tab.run(lambda: typed(4.5))
+    tab.type(SIZE, (4.5, 1.9))
     assert tab.session.scenario.agents.size_m[0, 0] == 4.5
-    with pytest.raises(EditError, match="Size"):
-        tab.run(lambda: typed(450.0))
+    tab.type(SIZE, (450.0, 1.9))
+    assert tab.refusal().startswith("Size")
     monkeypatch.setattr(ui_module, "GESTURE_PAUSE_S", 0.0)
-    with pytest.raises(EditError, match="Size"):
-        tab.run(lambda: typed(4500.0))
-    until(lambda: panel._size.value == shown)
+    tab.type(SIZE, (4500.0, 1.9))
+    assert tab.refusal().startswith("Size")
+    until(lambda: tab.field(SIZE).value == shown)
     assert tab.session.scenario is before
     assert not labels(tab)
 
 
 def test_reset_forgets_the_shape_and_friction_and_undo_brings_them_back(tab):
-    panel = tab.elements.road
-    panel._power["ripple-road"].value = 3.0
-    panel._border.value, panel._friction.value = 20.0, 0.3
-    panel._slows.value = True
-    tab.run(panel._changed)
-    tab.run(panel.reset)
-    assert not panel._slows.value
-    assert (panel._border.value, panel._friction.value) == (5.0, 0.7)
-    tab.run(tab.elements.history.undo)
-    assert panel._slows.value
-    assert (panel._border.value, panel._friction.value) == (20.0, 0.3)
+    values = {"Waves": 3.0, "Starts after (m)": 20.0, "Friction coefficient": 0.3}
+    for label, value in {**values, "Slow agents to the friction limit": True}.items():
+        tab.type(label, value)
+    tab.press("Reset road")
+    assert not tab.field("Slow agents to the friction limit").value
+    assert [tab.field(label).value for label in values] == [0.0, 5.0, 0.7]
+    tab.press("Undo")
+    assert tab.field("Slow agents to the friction limit").value
+    assert {label: tab.field(label).value for label in values} == values
 
 
 def test_a_refused_anchor_leaves_the_one_in_force_chosen(tab):
-    panel = tab.elements.road
-    panel._anchor.value = "Selected agent"
-    with pytest.raises(EditError, match="Select the one agent"):
-        tab.run(panel._anchor_changed)
-    assert panel._anchor.value == "Focal agent"
+    tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
+
+    def deselect_while_it_is_chosen() -> None:
+        until(lambda: tab.field("Anchor").value == "Selected agent")
+        tab.session.select(())
+
+    tab.ui.post(deselect_while_it_is_chosen)
+    tab.type("Anchor", "Selected agent")
+    assert tab.refusal().startswith("Select the one agent")
+    assert tab.field("Anchor").value == "Focal agent"
+
+
+def test_an_absurd_drag_of_the_anchor_is_refused_and_over(tab):
+    tab.type("Bend", 3.0)
+    tab.type("Anchor", "A point that I drag")
+    drag_anchor(tab, 3.0, 1.0)
+    before = tab.session.scenario
+    drag_anchor(tab, 1e9, 1.0)
+    assert tab.refusal().startswith("Anchor x is 1e+09 m")
+    assert tab.ui.gesture is None
+    assert tab.session.scenario is before
+    assert tuple(tab.node("/warp_anchor").position[:2]) == (3.0, 1.0)
+
+
+def drag_anchor(tab: FakeTab, x_m: float, y_m: float) -> None:
+    """A whole drag of the anchor's gizmo."""
+    gizmo = {"name": "/warp_anchor", "owner": str(tab.ui.client.client_id)}
+    pose = {"position": (x_m, y_m, 0.3), "wxyz": (1.0, 0.0, 0.0, 0.0)}
+    tab.send({"type": "TransformControlsDragStartMessage", **gizmo})
+    tab.send({"type": "TransformControlsUpdateMessage", **gizmo, **pose})
+    tab.send({"type": "TransformControlsDragEndMessage", **gizmo})
 
 
 def test_undo_and_redo_choose_the_anchor_in_force(tab):
-    panel = tab.elements.road
-    panel._power["double-turn"].value = 3.0
-    tab.run(panel._changed)
-    for choice in ("A point that I drag", "Focal agent"):
-        panel._anchor.value = choice
-        if choice == "A point that I drag":
-            tab.run(panel._anchor_changed)
-            panel._gizmo._handle.position = (3.0, 1.0, 0.3)
-            tab.run(lambda: panel._gizmo_moved("end"))
-        else:
-            tab.run(panel._anchor_changed)
-    history = tab.elements.history
-    tab.run(history.undo)
-    assert panel._anchor.value == "A point that I drag"
-    assert panel._gizmo.pose == tab.session.scenario.applied_warp.warp.anchor
-    tab.run(history.redo)
-    assert panel._anchor.value == "Focal agent"
-    assert panel._gizmo.pose is None
+    tab.type("S-bend", 3.0)
+    tab.type("Anchor", "A point that I drag")
+    drag_anchor(tab, 3.0, 1.0)
+    drag_anchor(tab, 6.0, 1.0)
+    assert tuple(tab.node("/warp_anchor").position[:2]) == (6.0, 1.0)
+    tab.press("Undo")
+    assert tuple(tab.node("/warp_anchor").position[:2]) == (3.0, 1.0)
+    tab.type("Anchor", "Focal agent")
+    tab.press("Undo")
+    assert tab.field("Anchor").value == "A point that I drag"
+    anchor = tab.session.scenario.applied_warp.warp.anchor
+    assert (anchor.x_m, anchor.y_m) == (3.0, 1.0)
+    assert tuple(tab.node("/warp_anchor").position[:2]) == (3.0, 1.0)
+    tab.press("Redo")
+    assert tab.field("Anchor").value == "Focal agent"
+    assert not tab.is_drawn("/warp_anchor")
 
 
 def test_nothing_to_undo_or_redo_is_no_error(tab):

@@ -10,9 +10,7 @@ import viser
 
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
-from pd_editor.editor.commands.edit_limits import (
-    check_anchor,
-)
+from pd_editor.editor.commands.edit_limits import check_anchor
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
@@ -448,15 +446,16 @@ class RoadPanel:
             self._own_pose, self._marks_anchor = pose, True
             self._show_pose(self._ui.session.scenario)
             return
-        command = self._command(pose)
-        if command.warp is not None:
-            try:
+        try:
+            command = self._command(pose)
+            if command.warp is not None:
                 self._ui.preview("anchor", command)
-            except EditError:
-                self._own_warp = _NOT_OWN
-                raise
-        if phase == "end":
-            self._ui.end_gesture()
+        except EditError:
+            self._own_warp = _NOT_OWN
+            raise
+        finally:
+            if phase == "end":
+                self._ui.end_gesture()
 
     def _show_anchor(self, scenario: Scenario, is_other_base: bool) -> None:
         """After undo, redo or a reload, choose the anchor that is in force."""
