@@ -25,6 +25,11 @@ So does ``study``, which returns a ``Study``::
     pd_editor.index("argoverse/val", out="val.index.parquet")
     pd_editor.find("val.index.parquet", "cut-in and density > 20").scenes
 
+``library`` holds the functions that keep scenarios in a folder::
+
+    pd_editor.library.add("kept", (warped.folder, "roundabout"), tags=("paper",))
+    pd_editor.library.find("kept", "cut-in").scenes
+
 ``synth`` takes none; it makes scenarios of simulated traffic, and returns a ``Synthesis``::
 
     pd_editor.synth(num=100, seed=1, out="synthetic")
@@ -46,6 +51,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pd_editor.base.errors import PdEditorError
     from pd_editor.base.installed_files import demo_names
+    from pd_editor.cli import library
     from pd_editor.cli.convert import convert
     from pd_editor.cli.doctor import doctor
     from pd_editor.cli.drive import drive
@@ -89,6 +95,7 @@ __all__ = [
     "find",
     "generate",
     "index",
+    "library",
     "model",
     "open_scenario",
     "render",
@@ -133,7 +140,10 @@ _HOMES = {
     "train": "pd_editor.cli.train",
     "warp": "pd_editor.cli.warp",
 }
-_MODULES = {"commands": "pd_editor.editor.commands"}
+_MODULES = {
+    "commands": "pd_editor.editor.commands",
+    "library": "pd_editor.cli.library",
+}
 
 
 def __getattr__(name: str) -> Any:

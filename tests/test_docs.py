@@ -87,9 +87,10 @@ def exists(name: str) -> bool:
 
 
 @functools.cache
-def options_of(command: str) -> frozenset[str]:
-    """Options of a command of the shell, by its own parser."""
-    function = getattr(importlib.import_module(f"pd_editor.cli.{command}"), command)
+def options_of(command: str, first: str) -> frozenset[str]:
+    """Options of a command of the shell, or of its action, by its own parser."""
+    module = importlib.import_module(f"pd_editor.cli.{command}")
+    function = getattr(module, command, None) or getattr(module, first)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         parser = tyro.extras.get_parser(function)
@@ -117,7 +118,8 @@ def unknown_options(text: str) -> list[str]:
             unknown.append(command)
             continue
         options = {word.partition("=")[0] for word in given if word.startswith("--")}
-        unknown += [f"{command} {one}" for one in sorted(options - options_of(command))]
+        known = options_of(command, next(iter(given), ""))
+        unknown += [f"{command} {one}" for one in sorted(options - known)]
     return unknown
 
 

@@ -1,7 +1,8 @@
 """``pd-editor find``: look up scenes by what happens in them."""
 
 import json as json_text
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from pd_editor.analysis.manoeuvres import EVENT_KINDS
 from pd_editor.base.plain_text import one_line
 from pd_editor.cli.options.arguments import Switch
 from pd_editor.experiments.scene_index.find import FoundScene, find_scenes
+from pd_editor.experiments.work_engine.work_engine import WorkFailure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +21,7 @@ class Found:
 
     scenes: tuple[FoundScene, ...]
     is_json: bool = False
+    failures: Mapping[str, WorkFailure] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """A line per event, or per scene without one; or JSON."""

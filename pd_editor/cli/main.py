@@ -46,12 +46,14 @@ _COMMANDS: Final = (
     "study",
     "index",
     "find",
+    "library",
     "synth",
     "train",
     "model",
     "doctor",
 )
-"""Each is a module and, in it, a function."""
+"""Each is a module and, in it, a function; or several, if it has actions."""
+_ACTIONS: Final = {"library": ("add", "list", "find", "tag", "export", "check")}
 
 
 def _functions(words: list[str]) -> dict[str, Callable[..., object]]:
@@ -61,6 +63,8 @@ def _functions(words: list[str]) -> dict[str, Callable[..., object]]:
         return {name: _outline(name) for name in _COMMANDS}
     functions = dict.fromkeys(_COMMANDS, lambda: None)
     module = importlib.import_module(f"{__package__}.{first}")
+    if first in _ACTIONS:
+        return {name: getattr(module, name) for name in _ACTIONS[first]}
     return {**functions, first: getattr(module, first)}
 
 
@@ -73,12 +77,12 @@ def _outline(name: str) -> Callable[[], None]:
     def outline() -> None: ...
 
     tree = ast.parse((Path(__file__).parent / f"{name}.py").read_text("utf-8"))
-    (command,) = (
+    found = (
         one
         for one in tree.body
         if isinstance(one, ast.FunctionDef) and one.name == name
     )
-    outline.__doc__ = ast.get_docstring(command)
+    outline.__doc__ = ast.get_docstring(next(found, tree))
     return outline
 
 
@@ -86,6 +90,8 @@ def _run(words: list[str]) -> object:
     """Run a command and return its result."""
     message = io.StringIO()
     has_begun = False
+    group = words[:1] if words[:1] and words[0] in _ACTIONS else []
+    functions = _functions(words)
 
     def begun(command: Callable[..., object]) -> Callable[..., object]:
         @functools.wraps(command)
@@ -101,13 +107,15 @@ def _run(words: list[str]) -> object:
         quiet.enter_context(contextlib.redirect_stderr(message))
         try:
             return tyro.extras.subcommand_cli_from_dict(
-                {name: begun(one) for name, one in _functions(words).items()},
-                prog="pd-editor",
-                description="Edit traffic scenarios on real and perturbed roads. "
+                {name: begun(one) for name, one in functions.items()},
+                prog=" ".join(["pd-editor", *group]),
+                description=_outline(group[0]).__doc__
+                if group
+                else "Edit traffic scenarios on real and perturbed roads. "
                 "SCENARIO is an Argoverse 2 scenario folder, a file of another format, "
                 "or the name of a demo: "
                 f"{', '.join(demo_names())}.",
-                args=words,
+                args=words[len(group) :],
             )
         except SystemExit as stop:
             if has_begun and not isinstance(stop, WorkDone):
@@ -115,7 +123,9 @@ def _run(words: list[str]) -> object:
                 raise PdEditorError("The command ended before its work.") from stop
             if not stop.code:
                 raise
-    raise InputError(usage_error(message.getvalue(), words, _COMMANDS))
+    raise InputError(
+        usage_error(message.getvalue(), words[len(group) :], tuple(functions), *group)
+    )
 
 
 class _Steady:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from pd_editor.analysis.findings.finding import IgnoredKey
@@ -59,6 +59,21 @@ class Variant:
         if not is_note(self.note):
             raise EditError("The note has control characters; expected plain text.")
 
+    def tagged(
+        self, given: Sequence[str], taken: Sequence[str] = (), note: str | None = None
+    ) -> "Variant":
+        """With more tags, without others, and with another note if one is given.
+
+        Raises:
+            EditError: a tag or the note does not fit.
+        """
+        tags = dict.fromkeys((*self.tags, *given))
+        return replace(
+            self,
+            tags=tuple(one for one in tags if one not in taken),
+            note=self.note if note is None else note,
+        )
+
     def of_result(self) -> "Variant":
         """Tags, note and ignored findings of the result, which has no edits."""
         ignored = tuple((kind, ids, about, "") for kind, ids, about, _ in self.ignored)
@@ -78,6 +93,13 @@ def name_from_text(text: str) -> str:
     """Convert a user's text to a name, with hyphens for characters that are not allowed."""
     words = re.findall(r"[A-Za-z0-9_]+", text)
     return "-".join(words)[:MAX_NAME_CHARACTERS].strip("-_")
+
+
+def fit_name(scenario_id: str) -> str:
+    """An id as it is if it is a name, or a name that is like it."""
+    if _NAME.fullmatch(scenario_id):
+        return scenario_id
+    return name_from_text(scenario_id) or "scenario"
 
 
 def tags_from_text(text: str) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import logging
-import os
 import secrets
 import threading
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ import viser
 from pd_editor.base.errors import LargeMapError, PdEditorError
 from pd_editor.base.regular_file import state_folder
 from pd_editor.editor.scenario_store import open_part
-from pd_editor.experiments.scene_index.index_file import INDEX_NAME
+from pd_editor.experiments.scene_index.index_file import index_place
 from pd_editor.generation.generators import catalogue_with
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.formats.dataset import DatasetIndex
@@ -148,12 +147,10 @@ class ViewerApp:
         """The index of the dataset: in its root, or in the state if it is read only."""
         if self._dataset is None:
             return None
-        root = os.path.abspath(self._dataset.root)
-        name = hashlib.sha256(os.fsencode(root)).hexdigest()[:32]
-        file = Path(root, INDEX_NAME)
-        if not file.exists() and not (self._is_local and os.access(root, os.W_OK)):
-            file = self._state / f"{name}.{INDEX_NAME}"
-        return IndexRun(self._dataset, file)
+        root, is_local = self._dataset.root, self._is_local
+        return IndexRun(
+            self._dataset, index_place(root, self._state, may_write=is_local)
+        )
 
     async def _connected(self, client: viser.ClientHandle) -> None:
         # A thread of its own: some browsers never answer, and viser's threads are few.

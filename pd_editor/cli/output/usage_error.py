@@ -24,13 +24,16 @@ _REWORDED: Final = (
 )
 
 
-def usage_error(box: str, arguments: Sequence[str], commands: Sequence[str]) -> str:
+def usage_error(
+    box: str, arguments: Sequence[str], commands: Sequence[str], *group: str
+) -> str:
     """Convert the parser's output to one sentence.
 
     Args:
         box: Output of the parser.
         arguments: The command line.
         commands: All subcommands.
+        group: The command that they are actions of.
     """
     body: list[str] = []
     for line in box.splitlines()[1:]:
@@ -51,5 +54,5 @@ def usage_error(box: str, arguments: Sequence[str], commands: Sequence[str]) -> 
         sentence = f"there is no command {arguments[0]!r}; choose among "
         sentence += ", ".join(commands)
     known = [one for one in arguments[:1] if one in commands]
-    help_of = " ".join(["pd-editor", *known, "--help"])
+    help_of = " ".join(["pd-editor", *group, *known, "--help"])
     return f"{sentence[0].upper()}{sentence[1:]}; see {help_of}."

@@ -1,1 +1,1 @@
-"""The library: a collection of edited scenarios for a joint export."""
+"""The library: kept scenarios in a folder."""

@@ -1,5 +1,7 @@
-"""The library: starred scenarios, stored as folders on disk."""
+"""The library: kept scenarios, each a folder with its files, recipe, card and picture."""
 
+import contextlib
+import fnmatch
 import json
 import logging
 import os
@@ -7,119 +9,275 @@ import secrets
 import shutil
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from pd_editor.base.errors import ExportError, InputError, RecipeError
+from filelock import FileLock, Timeout
+
+from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.base.plain_text import nearest_or_all, one_line
+from pd_editor.base.regular_file import json_value, read_regular, unwritable
 from pd_editor.editor.commands.json_values import from_json, to_json
-from pd_editor.editor.library.index_table import INDEX_NAME, IndexRow, index_csv
-from pd_editor.scene.exporters.bundle import write_files, zip_folders
+from pd_editor.editor.library.index_table import (
+    INDEX_NAME,
+    IndexRow,
+    index_csv,
+    index_row,
+)
+from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, replay
+from pd_editor.editor.scenario_store import (
+    exported_files,
+    has_same_content,
+    open_base,
+    open_scenario,
+)
+from pd_editor.editor.variant import Variant
+from pd_editor.scene.exporters.bundle import (
+    RECIPE_NAME,
+    replace_folder,
+    write_files,
+    zip_folders,
+)
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.scenario import Scenario
 
 LIBRARY_NAME: Final = "library"
 """Folder of a library among the editor's own files."""
 CARD_NAME: Final = "card.json"
-"""File with what lists tell of a scenario; not part of it."""
+THUMBNAIL_NAME: Final = "thumbnail.svg"
+"""With the card, the files of a folder that are not part of the scenario."""
 KEPT_S: Final = 86_400.0
 """Time for which a removed scenario can be put back."""
+PATIENCE_S: Final = 30.0
+"""Time for which a writer waits for another one."""
+_TRUSTED_NS: Final = 100_000_000
+"""Age at which the time of a folder tells all changes: clocks of disks tick."""
+_MAX_CARD_BYTES: Final = 1 << 20
+_LOCK_NAME: Final = ".lock"
 _REMOVED: Final = ".removed"
 _logger: Final = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryCard:
-    """A starred scenario."""
+    """What lists tell of a scenario; tags, note and name are copies of its recipe's."""
 
     row: IndexRow
-    saved_at: float
-    """Time of starring, in seconds since 1970."""
-    thumbnail: str = ""
-    """Small picture of the scenario as SVG; empty without one."""
+    saved_at: float = field(default_factory=time.time)
+    """Time at which it was kept, in seconds since 1970."""
+    author: str = ""
+    parent: str = ""
+    """Id of the scenario that was edited."""
+    format: str = ""
+    """Title of the format of the files that it comes from."""
+    attribution: str = ""
+    """Who made these, and under which licence; empty: they do not tell."""
+    num_agents: int = 0
 
     @property
     def name(self) -> str:
         """Id of the scenario, and name of its folder."""
         return self.row.scenario_id
 
+    @cached_property
+    def text(self) -> str:
+        """All words by which it is found, in small letters."""
+        row = self.row
+        told = (self.name, row.base_id, row.city, *row.edits, *row.problems, *row.tags)
+        return "\n".join((*told, row.note, self.author, self.format)).lower()
+
+    def has(self, words: Collection[str]) -> bool:
+        """Whether each of some words is in its texts."""
+        return all(one.lower() in self.text for one in words)
+
+
+SORTS: Final[Mapping[str, Callable[[LibraryCard], Any]]] = {
+    "date": lambda card: -card.saved_at,
+    "name": lambda card: card.name.lower(),
+    "base": lambda card: card.row.base_id.lower(),
+    "city": lambda card: card.row.city.lower(),
+    "problems": lambda card: -card.row.num_problems,
+    "agents": lambda card: -card.num_agents,
+}
+"""Orders of lists; numbers and dates begin with the greatest."""
+
+
+def card_of(
+    scenario: Scenario, base: Scenario, recipe: Recipe, author: str = ""
+) -> LibraryCard:
+    """Card of a scenario that a recipe makes from ``base``."""
+    origin = base.provenance
+    return LibraryCard(
+        row=index_row(scenario, base, recipe),
+        author=author,
+        parent=recipe.base.scenario_id,
+        format=origin.file_format or ARGOVERSE2.title,
+        attribution=origin.attribution or "",
+        num_agents=len(scenario.agents),
+    )
+
 
 class Library:
-    """A folder with one folder per starred scenario; a name is never taken twice.
+    """A folder with one folder per kept scenario; a name is never taken twice.
 
-    Tabs and processes may share it: entries are added and removed atomically.
+    Tabs and processes may share it: folders are replaced as a whole, by one writer at a
+    time. ``root`` is the folder.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, root: Path) -> None:
         """Use a folder, which is created when needed."""
-        self._folder = folder
-        self._adding = threading.Lock()
+        self.root = root
+        self._reading = threading.Lock()
+        self._known: dict[str, tuple[tuple[int, ...], LibraryCard | None]] = {}
+        """Cards that were read, with what tells whether their files are still the same."""
+        self._listed: tuple[int, list[LibraryCard]] | None = None
         self._forget_removed()
 
     def has(self, name: str) -> bool:
         """Whether the name is taken."""
-        return os.path.exists(self._folder / name)
+        return os.path.exists(self.root / name)
+
+    def scenes(self) -> list[Path]:
+        """Folders of all scenarios that can be listed."""
+        return [self.root / card.name for card in self.cards()]
+
+    def folders(self) -> list[str]:
+        """Names of all folders in it, whatever they hold.
+
+        Raises:
+            InputError: the library cannot be read.
+        """
+        try:
+            with os.scandir(self.root) as found:
+                return sorted(
+                    one.name for one in found if one.name[0] != "." and one.is_dir()
+                )
+        except OSError as error:
+            raise InputError(
+                f"{self.root}: is no library that can be read ({error.strerror})."
+            ) from error
 
     def card(self, name: str) -> LibraryCard | None:
-        """A starred scenario; None if it is not in the library, or cannot be read."""
+        """Card of a scenario; None if it is not in the library, or cannot be read."""
         try:
-            content = json.loads((self._folder / name / CARD_NAME).read_bytes())
-            # Pictures are longer than texts may be.
-            picture = content.pop("thumbnail", "") if isinstance(content, dict) else ""
-            entry = from_json(LibraryCard, content, "The entry")
-            entry = replace(entry, thumbnail=str(picture))
-        except FileNotFoundError:
+            status = os.stat(self.root / name / CARD_NAME)
+            stamp = status.st_mtime_ns, status.st_ino, status.st_size
+        except (OSError, ValueError):
+            self._known.pop(name, None)
             return None
-        except (OSError, ValueError, RecursionError, RecipeError) as error:
-            _logger.warning("%s in the library cannot be read: %s", name, error)
-            return None
-        return entry if entry.name == name else None
+        known = self._known.get(name)
+        if known is None or known[0] != stamp:
+            try:
+                card = self._read_card(name)
+            except PdEditorError as error:
+                _logger.warning("%s in the library cannot be read: %s", name, error)
+                card = None
+            known = self._known[name] = stamp, card
+        return known[1]
+
+    def thumbnail(self, name: str) -> str:
+        """Small picture of a scenario as SVG; empty without one."""
+        path = self.root / name / THUMBNAIL_NAME
+        try:
+            return read_regular(path, max_bytes=_MAX_CARD_BYTES).decode()
+        except (InputError, ValueError):
+            return ""
 
     def stamp(self) -> int:
         """A number that changes when another tab or process changes the library."""
         try:
-            return self._folder.stat().st_mtime_ns
+            return self.root.stat().st_mtime_ns
         except OSError:
             return 0
 
+    def cards(self) -> list[LibraryCard]:
+        """Cards of all scenarios, the oldest first; read once while nothing changes."""
+        # Looked at first: a change in between then counts as one that follows.
+        now, stamp = time.time_ns(), self.stamp()
+        with self._reading:
+            if self._listed is not None and self._listed[0] == stamp:
+                return list(self._listed[1])
+            names: list[str] = []
+            with contextlib.suppress(InputError):
+                names = self.folders()
+            found = [card for one in names if (card := self.card(one)) is not None]
+            found.sort(key=lambda card: (card.saved_at, card.name))
+            self._listed = (stamp, found) if now - stamp > _TRUSTED_NS else None
+            return list(found)
+
+    def named(self, patterns: Collection[str]) -> tuple[str, ...]:
+        """Names of scenarios that fit names or patterns such as ``cut-in-*``.
+
+        Raises:
+            InputError: one fits nothing.
+        """
+        names = [card.name for card in self.cards()]
+        found: list[str] = []
+        for pattern in patterns:
+            fitting = fnmatch.filter(names, pattern)
+            if not fitting:
+                hint = nearest_or_all(pattern, names) if names else "it is empty"
+                raise InputError(
+                    f"{self.root}: holds no scenario {one_line(pattern, 60)!r};"
+                    f" {one_line(hint, 200)}."
+                )
+            found += fitting
+        return tuple(dict.fromkeys(found))
+
     def add(
         self,
-        row: IndexRow,
+        card: LibraryCard,
         files: Mapping[str, bytes],
+        picture: str = "",
         *,
-        saved_at: float,
-        thumbnail: str = "",
         replaces: str | None = None,
-    ) -> LibraryCard:
+    ) -> None:
         """Add an exported scenario, in place of the one named ``replaces`` if any.
 
         Raises:
-            ExportError: the name is taken, or the files cannot be written.
+            FolderInUseError: the name is taken.
+            ExportError: the files cannot be written.
         """
-        entry = LibraryCard(row=row, saved_at=saved_at, thumbnail=thumbnail)
-        about = json.dumps(to_json(entry)).encode()
-        with self._adding:
+        beside = {CARD_NAME: card_content(card), THUMBNAIL_NAME: picture.encode()}
+        with self._writing():
             write_files(
-                {**files, CARD_NAME: about},
-                self._folder / entry.name,
+                {**files, **beside},
+                self.root / card.name,
                 forbidden=None,
-                overwrite=entry.name == replaces,
+                overwrite=card.name == replaces,
             )
-        if replaces not in (None, entry.name):
-            shutil.rmtree(self._set_aside(replaces), ignore_errors=True)
-        return entry
+            if replaces not in (None, card.name):
+                shutil.rmtree(self._set_aside(replaces), ignore_errors=True)
 
-    def cards(self) -> list[LibraryCard]:
-        """All starred scenarios, the oldest first."""
-        found: list[LibraryCard] = []
-        try:
-            names = sorted(os.listdir(self._folder))
-        except OSError:
-            return []
-        for name in names:
-            entry = None if name.startswith(".") else self.card(name)
-            if entry is not None:
-                found.append(entry)
-        return sorted(found, key=lambda entry: (entry.saved_at, entry.name))
+    def describe(
+        self, names: Sequence[str], change: Callable[[Variant], Variant]
+    ) -> int:
+        """Change tags and notes; returns of how many scenarios.
+
+        None is changed unless all can be; each changes in one step.
+
+        Raises:
+            ExportError: one cannot be written.
+            PdEditorError: a description does not fit, or a recipe cannot be read.
+        """
+        with self._writing():
+            changed: dict[str, Variant] = {}
+            for name in names:
+                before = self._recipe(name).variant
+                after = replace(change(before), name=before.name)
+                if after != before:
+                    changed[name] = after
+            for name, variant in changed.items():
+                card, recipe = self._read_card(name), self._recipe(name)
+                row = replace(card.row, tags=variant.tags, note=variant.note)
+                files: dict[str, bytes | Path] = {**self._paths(name)}
+                files[RECIPE_NAME] = replace(recipe, variant=variant).to_text().encode()
+                files[CARD_NAME] = card_content(replace(card, row=row))
+                replace_folder(files, self.root / name)
+        return len(changed)
 
     def remove(self, name: str) -> None:
         """Remove a scenario atomically; ``put_back`` restores it for a day.
@@ -129,7 +287,8 @@ class Library:
         """
         self._forget_removed()
         if self.card(name) is not None:
-            self._set_aside(name)
+            with self._writing():
+                self._set_aside(name)
 
     def put_back(self, name: str) -> None:
         """Restore the scenario that was removed last under a name.
@@ -140,24 +299,156 @@ class Library:
         aside = [one for one in self._removed() if one.name.startswith(f".{name}.")]
         if not aside:
             raise ExportError(f"{name}: was removed for good.")
-        with self._adding:
+        with self._writing():
             if self.has(name):
                 raise ExportError(
                     f"{name}: another scenario of the library has this name by now."
                 )
             try:
-                max(aside, key=_moment).rename(self._folder / name)
+                max(aside, key=_moment).rename(self.root / name)
             except OSError as error:
                 raise ExportError(
                     f"{name}: cannot be put back ({error.strerror})."
                 ) from error
 
-    def _set_aside(self, name: str) -> Path:
-        """Move an entry to a hidden folder, whose time is the moment of removal."""
-        gone = self._folder / f".{name}.{secrets.token_hex(4)}{_REMOVED}"
+    def files(self, name: str, format_name: str = ARGOVERSE2.name) -> dict[str, bytes]:
+        """Files of a scenario in some format, with its recipe.
+
+        Raises:
+            InputError: they cannot be read.
+            ExportError: the format cannot say it.
+        """
+        if format_name == ARGOVERSE2.name:
+            return {
+                one: read_regular(path, max_bytes=MAX_RECIPE_BYTES)
+                for one, path in self._paths(name).items()
+                if one not in (CARD_NAME, THUMBNAIL_NAME)
+            }
+        scenario = open_scenario(self.root / name)
+        return exported_files(scenario, self._recipe(name), format_name=format_name)
+
+    def holds(self, name: str, files: Mapping[str, bytes]) -> bool:
+        """Whether a scenario of these files is there, whatever is said of it."""
         try:
-            os.utime(self._folder / name)
-            (self._folder / name).rename(gone)
+            there = self.files(name)
+        except InputError:
+            return False
+        return {**there, RECIPE_NAME: b""} == {**files, RECIPE_NAME: b""}
+
+    def zipped(
+        self, names: Collection[str], format_name: str = ARGOVERSE2.name
+    ) -> bytes:
+        """Pack scenarios in some format, and a table of them, into one zip.
+
+        Raises:
+            InputError: none of them is in the library, or one cannot be read.
+            ExportError: the format cannot say one.
+        """
+        folders = {one: self.files(one, format_name) for one in self._there(names)}
+        return zip_folders(folders, {INDEX_NAME: self.table(folders)})
+
+    def table(self, names: Collection[str]) -> bytes:
+        """CSV table of some scenarios, the oldest first."""
+        return index_csv(one.row for one in self.cards() if one.name in names)
+
+    def fault(self, name: str) -> str:
+        """What is wrong with a folder of the library, in one sentence; empty: nothing.
+
+        Where the base of its recipe is at hand, the recipe is replayed.
+        """
+        place = self.root / name
+        if not os.path.exists(place / CARD_NAME):
+            return (
+                f"{name}: holds no {CARD_NAME}; 'pd-editor library add' takes in scenes "
+                "of other folders."
+            )
+        try:
+            card, recipe = self._read_card(name), self._recipe(name)
+            scenario = open_scenario(place)
+            told = recipe.result_id, scenario.scenario_id
+            if told != (name, name):
+                return f"{name}: its files are of {' and '.join(dict.fromkeys(told))}."
+            row, about = card.row, recipe.variant
+            labels = tuple(command.label for command in recipe.commands)
+            if (row.tags, row.note, row.edits, row.base_id, card.num_agents) != (
+                about.tags,
+                about.note,
+                labels,
+                recipe.base.root.scenario_id,
+                len(scenario.agents),
+            ):
+                return f"{name}: its {CARD_NAME} tells other things than its files."
+            try:
+                base = open_base(recipe.base)
+                recipe.base.check_contents(
+                    base.scenario_id, base.provenance.content_sha256
+                )
+            except PdEditorError:
+                return ""
+            if not has_same_content(replay(recipe, base), scenario):
+                return f"{name}: its recipe makes another scenario than its files hold."
+        except PdEditorError as error:
+            return f"{name}: {error}"
+        return ""
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Hold the lock of who changes the library; the system releases that of the dead."""
+        lock = FileLock(self.root / _LOCK_NAME, timeout=PATIENCE_S)
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+            lock.acquire()
+        except Timeout as error:
+            raise ExportError(
+                f"{self.root}: another program has been writing to it for"
+                f" {PATIENCE_S:g} s; try again."
+            ) from error
+        except OSError as error:
+            raise unwritable(self.root, error) from error
+        try:
+            yield
+        finally:
+            lock.release()
+
+    def _read_card(self, name: str) -> LibraryCard:
+        """Read a card.
+
+        Raises:
+            InputError: it cannot be read, or is that of another folder.
+            RecipeError: it is none.
+        """
+        path = self.root / name / CARD_NAME
+        try:
+            content = json_value(read_regular(path, max_bytes=_MAX_CARD_BYTES))
+        except ValueError as error:
+            raise InputError(f"{path}: is no JSON.") from error
+        card = from_json(LibraryCard, content, f"{path}: The card")
+        if card.name != name:
+            raise InputError(f"{path}: is the card of {one_line(card.name, 80)}.")
+        return card
+
+    def _recipe(self, name: str) -> Recipe:
+        path = self.root / name / RECIPE_NAME
+        return Recipe.from_text(read_regular(path, max_bytes=MAX_RECIPE_BYTES))
+
+    def _paths(self, name: str) -> dict[str, Path]:
+        try:
+            return {one.name: one for one in sorted((self.root / name).iterdir())}
+        except OSError as error:
+            raise InputError(f"{name}: cannot be read ({error.strerror}).") from error
+
+    def _there(self, names: Collection[str]) -> list[str]:
+        there = [one.name for one in self.cards() if one.name in names]
+        if not there:
+            raise InputError("The library holds none of these; save a scenario first.")
+        return there
+
+    def _set_aside(self, name: str) -> Path:
+        """Move a folder to a hidden one, whose time is the moment of removal."""
+        gone = self.root / f".{name}.{secrets.token_hex(4)}{_REMOVED}"
+        try:
+            os.utime(self.root / name)
+            (self.root / name).rename(gone)
         except OSError as error:
             raise ExportError(
                 f"{name}: cannot be removed ({error.strerror})."
@@ -165,7 +456,7 @@ class Library:
         return gone
 
     def _removed(self) -> list[Path]:
-        return list(self._folder.glob(f".*{_REMOVED}"))
+        return list(self.root.glob(f".*{_REMOVED}"))
 
     def _forget_removed(self) -> None:
         """Delete what was removed more than a day ago."""
@@ -173,32 +464,10 @@ class Library:
             if time.time() - _moment(folder) > KEPT_S:
                 shutil.rmtree(folder, ignore_errors=True)
 
-    def zipped(
-        self,
-        names: Collection[str],
-        converted: Callable[[dict[str, bytes]], dict[str, bytes]] = lambda files: files,
-    ) -> bytes:
-        """Pack the folders of scenarios, converted, and a table of them into one zip.
 
-        Raises:
-            InputError: none of them is in the library, or one cannot be read.
-        """
-        wanted = [entry for entry in self.cards() if entry.name in names]
-        if not wanted:
-            raise InputError("The library holds none of these; star a scenario first.")
-        folders = {one.name: converted(self._files(one.name)) for one in wanted}
-        table = index_csv(entry.row for entry in wanted)
-        return zip_folders(folders, {INDEX_NAME: table})
-
-    def _files(self, name: str) -> dict[str, bytes]:
-        try:
-            return {
-                path.name: path.read_bytes()
-                for path in sorted((self._folder / name).iterdir())
-                if path.name != CARD_NAME
-            }
-        except OSError as error:
-            raise InputError(f"{name}: cannot be read ({error.strerror}).") from error
+def card_content(card: LibraryCard) -> bytes:
+    """File of a card."""
+    return json.dumps(to_json(card), indent=1).encode()
 
 
 def _moment(folder: Path) -> float:

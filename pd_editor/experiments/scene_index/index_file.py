@@ -16,11 +16,15 @@ from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, scene_content
 from pd_editor.analysis.manoeuvres.limits import LIMITS
 from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import check_path, write_whole
+from pd_editor.editor.library.library import CARD_NAME, THUMBNAIL_NAME
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkFailure, WorkProgress
+from pd_editor.scene.exporters.bundle import RECIPE_NAME
 
 INDEX_NAME: Final = "scenes.index.parquet"
+_BESIDE: Final = frozenset({INDEX_NAME, RECIPE_NAME, CARD_NAME, THUMBNAIL_NAME})
+"""Files of which a scene's content does not depend."""
 _TEXTS: Final = ("kind", "agent_id", "agent_kind", "other_id", "other_kind")
 _EVENT: Final = pa.struct(
     {
@@ -76,6 +80,15 @@ class SceneIndex:
         return os.path.join(self.folder, path)
 
 
+def index_place(root: Path, state: Path, *, may_write: bool = True) -> Path:
+    """File of a folder's index: in it, or in the state if it is read only."""
+    whole = os.path.abspath(root)
+    file = Path(whole, INDEX_NAME)
+    if file.exists() or (may_write and os.access(whole, os.W_OK)):
+        return file
+    return state / f"{hashlib.sha256(os.fsencode(whole)).hexdigest()[:32]}.{INDEX_NAME}"
+
+
 def stamp_of(scene: str) -> str:
     """Sizes and times of a scene's files, with the rules by which they are read."""
     files = (
@@ -86,7 +99,7 @@ def stamp_of(scene: str) -> str:
     told = [
         f"{one.name} {one.stat().st_size} {one.stat().st_mtime_ns}"
         for one in files
-        if one.is_file() and one.name != INDEX_NAME
+        if one.is_file() and one.name not in _BESIDE
     ]
     return hashlib.sha256("\n".join([RULES, *told]).encode()).hexdigest()[:32]
 
@@ -170,6 +183,8 @@ class IndexWriter:
         Raises:
             ExportError: the file cannot be written.
         """
+        if not self.num_missing and len(self._row_of) == len(self._table):
+            return {}
         # That it cannot be written is told before the work.
         self.write()
         try:

@@ -156,8 +156,10 @@ def _check_target(
         )
 
 
-def replace_folder(files: Mapping[str, bytes], target: Path) -> None:
+def replace_folder(files: Mapping[str, bytes | Path], target: Path) -> None:
     """Write to a hidden folder beside the target, then swap both atomically.
+
+    Files that are given by their paths are linked, or copied where there are no links.
 
     A reader sees the complete old or the complete new folder. Where the system cannot
     swap folders, the old one is renamed first, and there is a short time without any.
@@ -171,14 +173,20 @@ def replace_folder(files: Mapping[str, bytes], target: Path) -> None:
         raise unwritable(target, error) from error
 
 
-def _replace_folder(files: Mapping[str, bytes], target: Path) -> None:
+def _replace_folder(files: Mapping[str, bytes | Path], target: Path) -> None:
     token = secrets.token_hex(4)
     new = target.parent / f".{target.name}.{token}{_NEW}"
     old = target.parent / f".{target.name}.{token}{_OLD}"
     new.mkdir()
     try:
         for name, data in files.items():
-            (new / name).write_bytes(data)
+            if isinstance(data, bytes):
+                (new / name).write_bytes(data)
+                continue
+            try:
+                os.link(data, new / name)
+            except OSError:
+                shutil.copy2(data, new / name)
         if not target.exists():
             new.rename(target)
         elif not exchange(new, target):

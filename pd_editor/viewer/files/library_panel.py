@@ -96,7 +96,7 @@ class LibraryPanel:
         shown = set(self._ticked())
         self.refresh()
         there = set(self._ticked()) & shown
-        content = self._workspace.library_zip(there, self._export.format_name())
+        content = self._workspace.library.zipped(there, self._export.format_name())
         self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
         gone = sorted(shown - there)
         if gone:
@@ -111,7 +111,7 @@ class LibraryPanel:
         problems = f" ({count} problem{'s' if count != 1 else ''})" if count else ""
         row = self._pictures.add(
             f"{entry.name}{problems}",
-            entry.thumbnail,
+            self._workspace.library.thumbnail(entry.name),
             hint="; ".join(entry.row.edits)[:500] or "without edits",
             # One that is shown anew keeps its place.
             order=entry.saved_at,

@@ -14,8 +14,7 @@ from jaxtyping import Float
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.editor.commands import BeginAt, Command, ContinueScene
-from pd_editor.editor.library.index_table import index_row
-from pd_editor.editor.library.library import LibraryCard
+from pd_editor.editor.library.library import LibraryCard, card_of
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (
@@ -507,11 +506,13 @@ class Workspace:
         former = self.saved_card()
         recipe = self._recipe_to_star(former)
         session = self.session
-        entry = self.library.add(
-            index_row(session.scenario, session.base, recipe),
+        entry = card_of(session.scenario, session.base, recipe)
+        if former is not None:
+            entry = replace(entry, saved_at=former.saved_at, author=former.author)
+        self.library.add(
+            entry,
             exported_files(session.scenario, recipe, session.base),
-            saved_at=time.time() if former is None else former.saved_at,
-            thumbnail=thumbnail(session.scenario),
+            thumbnail(session.scenario),
             replaces=None if former is None else former.name,
         )
         self._given[entry.name] = session.scenario
@@ -519,23 +520,6 @@ class Workspace:
         if former is not None and former.name in self.unticked:
             self.unticked.add(entry.name)
         return entry
-
-    def library_zip(self, names: Collection[str], format_name: str) -> bytes:
-        """A zip of some scenarios of the library in a format.
-
-        Raises:
-            InputError: none of them is in the library, or one cannot be read.
-            ExportError: the format cannot say one of them.
-        """
-
-        def converted(files: dict[str, bytes]) -> dict[str, bytes]:
-            if format_name == ARGOVERSE2.name:
-                return files
-            scenario, recipe = _from_upload(files, SceneCut())
-            assert recipe is not None, "the library holds exports"
-            return exported_files(scenario, recipe, format_name=format_name)
-
-        return self.library.zipped(names, converted)
 
     def is_saved(self) -> bool:
         """Whether the library holds the current state, with what is said of it."""

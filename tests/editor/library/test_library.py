@@ -2,23 +2,29 @@
 
 import csv
 import io
-import json
 import os
+import tempfile
+import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from filelock import FileLock
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pd_editor.analysis.findings.finding import open_in_words
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
-from pd_editor.base.errors import ExportError, InputError
+from pd_editor.base.errors import EditError, ExportError, InputError
 from pd_editor.editor.commands import AddGuidance, TransformAgents, traffic_command
+from pd_editor.editor.library import library as module
 from pd_editor.editor.library.index_table import index_csv, index_row
-from pd_editor.editor.library.library import CARD_NAME, Library
+from pd_editor.editor.library.library import Library, card_of
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import exported_files
@@ -34,10 +40,9 @@ def starred(library: Library, name: str, moment: float, note: str = "") -> None:
     session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
     session.describe(Variant(name=name, tags=("a",), note=note))
     recipe = session.recipe()
+    card = card_of(session.scenario, session.base, recipe)
     library.add(
-        index_row(session.scenario, session.base, recipe),
-        exported_files(session.scenario, recipe),
-        saved_at=moment,
+        replace(card, saved_at=moment), exported_files(session.scenario, recipe)
     )
 
 
@@ -90,7 +95,7 @@ def test_what_is_removed_can_be_put_back_for_a_day(tmp_path: Path):
     # The one that was removed last.
     library.put_back("one")
     assert [again.saved_at for again in library.cards()] == [2.0]
-    (aside,) = (path for path in tmp_path.iterdir() if path.name.startswith("."))
+    (aside,) = tmp_path.glob(".one.*")
     library.remove("one")
     os.utime(aside, (0.0, 0.0))
     again = Library(tmp_path)
@@ -175,21 +180,12 @@ def test_a_thumbnail_shows_the_state(tmp_path: Path):
     assert ground.get("d", "").startswith("M")
 
     library = Library(tmp_path)
-    session = EditorSession(scenario)
-    recipe = session.recipe()
-    entry = library.add(
-        index_row(scenario, scenario, recipe),
-        exported_files(scenario, recipe),
-        saved_at=1.0,
-        thumbnail=thumbnail(scenario),
-    )
-    assert library.cards() == [entry]
-    # Entries of earlier versions have none.
-    about = library._folder / entry.name / CARD_NAME
-    former = json.loads(about.read_bytes())
-    del former["thumbnail"]
-    about.write_text(json.dumps(former))
-    assert library.cards()[0].thumbnail == ""
+    recipe = EditorSession(scenario).recipe()
+    card = card_of(scenario, scenario, recipe)
+    library.add(card, exported_files(scenario, recipe), thumbnail(scenario))
+    assert library.cards() == [card]
+    assert library.thumbnail(card.name) == thumbnail(scenario)
+    assert library.thumbnail("nothing") == ""
 
 
 def test_a_thumbnail_of_an_empty_road(tmp_path: Path):
@@ -198,16 +194,95 @@ def test_a_thumbnail_of_an_empty_road(tmp_path: Path):
     assert "<polygon" not in thumbnail(empty)
 
 
-def test_an_entry_with_a_long_picture_stays_in_the_library(tmp_path: Path):
-    library = Library(tmp_path / "library")
-    session = EditorSession(two_agents_that_pass())
-    recipe = session.recipe()
-    picture = f"<svg>{'<path/>' * 5_000}</svg>"
-    library.add(
-        index_row(session.scenario, session.base, recipe),
-        exported_files(session.scenario, recipe),
-        saved_at=1.0,
-        thumbnail=picture,
-    )
-    (entry,) = Library(tmp_path / "library").cards()
-    assert entry.thumbnail == picture
+def test_a_list_follows_what_others_change_at_once(tmp_path: Path):
+    """What was read is kept only while nothing changes, however fast it changes."""
+    mine, other = Library(tmp_path), Library(tmp_path)
+    for number in range(20):
+        starred(other, f"s-{number}", float(number))
+        assert len(mine.cards()) == number + 1
+    time.sleep(0.2)
+    before = mine.cards()
+    with mock.patch.object(Library, "folders", side_effect=AssertionError):
+        assert mine.cards() == before
+    other.describe(["s-3"], lambda variant: variant.tagged(("x",)))
+    assert mine.cards()[3].row.tags == ("a", "x")
+    other.remove("s-3")
+    assert len(mine.cards()) == 19
+
+
+@given(
+    st.lists(st.text(st.characters(codec="utf-8"), max_size=70), max_size=22),
+    st.text(st.characters(codec="utf-8"), max_size=50),
+)
+@settings(max_examples=30, deadline=None)
+def test_what_is_said_of_a_scenario_is_kept_or_refused(tags: list[str], note: str):
+    with tempfile.TemporaryDirectory() as folder:
+        library = Library(Path(folder))
+        starred(library, "one", 1.0)
+        (before,) = library.cards()
+        try:
+            library.describe(
+                ["one"], lambda variant: variant.tagged(tags, ("a",), note)
+            )
+        except EditError:
+            assert Library(Path(folder)).cards() == [before]
+        else:
+            (after,) = Library(Path(folder)).cards()
+            expected = tuple(one for one in dict.fromkeys(tags) if one != "a")
+            assert (after.row.tags, after.row.note) == (expected, note)
+            assert after.saved_at == before.saved_at
+            assert library.fault("one") == ""
+        assert there(Path(folder)) == ["one"]
+
+
+def there(folder: Path) -> list[str]:
+    return sorted(one.name for one in folder.iterdir() if one.name != ".lock")
+
+
+def test_a_full_or_read_only_disk_loses_nothing(tmp_path: Path, monkeypatch):
+    library = Library(tmp_path)
+    starred(library, "one", 1.0)
+    (before,) = library.cards()
+
+    def full_disk(_path: Path, _data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full_disk)
+        with pytest.raises(ExportError, match="No space left on device"):
+            library.describe(["one"], lambda variant: variant.tagged(("b",)))
+        with pytest.raises(ExportError, match="No space left on device"):
+            starred(library, "two", 2.0)
+    assert Library(tmp_path).cards() == [before]
+    assert there(tmp_path) == ["one"]
+
+    def read_only(*_args: object, **_options: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FileLock, "acquire", read_only)
+        for change in (
+            lambda: starred(library, "two", 2.0),
+            lambda: library.describe(["one"], lambda variant: variant.tagged(("b",))),
+            lambda: library.remove("one"),
+        ):
+            with pytest.raises(ExportError, match="Read-only file system"):
+                change()
+    assert Library(tmp_path).cards() == [before]
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(ExportError, match="cannot be written"):
+        starred(Library(file), "one", 1.0)
+    assert Library(file).cards() == []
+
+
+def test_a_writer_waits_for_another_one(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE_S", 0.05)
+    library = Library(tmp_path)
+    starred(library, "one", 1.0)
+    with (
+        FileLock(tmp_path / ".lock"),
+        pytest.raises(ExportError, match="another program has been writing"),
+    ):
+        starred(library, "two", 2.0)
+    starred(library, "two", 2.0)

@@ -1,0 +1,390 @@
+"""``pd-editor library``: keep scenarios in a folder, find, describe, check and hand them on."""
+
+import json as json_text
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from pd_editor.base.errors import ExportError, FolderInUseError, InputError
+from pd_editor.base.plain_text import one_line
+from pd_editor.base.regular_file import state_folder, user_path, write_whole
+from pd_editor.cli.export import ZIP_NAME, opened_session
+from pd_editor.cli.find import Found
+from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
+from pd_editor.cli.options.arguments import (
+    FolderOption,
+    FormatOption,
+    NoteOption,
+    OptionalWorkers,
+    Switch,
+    TagsOption,
+)
+from pd_editor.cli.output.outcome import described, undated_recipe
+from pd_editor.cli.output.progress import work_shown
+from pd_editor.editor.library.index_table import INDEX_NAME
+from pd_editor.editor.library.library import SORTS, Library, LibraryCard, card_of
+from pd_editor.editor.library.thumbnail import thumbnail
+from pd_editor.editor.recipe import moment
+from pd_editor.editor.scenario_store import (
+    exported_files,
+    made_by,
+    recipe_of_export,
+)
+from pd_editor.editor.variant import Variant, fit_name, free_name
+from pd_editor.experiments.scene_index.find import find_scenes
+from pd_editor.experiments.scene_index.index_file import (
+    IndexWriter,
+    index_place,
+)
+from pd_editor.experiments.work_engine import (
+    EngineChoice,
+    InThisProcess,
+    WorkEngine,
+    run_items,
+)
+from pd_editor.experiments.work_engine.work_engine import WorkFailure, failure_of
+from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.formats.registry import writer
+from pd_editor.scene.scenario import Scenario
+
+_Folder = Annotated[str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
+_Names = Annotated[
+    str | tuple[str, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="NAME [...]", help_behavior_hint="(required)"),
+]
+_Author = Annotated[str, tyro.conf.arg(metavar="NAME", help_behavior_hint="")]
+_Note = Annotated[
+    str | None, tyro.conf.arg(metavar="TEXT", help_behavior_hint="(optional)")
+]
+_Sort = Literal["date", "name", "base", "city", "problems", "agents"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listed:
+    """Cards of scenarios."""
+
+    cards: tuple[LibraryCard, ...]
+    is_json: bool = False
+
+    def __str__(self) -> str:
+        """A table, or JSON."""
+        if self.is_json:
+            return json_text.dumps([asdict(one) for one in self.cards], indent=1)
+        head = "name", "base", "city", "edits", "problems", "date", "tags", "note"
+        rows = [head, *map(_cells, self.cards)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join(
+                f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)
+            )
+            for row in rows
+        ]
+        count = len(self.cards)
+        told = f"{count} scenario{'s' * (count != 1)}."
+        return "\n".join([*(line.rstrip() for line in lines), told])
+
+
+@dataclass(frozen=True, kw_only=True)
+class LibraryChange:
+    """What was written, or looked at, in a few sentences."""
+
+    told: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    """Scenarios that were written."""
+    failures: Mapping[str, WorkFailure] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """A line a sentence."""
+        return "\n".join(self.told)
+
+
+def add(
+    folder: _Folder,
+    scenarios: Annotated[
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="SCENARIO|RECIPE [...]", help_behavior_hint="(required)"),
+    ],
+    /,
+    *,
+    tags: TagsOption = (),
+    note: NoteOption = "",
+    author: _Author = "",
+    workers: OptionalWorkers = None,
+) -> LibraryChange:
+    """Take scenes, exported folders and recipes into a library.
+
+    What is there already stays as it is. An export keeps its recipe; a name that is taken
+    gets a number.
+
+    Args:
+        folder: Library; made if it is not there.
+        scenarios: Scenes of any format that is read, exported folders, recipe.json files, folders of these, or patterns; demos for all demos.
+        tags: Words to find them by, besides their own.
+        note: A sentence about them, for those that have none.
+        author: Who made them.
+        workers: Scenes at a time, each in a process of its own.
+    """
+    library = Library(user_path(str(folder)))
+    described("", tags, note)  # What does not fit is told before scenes are read.
+    given = scenarios if isinstance(scenarios, tuple) else (scenarios,)
+    scenes = [
+        scene
+        for one in given
+        for scene in scenes_of(str(one), SCENE_FILES, library.root)
+    ]
+    if not scenes:
+        raise InputError("Missing SCENARIO; see pd-editor library add --help.")
+    one_more = partial(_added, library.root, tags, note, author)
+    names, failures = _of_each(one_more, scenes, workers)
+    added = tuple(names[one] for one in scenes if names.get(one))
+    there = sum(not one for one in names.values())
+    told = (*added, *[f"{there} of {len(scenes)} are there already."] * bool(there))
+    return LibraryChange(told=told, names=added, failures=failures)
+
+
+def find(
+    folder: _Folder,
+    query: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="QUERY")],
+    /,
+    *,
+    workers: OptionalWorkers = None,
+    json: Switch = False,
+) -> Found:
+    """Find scenarios of a library by what happens in them, as pd-editor find does.
+
+    New and changed ones are read first.
+
+    Args:
+        folder: Library.
+        query: Such as 'cut-in by bus and density > 20'; see pd-editor find --help.
+        workers: Scenes that are read at a time, each in a process of its own.
+        json: Print JSON, with all facts.
+    """
+    library = _opened(folder)
+    writer = IndexWriter(
+        index_place(library.root, state_folder()), map(str, library.scenes())
+    )
+    find_scenes(writer.index(), query)  # A wrong query is told before scenes are read.
+    failures: Mapping[str, WorkFailure] = {}
+    if writer.num_missing:
+        with _engine(workers) as engine:
+            failures = writer.read_missing(engine, work_shown("scenes"))
+    found = find_scenes(writer.index(), query)
+    return Found(scenes=found, is_json=json, failures=failures)
+
+
+def tag(
+    folder: _Folder,
+    names: _Names,
+    /,
+    *,
+    add: TagsOption = (),
+    remove: TagsOption = (),
+    note: _Note = None,
+) -> LibraryChange:
+    """Tag scenarios of a library, and write notes on them.
+
+    Nothing is changed unless all can be; each is replaced in one step.
+
+    Args:
+        folder: Library.
+        names: Names, or patterns such as 'cut-in-*'.
+        add: Tags that they get.
+        remove: Tags that they lose.
+        note: Their note; an empty one removes it.
+    """
+    library = _opened(folder)
+    if not (add or remove or note is not None):
+        raise InputError("Nothing to change; expected --add, --remove or --note.")
+
+    def changed(variant: Variant) -> Variant:
+        return variant.tagged(add, remove, note)
+
+    chosen = library.named((names,) if isinstance(names, str) else names)
+    count = library.describe(chosen, changed)
+    return LibraryChange(
+        told=(f"{count} of {len(chosen)} scenarios changed.",), names=chosen
+    )
+
+
+def export(
+    folder: _Folder,
+    names: _Names,
+    /,
+    *,
+    out: FolderOption,
+    to: FormatOption = ARGOVERSE2.name,
+    zip: Switch = False,
+    overwrite: Switch = False,
+) -> LibraryChange:
+    """Write scenarios of a library in some format, with an index.csv.
+
+    Args:
+        folder: Library.
+        names: Names, or patterns such as 'cut-in-*'.
+        out: Folder that receives DIR/<name>/ and DIR/index.csv, or the zip.
+        to: Name of the format to write.
+        zip: Write DIR/scenarios.zip instead.
+        overwrite: Replace what an earlier run wrote.
+    """
+    library = _opened(folder)
+    writer(to)  # A format that cannot be written is refused before files are read.
+    chosen = library.named((names,) if isinstance(names, str) else names)
+    place = Path(out)
+    table = place / (ZIP_NAME if zip else INDEX_NAME)
+    if table.exists() and not overwrite:
+        raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
+    if zip:
+        write_whole(table, library.zipped(chosen, to))
+        return LibraryChange(told=(str(table),), names=chosen)
+    failures, written = {}, []
+    for name in chosen:
+        try:
+            files = library.files(name, to)
+            write_files(
+                files, place / name, forbidden=library.root, overwrite=overwrite
+            )
+            written.append(name)
+        except (InputError, ExportError) as error:
+            failures[name] = failure_of(error)
+    if written:
+        write_whole(table, library.table(written))
+    told = tuple(str(place / one) for one in written)
+    return LibraryChange(told=told, names=tuple(written), failures=failures)
+
+
+def check(folder: _Folder, /, *, workers: OptionalWorkers = None) -> LibraryChange:
+    """Check that every scenario of a library is whole.
+
+    Each must open, agree with its card, and be what its recipe makes, where the recipe's
+    base is at hand. Exits with 2 if something is wrong.
+
+    Args:
+        folder: Library.
+        workers: Scenes at a time, each in a process of its own.
+    """
+    library = _opened(folder)
+    names = library.folders()
+    faults, failures = _of_each(partial(_fault, library.root), names, workers)
+    wrong = {one: failure_of(InputError(text)) for one, text in faults.items() if text}
+    whole = len(names) - len(wrong) - len(failures)
+    return LibraryChange(
+        told=(f"{whole} of {len(names)} scenarios are whole.",),
+        failures={**failures, **wrong},
+    )
+
+
+def list(
+    folder: _Folder,
+    words: Annotated[
+        tuple[str, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="[WORD ...]", help_behavior_hint=""),
+    ] = (),
+    /,
+    *,
+    tag: TagsOption = (),
+    sort: _Sort = "date",
+    json: Switch = False,
+) -> Listed:
+    """List the scenarios of a library.
+
+    Args:
+        folder: Library.
+        words: Only those whose name, base, city, edits, problems, tags, note or author have these words.
+        tag: Only those with these tags.
+        sort: Dates and numbers begin with the greatest.
+        json: Print JSON, with all that the cards tell.
+    """
+    cards = [
+        one
+        for one in _opened(folder).cards()
+        if one.has(words) and set(tag) <= set(one.row.tags)
+    ]
+    return Listed(cards=tuple(sorted(cards, key=SORTS[sort])), is_json=json)
+
+
+def _opened(folder: str | Path) -> Library:
+    library = Library(user_path(str(folder)))
+    library.folders()
+    return library
+
+
+def _engine(workers: int | None) -> AbstractContextManager[WorkEngine]:
+    choice = EngineChoice(name="local", num_workers=workers)
+    return nullcontext(InThisProcess()) if workers is None else choice.engine()
+
+
+def _of_each(
+    function: Callable[[str], str], items: Iterable[str], workers: int | None
+) -> tuple[dict[str, str], Mapping[str, WorkFailure]]:
+    """What a function says of each item, and why it could not."""
+    told: dict[str, str] = {}
+    with _engine(workers) as engine:
+        failures = run_items(
+            engine,
+            function,
+            {one: one for one in items},
+            on_value=told.__setitem__,
+            on_progress=work_shown("scenes"),
+        )
+    return told, failures
+
+
+def _fault(root: Path, name: str) -> str:
+    return Library(root).fault(name)
+
+
+def _added(
+    root: Path, tags: tuple[str, ...], note: str, author: str, reference: str
+) -> str:
+    """Take one scene into a library; returns its name, or none if it is there already."""
+    library = Library(root)
+    session = opened_session(reference, Variant(), SceneCut())
+    scenario, base, recipe = session.scenario, session.base, undated_recipe(session)
+    judge: Scenario | None = base
+    own = None if session.entries else recipe_of_export(Path(reference))
+    if own is not None and own.result_id == scenario.scenario_id:
+        # An export keeps its recipe, whether or not its base is at hand.
+        is_file = Path(reference).is_file()
+        scenario = base = made_by(scenario, own) if is_file else scenario
+        recipe, judge = own, None
+    about = recipe.variant.tagged(tags, (), recipe.variant.note or note)
+    tried: set[str] = set()
+    while True:
+        name = free_name(fit_name(recipe.result_id), tried.__contains__)
+        recipe = replace(recipe, variant=replace(about, name=name))
+        files = exported_files(scenario, recipe, judge)
+        if library.holds(name, files):
+            return ""
+        try:
+            card = card_of(scenario, base, recipe, author)
+            library.add(card, files, thumbnail(scenario))
+        except FolderInUseError:
+            tried.add(name)
+        else:
+            return name
+
+
+def _cells(card: LibraryCard) -> tuple[str, ...]:
+    row = card.row
+    told = (
+        card.name,
+        row.base_id,
+        row.city,
+        str(len(row.edits)),
+        str(row.num_problems),
+        f"{moment(card.saved_at):%Y-%m-%d %H:%M}",
+        ", ".join(row.tags),
+        row.note,
+    )
+    return tuple(one_line(one, 60) for one in told)
