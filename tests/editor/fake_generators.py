@@ -13,6 +13,7 @@ from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
     GenerationRequest,
+    GuidanceReport,
     TrafficSample,
 )
 
@@ -58,6 +59,20 @@ class DriftGenerator:
         )
         return GeneratedTraffic(
             samples=(sample,), generator=self.name, seed=request.seed
+        )
+
+
+@dataclass
+class ReadyGenerator:
+    """Answers any request with samples that were made before."""
+
+    samples: tuple[TrafficSample, ...]
+    guidance: tuple[GuidanceReport, ...] = ()
+
+    def generate(self, _request):
+        yield GenerationProgress(fraction=1.0, message="ready")
+        return GeneratedTraffic(
+            samples=self.samples, generator="ready", guidance=self.guidance
         )
 
 

@@ -33,10 +33,6 @@ from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
 FAMILY = re.compile(r"^guidance")
 
 
-def shown(tab: FakeTab, element: str) -> dict:
-    return json.loads(tab.ui.overlay._shown[element])
-
-
 def count_in(text: str) -> int:
     """The number before "problem" in a text; "no" is nought."""
     found = re.search(r"(\d+|[Nn]o)(?: new| open)? problem", text)
@@ -91,7 +87,7 @@ def contradictions(tab: FakeTab) -> list[str]:
     """Where two places of the page, the star, or a file differ; none is right."""
     session, workspace = tab.session, tab.tab.workspace
     scenario, commands = session.scenario, session.commands_in_force
-    status = shown(tab, "status")
+    status = tab.shown("status")
     groups = {one["name"]: one for one in status["groups"]}
     keys = {
         name: [json.loads(row["id"]) for row in group["rows"]]
@@ -107,7 +103,7 @@ def contradictions(tab: FakeTab) -> list[str]:
             wrong.append(f"{what}: {one} and {other}")
 
     same("chip, list", count_in(status["text"]), len(new))
-    preflight = tab.elements.export._preflight.text
+    preflight = tab.text()
     same("preflight, list", count_in(preflight), len(new))
     by_kind = Counter(kind for kind, *_ in new)
     for kind, words in (("run", "not run"), ("met", "not met")):
@@ -116,7 +112,7 @@ def contradictions(tab: FakeTab) -> list[str]:
     unrun = [one for one in new + keys["ignored"] if one[0] == "guidance-not-run"]
     same("awaits a run", bool(unrun), session.awaits_guided_run)
 
-    marks = [one for one in shown(tab, "timeline")["marks"] if one["kind"] == "problem"]
+    marks = [one for one in tab.shown("timeline")["marks"] if one["kind"] == "problem"]
     step_s = scenario.time_axis.step_s
     told = {f"{one['step'] * step_s:.1f} s" for one in marks}
     same("timeline, list", told, {row["time"] for row in groups["new"]["rows"]} - {""})
@@ -131,7 +127,7 @@ def contradictions(tab: FakeTab) -> list[str]:
     movers = scenario.agents.is_valid[:, now] & scenario.agents.is_in("movers")
     movers = {scenario.agents.ids[row] for row in np.flatnonzero(movers)}
     everything = [key for group in keys.values() for key in group]
-    for row in shown(tab, "scorecard")["rows"]:
+    for row in tab.shown("scorecard")["rows"]:
         total = TOTALS.get(row["name"])
         if total is None or not movers:
             continue

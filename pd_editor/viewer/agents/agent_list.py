@@ -107,7 +107,7 @@ class AgentList:
         elif event.get("number") != self._number or not self.is_open:
             return
         elif kind == "select":
-            ids = self._named(event.get("rows"))
+            ids = self._named(event.get("rows", ()))
             if len(ids) == 1 and self._model.agent_picked.offer(ids[0]):
                 return
             self._ui.commit_gesture()
@@ -120,8 +120,6 @@ class AgentList:
 
     def _named(self, rows: Any) -> tuple[str, ...]:
         """Ids of rows; what is no row is left out."""
-        if not isinstance(rows, list):
-            return ()
         there = self._ui.session.scenario.agents.row_of
         count = len(self._ids)
         found = [

@@ -223,18 +223,11 @@ class AgentPanel:
             )
 
     def _set_activity(self, name: str) -> None:
-        if name == MIXED:
-            return
-        try:
+        if name != MIXED:
             self._apply(
                 SetAgentActivity,
                 agent_ids=selected(self._ui),
                 activity=ACTIVITIES[name],
-            )
-        finally:
-            session = self._ui.session
-            self._show_activity(
-                session.scenario, session.scenario.agents.rows(session.selection)
             )
 
     def _set_speed(self, speed: float) -> None:

@@ -54,9 +54,7 @@ class PressOrder:
         self._answer(0)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
-        number = event.get("number")
-        if isinstance(number, int):
-            self._answer(number)
+        self._answer(event["number"])
 
     def _answer(self, number: int) -> None:
         keys, labels = self._arming

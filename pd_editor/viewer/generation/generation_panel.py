@@ -225,7 +225,7 @@ class GenerationPanel:
         self._ui.on_change(self._where, lambda _value: self._where_chosen())
         self._drawing.changed.subscribe(self._region_changed)
         self._ui.on_click(clear, lambda: self._ui.apply(RemoveAllAgents()))
-        self._ui.on_change(self._which, lambda _value: self._show_counts())
+        self._ui.on_change(self._which, self._which_chosen)
         self._ui.on_change(self._kinds, lambda _value: self._show_counts())
         for handle in (self._fits, self._keeps_focal, self._keeps_ego):
             self._ui.on_change(handle, lambda _value: self._show_counts())
@@ -463,6 +463,11 @@ class GenerationPanel:
             drawing.toggle()
         self._show_region()
         self._show_bar()
+
+    def _which_chosen(self, which: str) -> None:
+        for count in self._counts.values() if which == ADD_AGENTS else ():
+            set_value(count, 0)
+        self._show_counts()
 
     def _where_chosen(self) -> None:
         """Show the region where it counts, and let it be drawn where there is none."""
@@ -715,9 +720,7 @@ class GenerationPanel:
         set_property(self._fits, "disabled", not takes_counts)
         for count in self._counts.values():
             set_property(count, "disabled", not takes_counts or self._fits.value)
-            if self._which.value == ADD_AGENTS:
-                set_value(count, 0)
-        if self._which.value == REPLACE_ALL:
+        if which == REPLACE_ALL:
             self._count_present(self._ui.session.scenario)
         self._show_bar()
 

@@ -138,9 +138,7 @@ class GuidancePanel:
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Act on an event of the list, and answer it even if it changes nothing."""
-        count = event.get("count")
-        if isinstance(count, int):
-            self._answered = count
+        self._answered = event["count"]
         try:
             self._act(event)
         finally:

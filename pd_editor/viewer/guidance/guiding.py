@@ -144,7 +144,7 @@ class Guiding(Mode):
         elif what == "click" and ray is not None:
             self._finish(lambda: self._clicked(ray))
         elif what == "drawn":
-            points = _points(event.get("points"))
+            points = _points(event.get("points", []))
             self._finish(lambda: self._drawn(points))
 
     def _finish(self, make: Callable[[], GuidanceTerm]) -> None:
@@ -253,8 +253,5 @@ def like(term: GuidanceTerm, former: GuidanceTerm) -> GuidanceTerm:
 
 def _points(value: Any) -> np.ndarray:
     """The valid points of a drawn line."""
-    if not isinstance(value, list):
-        return np.zeros((0, 2))
-    found = [point_of(point) for point in value[:MAX_DRAWN_POINTS]]
-    points = [point for point in found if point is not None]
-    return np.array(points).reshape(-1, 2)
+    found = map(point_of, value[:MAX_DRAWN_POINTS])
+    return np.array([point for point in found if point is not None]).reshape(-1, 2)

@@ -165,7 +165,11 @@ def _can_have(handle: Any, value: Any) -> bool:
     current = handle.value
     if isinstance(current, tuple):
         is_of_length = isinstance(value, list) and len(value) == len(current)
-        return is_of_length and all(_is_within(handle, one) for one in value)
+        # What is empty, because it differs among agents, may stay so.
+        return is_of_length and all(
+            _is_within(handle, one) or (one != one and was != was)
+            for one, was in zip(value, current, strict=True)
+        )
     if isinstance(current, bool | str):
         return type(value) is type(current)
     return isinstance(current, int | float) and _is_within(handle, value)

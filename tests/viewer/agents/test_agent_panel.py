@@ -1,12 +1,9 @@
 """The agent panel: what one, several and no selected agents show."""
 
 import math
-from unittest import mock
 
 import numpy as np
-import pytest
 
-from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import (
     SetAgentKind,
     SetAgentPosition,
@@ -24,63 +21,62 @@ def select(tab: FakeTab, *agent_ids: str) -> None:
 
 def test_fields_that_differ_are_empty_and_apply_to_all(tab: FakeTab):
     """(D32)"""
-    panel, ids = tab.elements.agent, tab.session.scenario.agents.ids
+    ids = tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentKind(agent_ids=ids[1:], kind=AgentKind.BUS)))
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:], speed_mps=3.0)))
     select(tab, *ids)
-    assert panel._kind.value == MIXED
-    assert math.isnan(panel._speed.value)
-    assert all(map(math.isnan, panel._size.value))
-    assert panel._summary.text.startswith("2 agents: 1 vehicle, 1 bus")
-    tab.run(lambda: panel._set_size((5.0, math.nan)))
+    assert tab.field("Kind").value == MIXED
+    assert math.isnan(tab.field("Speed (m/s)").value)
+    assert all(map(math.isnan, tab.field("Length, width (m)").value))
+    assert "2 agents: 1 vehicle, 1 bus" in tab.text()
+    tab.type("Length, width (m)", (5.0, math.nan))
     tab.run(tab.ui.commit_gesture)
     agents = tab.session.scenario.agents
     assert agents.size_m[:, 0].tolist() == [5.0, 5.0]
     assert agents.size_m[0, 1] != agents.size_m[1, 1]
-    tab.run(lambda: panel._set_speed(6.0))
+    tab.type("Speed (m/s)", 6.0)
     tab.run(tab.ui.commit_gesture)
-    assert panel._speed.value == 6.0
+    assert tab.field("Speed (m/s)").value == 6.0
     now = tab.session.scenario.current_step
     assert np.allclose(tab.session.scenario.agents.speed_mps()[:, now], 6.0)
 
 
 def test_activities_are_shown_and_set(tab: FakeTab):
-    panel, ids = tab.elements.agent, tab.session.scenario.agents.ids
+    ids = tab.session.scenario.agents.ids
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[:1], speed_mps=0.0)))
     tab.run(lambda: tab.ui.apply(SetAgentSpeed(agent_ids=ids[1:2], speed_mps=5.0)))
     select(tab, ids[0])
-    assert panel._activity.value == "not known"
-    tab.run(lambda: panel._set_activity("parked"))
-    assert panel._activity.value == "parked"
+    assert tab.field("Activity").value == "not known"
+    tab.type("Activity", "parked")
+    assert tab.field("Activity").value == "parked"
     assert tab.session.scenario.activity()[0] == Activity.PARKED
     select(tab, *ids[:2])
-    assert panel._activity.value == MIXED
+    assert tab.field("Activity").value == MIXED
     select(tab, ids[1])
-    assert panel._activity.value == "moving"
-    panel._activity.value = "waiting"
+    assert tab.field("Activity").value == "moving"
     before = tab.session.scenario
-    with pytest.raises(EditError, match="cannot be waiting at"):
-        tab.run(lambda: panel._set_activity("waiting"))
+    tab.type("Activity", "waiting")
+    assert "cannot be waiting at" in tab.refusal()
     # Refused in one sentence, and the field shows again what holds.
     assert tab.session.scenario is before
-    assert panel._activity.value == "moving"
+    assert tab.field("Activity").value == "moving"
 
 
 def test_without_a_selection_fields_are_empty_and_off(tab: FakeTab):
     """(D32)"""
-    panel, ids = tab.elements.agent, tab.session.scenario.agents.ids
+    ids = tab.session.scenario.agents.ids
     select(tab, ids[0])
-    assert panel._kind.value == "vehicle"
-    assert SIZE_NOTE in panel._size_note.text
+    assert tab.field("Kind").value == "vehicle"
+    assert SIZE_NOTE in tab.text()
     select(tab)
-    assert panel._kind.value == ""
-    assert panel._kind.disabled
-    assert math.isnan(panel._speed.value)
-    assert panel._speed.disabled
-    assert panel._summary.text.startswith("Nothing is selected.")
-    assert all(button.disabled for button in panel._actions.values())
-    # Nothing below moves: what has nothing to say keeps its room.
-    assert panel._size_note.text == ""
+    assert tab.field("Kind").value == ""
+    assert tab.field("Kind").disabled
+    assert math.isnan(tab.field("Speed (m/s)").value)
+    assert tab.field("Speed (m/s)").disabled
+    assert "Nothing is selected." in tab.text()
+    actions = ("Snap to lane", "Duplicate", "Make focal", "Delete")
+    assert all(tab.field(label).disabled for label in actions)
+    assert SIZE_NOTE not in tab.text()
 
 
 def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
@@ -88,16 +84,16 @@ def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
     now = tab.session.scenario.current_step
     x, y = tab.session.scenario.agents.position_m[1, now]
     moved = SetAgentPosition(agent_id=second, x_m=float(x) + 8.0, y_m=float(y))
-    panel, watch = tab.elements.agent, tab.model.findings
+    watch = tab.model.findings
     # Both have a problem later; only the second one's trajectory was carried along.
     both = frozenset((first, second))
     watch.problem_ids = lambda: (both, both)
     tab.run(lambda: tab.ui.apply(moved))
     assert watch.stale_ids() == {second}
     select(tab, second)
-    assert "Its trajectory no longer fits" in panel._summary.text
+    assert "Its trajectory no longer fits" in tab.text()
     select(tab, first)
-    assert "no longer fits" not in panel._summary.text
+    assert "no longer fits" not in tab.text()
 
 
 def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: FakeTab):
@@ -106,7 +102,7 @@ def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: Fa
     now = tab.session.scenario.current_step
     x, y = tab.session.scenario.agents.position_m[1, now]
     moved = SetAgentPosition(agent_id=second, x_m=float(x) + 8.0, y_m=float(y))
-    panel, watch = tab.elements.agent, tab.model.findings
+    watch = tab.model.findings
     select(tab, second)
     found = ()
     checks = []
@@ -119,16 +115,16 @@ def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: Fa
     watch.check = check
     watch.problem_ids = lambda: (frozenset(found), frozenset(found))
     tab.run(lambda: tab.ui.apply(moved))
-    until(lambda: "Its trajectory no longer fits" in panel._summary.text)
+    until(lambda: "Its trajectory no longer fits" in tab.text())
     assert checks == [False, True]
 
 
 def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
-    panel, scenario = tab.elements.agent, tab.session.scenario
+    scenario = tab.session.scenario
     select(tab, scenario.focal_id)
-    button = panel._actions["Make focal"]
-    assert (button.disabled, button.label) == (True, "Is the focal agent")
-    assert "Focal agent, exists the whole 11 s" in panel._summary.text
+    button = tab.field("Is the focal agent")
+    assert button.disabled
+    assert "Focal agent, exists the whole 11 s" in tab.text()
     other = next(name for name in scenario.agents.ids if name != scenario.focal_id)
     select(tab, other)
     assert (button.disabled, button.label) == (False, "Make focal")
@@ -137,11 +133,8 @@ def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
 def test_a_speed_that_no_agent_has_is_refused_not_replaced(tab: FakeTab):
     """(-4 became 0, and 300 became 60, without a word.)"""
     select(tab, tab.session.scenario.agents.ids[0])
-    field, before = tab.elements.agent._speed, tab.session.scenario
-    with mock.patch.object(tab.ui, "report", wraps=tab.ui.report) as told:
-        for typed, limit in ((-4.0, "0 or more"), (300.0, "60")):
-            tab.enter(field, typed)
-            until(lambda: told.called)
-            assert limit in str(told.call_args.args[0])
-            told.reset_mock()
+    before = tab.session.scenario
+    for typed, limit in ((-4.0, "0 or more"), (300.0, "60")):
+        tab.type("Speed (m/s)", typed)
+        assert limit in tab.refusal()
     assert tab.session.scenario is before

@@ -1,7 +1,5 @@
 """The status chip's list of problems, without a browser."""
 
-import json
-
 import pytest
 from msgspec import to_builtins
 
@@ -21,7 +19,7 @@ def tab(tmp_path_factory):
 def status(tab):
     """What the chip shows."""
     tab.run(tab.elements.chip.show)
-    return json.loads(tab.ui.overlay._shown["status"])
+    return tab.shown("status")
 
 
 def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkeypatch):

@@ -1,6 +1,5 @@
 """Live regeneration in the whole tab, without a browser."""
 
-import json
 import threading
 from dataclasses import replace
 
@@ -66,7 +65,7 @@ def reacting(tab: FakeTab) -> tuple[str, ...]:
 
 
 def choose(tab: FakeTab, scope: str) -> None:
-    tab.run(lambda: tab.elements.generation.live_switch._scope_chosen(scope))
+    tab.type("Live: agents", scope)
 
 
 def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:
@@ -192,20 +191,13 @@ def test_the_next_value_of_a_slider_is_shown_while_the_reaction_is_awaited(
     tab: FakeTab, drift: DriftGenerator
 ):
     generate(tab)
-    panel = tab.elements.road
-    bend = panel._power["smooth-turn"]
     gate = threading.Event()
     drift.on_step = lambda _step: gate.wait(10) and None
-
-    def typed(value: float) -> None:
-        bend.value = value
-        panel._changed()
-
-    tab.run(lambda: typed(4.0))
+    tab.type("Bend", 4.0)
     tab.run(tab.ui.end_gesture)
     assert tab.ui.gesture == "refining"
-    tab.run(lambda: typed(-6.0))
-    assert bend.value == -6.0
+    tab.type("Bend", -6.0)
+    assert tab.field("Bend").value == -6.0
     assert tab.session.scenario.applied_warp.warp.terms[0].power == -6.0
     assert tab.session.entries[-1].label == "Bend the road: bend +4"
     gate.set()
@@ -215,20 +207,14 @@ def test_the_next_number_is_shown_while_the_reaction_is_awaited(
     tab: FakeTab, drift: DriftGenerator
 ):
     generate(tab)
-    panel = tab.elements.agent
     tab.run(lambda: tab.session.select(tab.session.scenario.agents.ids[:1]))
     gate = threading.Event()
     drift.on_step = lambda _step: gate.wait(10) and None
-
-    def typed(speed_mps: float) -> None:
-        panel._speed.value = speed_mps
-        panel._set_speed(speed_mps)
-
-    tab.run(lambda: typed(4.0))
+    tab.type("Speed (m/s)", 4.0)
     tab.run(tab.ui.end_gesture)
     assert tab.ui.gesture == "refining"
-    tab.run(lambda: typed(6.0))
-    assert panel._speed.value == 6.0
+    tab.type("Speed (m/s)", 6.0)
+    assert tab.field("Speed (m/s)").value == 6.0
     assert tab.session.entries[-1].label.endswith("4.0 m/s")
     gate.set()
 
@@ -243,7 +229,7 @@ def test_switched_off_nothing_reacts_and_the_workspace_remembers_it(tab: FakeTab
         agent_ids=(first,), dx_m=1.0
     )
     assert not tab.tab.workspace.view.is_live
-    tools = json.loads(tab.ui.overlay._shown["toolbar"])["tools"]
+    tools = tab.shown("toolbar")["tools"]
     (live,) = [one for one in tools if one["icon"] == "live"]
     assert live["isActive"] is False
 

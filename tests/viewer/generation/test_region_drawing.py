@@ -32,10 +32,10 @@ def test_a_square_without_room_is_refused():
 
 
 def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
-    drawing, panel = tab.elements.region, tab.elements.generation
+    drawing = tab.elements.region
     scenario = tab.session.scenario
-    tab.run(drawing.toggle)
-    assert panel._where.value == IN_REGION
+    tab.press("Draw a region")
+    assert tab.field("Where").value == IN_REGION
     assert drawing.is_active
     one, other = scenario.agents.position_m[:, scenario.current_step]
     assert other[1] - one[1] > 3.0
@@ -45,15 +45,15 @@ def test_a_drawn_region_is_where_agents_are_replaced(tab: FakeTab):
     assert not drawing.is_active
     assert drawing.region is not None
     assert drawing.region.held(scenario, scenario.agents.ids) == scenario.agents.ids[:1]
-    panel._keeps_focal.value = panel._keeps_ego.value = False
-    assert panel._replaced(scenario) == scenario.agents.ids[:1]
+    tab.type("Keep focal agent", False)
+    assert tab.field("Vehicles").value == 1
     # A late event of a mode that is over changes nothing.
     before = drawing.region
     tab.hear("region", **{**event, "end": (one + 60.0).tolist()})
     assert drawing.region is before
     tab.hear("region", kind="clear")
     assert drawing.region is None
-    assert panel._where.value == AROUND_TRAFFIC
+    assert tab.field("Where").value == AROUND_TRAFFIC
 
 
 def test_modes_end_each_other_and_escape_ends_the_drawing(tab: FakeTab):
@@ -71,14 +71,13 @@ def test_modes_end_each_other_and_escape_ends_the_drawing(tab: FakeTab):
     assert not measure.is_active
     tab.run(tab.elements.escape)
     assert not drawing.is_active
-    assert tab.elements.generation._where.value == AROUND_TRAFFIC
+    assert tab.field("Where").value == AROUND_TRAFFIC
 
 
 def test_without_a_region_the_panel_says_what_to_do(tab: FakeTab):
-    panel = tab.elements.generation
-    panel._where.value = IN_REGION
-    with pytest.raises(GenerationError, match="Press 'Draw a region'"):
-        panel._region()
+    tab.type("Where", IN_REGION)
+    tab.hear("run", kind="resample")
+    assert "Press 'Draw a region'" in tab.shown("run")["text"]
 
 
 def test_another_scene_has_no_region_yet(tab: FakeTab):

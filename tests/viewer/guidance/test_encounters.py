@@ -1,27 +1,21 @@
 """What could happen to an agent: asked for, pointed at, made, and looked for again."""
 
-import json
-
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.possible_encounters import possible_encounters
 from pd_editor.editor.commands import DeleteAgents, SetAgentPosition, SetFocalAgent
 from tests.viewer.fake_browser import FakeTab, until
 
 
-def shown(tab: FakeTab, element: str) -> dict:
-    return json.loads(tab.ui.overlay._shown[element])
-
-
 def listed(tab: FakeTab) -> dict:
-    return shown(tab, "guidance_panel")["encounters"]
+    return tab.shown("guidance_panel")["encounters"]
 
 
 def arcs(tab: FakeTab) -> list[dict]:
-    return [m for m in shown(tab, "guidance_marks")["marks"] if m["shape"] == "arc"]
+    return [m for m in tab.shown("guidance_marks")["marks"] if m["shape"] == "arc"]
 
 
 def send(tab: FakeTab, **event) -> None:
-    tab.hear("guidance_panel", **event)
+    tab.hear("guidance_panel", **{"version": None, "count": 0, **event})
 
 
 def asked(tab: FakeTab) -> dict:
@@ -102,7 +96,7 @@ def test_the_menu_of_a_threat_tells_which_approaches_are_infeasible(tab: FakeTab
     asked(tab)
     send(tab, kind="make", number=0)
     tab.run(tab.model.checked.emit)
-    (row,) = shown(tab, "guidance_panel")["rows"]
+    (row,) = tab.shown("guidance_panel")["rows"]
     (approach,) = [one for one in row["inputs"] if one["name"] == "approach"]
     assert approach["value"] not in approach["notes"]
     few, sentence = approach["notes"]["pulls out"]
@@ -126,7 +120,7 @@ def test_the_list_is_of_the_agent_and_scene_that_it_was_asked_for(tab: FakeTab):
 def test_a_threat_has_one_name_in_list_menu_and_history(tab: FakeTab):
     words = asked(tab)["items"][0]["text"].split(":")[0]
     send(tab, kind="make", number=0)
-    (row,) = shown(tab, "guidance_panel")["rows"]
+    (row,) = tab.shown("guidance_panel")["rows"]
     (how,) = [one for one in row["inputs"] if one["name"] == "approach"]
     assert how["value"] == words
     assert f"({words})" in tab.session.scenario.guidance[0].in_words
@@ -136,7 +130,7 @@ def test_a_threat_has_one_name_in_list_menu_and_history(tab: FakeTab):
         index=0,
         name="approach",
         value="crosses",
-        version=shown(tab, "guidance_panel")["version"],
+        version=tab.shown("guidance_panel")["version"],
     )
     (term,) = tab.session.scenario.guidance
     assert isinstance(term, Threaten)

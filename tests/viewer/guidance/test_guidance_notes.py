@@ -1,6 +1,5 @@
 """What the panel says of a guided run, and the unguided sample instead of it."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
 from pd_editor.viewer.generation.generation_run import GenerationInput
 from pd_editor.viewer.guidance.guidance_notes import NOT_RUN, TAKE_UNGUIDED
 from tests.builders import two_agents_that_pass
+from tests.editor.fake_generators import ReadyGenerator
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 TERM = TargetSpeed(agent_ids=("100",), speed_mps=5.0)
@@ -62,19 +62,6 @@ def sample_at(scenario, agent_id: str, speed_mps: float) -> TrafficSample:
     )
 
 
-class Ready:
-    """A generator that returns what it was given."""
-
-    name = "ready"
-
-    def __init__(self, traffic: GeneratedTraffic) -> None:
-        self.traffic = traffic
-
-    def generate(self, request):
-        yield from ()
-        return self.traffic
-
-
 @pytest.fixture
 def guided(tab: FakeTab) -> FakeTab:
     """A tab after a guided run that made the scene worse."""
@@ -97,22 +84,20 @@ def guided(tab: FakeTab) -> FakeTab:
         unguided=sample_at(scenario, agent_id, 3.0),
         motion_problems=("Agent 100 brakes with 9.1 m/s2.",),
     )
-    traffic = GeneratedTraffic(
-        samples=(sample_at(scenario, agent_id, 5.0),),
-        generator="ready",
-        guidance=(report,),
-    )
+    ready = ReadyGenerator((sample_at(scenario, agent_id, 5.0),), (report,))
     run = tab.elements.generation.result
     task = GenerationInput(
         base=scenario,
         request=GenerationRequest(scenario=scenario, agent_ids=(agent_id,)),
     )
-    tab.run(lambda: run._finished(task, traffic, 0.0))
+    tab.run(lambda: run.start("ready", lambda: ready, task))
+    until(lambda: not tab.model.is_running)
+    tab.run(lambda: None)
     return tab
 
 
 def panel(tab: FakeTab) -> dict:
-    return json.loads(tab.ui.overlay._shown["guidance_panel"])
+    return tab.shown("guidance_panel")
 
 
 def speed(tab: FakeTab) -> float:
@@ -145,7 +130,7 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
 
 def test_the_unguided_sample_is_taken_and_undone(guided: FakeTab):
     count = len(guided.session.entries)
-    guided.hear("guidance_panel", kind="take")
+    guided.hear("guidance_panel", kind="take", version=None, count=0)
     assert speed(guided) == 3.0
     assert len(guided.session.entries) == count + 1
     # (W15) In the history both runs had the same name.
@@ -219,7 +204,7 @@ def test_a_goal_that_is_dragged_too_far_is_told_during_the_drag(tab: FakeTab):
     tab.run(lambda: tab.ui.preview("a drag", command))
     (note,) = panel(tab)["rows"][0]["notes"]
     assert "move it" in note["text"]
-    (mark,) = json.loads(tab.ui.overlay._shown["guidance_marks"])["marks"]
+    (mark,) = tab.shown("guidance_marks")["marks"]
     assert mark["isBad"]
     assert note["text"] in mark["lines"]
     tab.run(tab.ui.abort_gesture)

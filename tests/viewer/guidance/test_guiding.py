@@ -1,6 +1,5 @@
 """The drawing mode, its marks and its list, without a browser."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -19,14 +18,9 @@ from pd_editor.viewer.guidance.term_marks import OFFER
 from tests.viewer.fake_browser import FakeTab
 
 
-def shown(tab: FakeTab, element: str) -> dict:
-    """What the page shows of an element."""
-    return json.loads(tab.ui.overlay._shown[element])
-
-
 def target(tab: FakeTab) -> str:
     """Whom the run bar would regenerate."""
-    return shown(tab, "run")["verbs"][0]["target"]
+    return tab.shown("run")["verbs"][0]["target"]
 
 
 def ray_to(point) -> dict:
@@ -65,7 +59,7 @@ def test_a_goal_is_clicked_moved_and_undone(tab: FakeTab):
     assert term.point_m == pytest.approx(tuple(by(place, 20.0, 0.0)), abs=0.01)
     # A second goal of the agent replaces the first and keeps its strength.
     event = {"kind": "weight", "index": 0, "stop": 7, "isEnd": True, "version": 1}
-    tab.hear("guidance_panel", **event)
+    tab.hear("guidance_panel", **event, count=0)
     draw(tab, "goal-point", kind="click", **ray_to(by(place, 30.0, 0.0)))
     (moved,) = guidance(tab)
     assert moved.point_m[0] == pytest.approx(place[0] + 30.0, abs=0.01)
@@ -123,7 +117,7 @@ def test_another_agent_is_picked_and_itself_is_not(tab: FakeTab):
     assert guidance(tab) == ()
     assert tab.elements.steering.mode.is_active
     tab.hear("guiding", tool="yield-to", kind="point", **ray_to(there))
-    assert shown(tab, "guiding")["ghost"]["text"] == f"vehicle {other}"
+    assert tab.shown("guiding")["ghost"]["text"] == f"vehicle {other}"
     tab.hear("guiding", tool="yield-to", kind="click", **ray_to(there))
     assert guidance(tab) == (YieldTo(agent_id=one, other_id=other),)
 
@@ -132,11 +126,13 @@ def test_a_line_is_drawn_and_garbage_of_the_page_is_left_out(tab: FakeTab):
     agent_id, place = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
     points = [[float(place[0] + d), float(place[1])] for d in range(0, 30, 2)]
-    draw(tab, "follow-path", kind="drawn", points=[*points, "x", [1e99, 0], None])
+    draw(tab, "follow-path", kind="drawn", points=[*points, [1e99, 0]])
     (term,) = guidance(tab)
     assert isinstance(term, FollowPath)
     assert len(term.points_m) == 2
-    draw(tab, "follow-path", kind="drawn", points={"no": "list"})
+    draw(tab, "follow-path", kind="drawn", points=[*points, "x"])
+    assert guidance(tab) == (term,)
+    draw(tab, "follow-path", kind="drawn")
     assert guidance(tab) == (term,)
 
 
@@ -152,9 +148,9 @@ def drag(tab: FakeTab, index: int, *points, drop=None, kind="drop") -> None:
 def test_the_flag_at_the_end_of_a_trajectory_is_dragged_as_one_edit(tab: FakeTab):
     tab.run(tab.elements.generation.live_switch.toggle)
     agent_id, place = focal(tab)
-    assert not any(m["index"] == OFFER for m in shown(tab, "guidance_marks")["marks"])
+    assert not any(m["index"] == OFFER for m in tab.shown("guidance_marks")["marks"])
     tab.run(lambda: tab.session.select((agent_id,)))
-    (offer,) = shown(tab, "guidance_marks")["marks"]
+    (offer,) = tab.shown("guidance_marks")["marks"]
     assert offer["index"] == OFFER
     goals = [by(place, d, 0.5) for d in (20.0, 22.0, 25.0)]
     drag(tab, OFFER, *goals, drop=goals[-1])
@@ -162,7 +158,7 @@ def test_the_flag_at_the_end_of_a_trajectory_is_dragged_as_one_edit(tab: FakeTab
     assert isinstance(term, GoalPoint)
     assert term.point_m == pytest.approx(tuple(goals[-1]), abs=0.01)
     assert len(tab.session.entries) == 1
-    (mark,) = shown(tab, "guidance_marks")["marks"]
+    (mark,) = tab.shown("guidance_marks")["marks"]
     assert (mark["shape"], mark["isChosen"]) == ("flag", True)
     drag(tab, 0, goals[0], drop=goals[1])
     assert len(tab.session.entries) == 2
@@ -179,19 +175,19 @@ def test_a_drag_that_is_refused_or_cancelled_changes_nothing(tab: FakeTab, kind)
     assert tab.session.scenario is before
     assert not tab.session.entries
     assert not tab.session.state.is_previewing
-    assert shown(tab, "guidance_marks")["refusal"] == ""
+    assert tab.shown("guidance_marks")["refusal"] == ""
 
 
 def test_an_undo_during_a_drag_ends_it(tab: FakeTab):
     agent_id, place = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
-    handles = tab.elements.steering._handles
-    tab.run(lambda: handles._heard({"kind": "grab", "index": OFFER}))
-    event = {"kind": "drag", "point": list(map(float, by(place, 20.0, 0.0)))}
-    tab.run(lambda: handles._heard(event))
-    tab.run(tab.elements.history.undo)
+    event = {"index": OFFER, "point": list(map(float, by(place, 20.0, 0.0)))}
+    tab.hear("guidance_marks", kind="grab", index=OFFER)
+    tab.hear("guidance_marks", kind="drag", **event)
+    assert len(guidance(tab)) == 1
+    tab.press("Undo")
     before = tab.session.scenario
-    tab.run(lambda: handles._heard({**event, "kind": "drop"}))
+    tab.hear("guidance_marks", kind="drop", **event)
     assert tab.session.scenario is before
     assert guidance(tab) == ()
 
@@ -220,7 +216,7 @@ def test_the_list_shows_terms_of_the_selection(tab: FakeTab):
     assert listed(terms, ()) == [0, 1, 2, 3]
     for term in terms:
         tab.run(lambda term=term: tab.ui.apply(AddGuidance(term=term)))
-    rows = shown(tab, "guidance_panel")["rows"]
+    rows = tab.shown("guidance_panel")["rows"]
     assert [row["name"] for row in rows] == [
         f"Target speed of vehicle {one}",
         "Target speed of all agents",
@@ -228,13 +224,13 @@ def test_the_list_shows_terms_of_the_selection(tab: FakeTab):
         f"Target speed of vehicle {other}",
     ]
     assert [row["isOn"] for row in rows] == [True, True, True, False]
-    marks = shown(tab, "guidance_marks")["marks"]
+    marks = tab.shown("guidance_marks")["marks"]
     assert sorted(mark["shape"] for mark in marks) == ["arrow", "badge", "badge"]
 
 
 def heard(tab: FakeTab, **event) -> None:
-    version = shown(tab, "guidance_panel")["version"]
-    tab.hear("guidance_panel", **{"version": version, **event})
+    version = tab.shown("guidance_panel")["version"]
+    tab.hear("guidance_panel", **{"version": version, "count": 0, **event})
 
 
 def test_terms_of_the_form_are_added_changed_switched_and_removed(tab: FakeTab):
@@ -252,7 +248,7 @@ def test_terms_of_the_form_are_added_changed_switched_and_removed(tab: FakeTab):
         (("speed_mps", 900), ("speed_mps", "x"), ("weight", 2)), start=5
     ):
         heard(tab, kind="input", index=0, name=name, value=value, count=count)
-        assert shown(tab, "guidance_panel")["answered"] == count
+        assert tab.shown("guidance_panel")["answered"] == count
     assert guidance(tab) == (replace(term, speed_mps=4.5),)
     heard(tab, kind="switch", index=0, isOn=False)
     assert not guidance(tab)[0].is_on
@@ -272,8 +268,8 @@ def test_an_input_of_a_list_that_is_gone_changes_nothing(tab: FakeTab):
     tab.run(lambda: tab.session.select((agent_id,)))
     heard(tab, kind="tool", tool="target-speed")
     before = tab.session.scenario
-    version = shown(tab, "guidance_panel")["version"]
-    tab.hear("guidance_panel", kind="remove", index=0, version=version - 1)
+    version = tab.shown("guidance_panel")["version"]
+    tab.hear("guidance_panel", kind="remove", index=0, version=version - 1, count=0)
     heard(tab, kind="remove", index=7)
     heard(tab, kind="remove", index="0")
     assert tab.session.scenario is before
@@ -324,15 +320,13 @@ def test_what_a_new_term_replaces():
 def test_an_agent_is_guided_along_a_possible_trajectory(tab: FakeTab):
     agent_id, place = focal(tab)
     tab.run(lambda: tab.session.select((agent_id,)))
-    candidates = tab.elements.candidates
-    tab.run(candidates.toggle_candidates)
-    options = tuple(candidates._choice.options)
-    candidates._choice.value = options[1]
-    tab.run(candidates._guide_along)
+    tab.press("Show possible trajectories")
+    tab.type("Trajectory", tab.field("Trajectory").options[1])
+    tab.press("Guide along this trajectory")
     (term,) = guidance(tab)
     assert isinstance(term, FollowPath)
     assert np.linalg.norm(np.array(term.points_m[0]) - place) < 1.0
-    assert not candidates.shows_candidates
+    assert not tab.elements.candidates.shows_candidates
 
 
 def test_a_row_of_the_list_is_picked_like_an_agent_of_the_picture(tab: FakeTab):
@@ -345,7 +339,7 @@ def test_a_row_of_the_list_is_picked_like_an_agent_of_the_picture(tab: FakeTab):
 
     def choose(name: str) -> None:
         rows = [scenario.agents.row_of[name]]
-        number = shown(tab, "agents")["number"]
+        number = tab.shown("agents")["number"]
         tab.hear("agents", kind="select", number=number, rows=rows)
 
     tab.run(lambda: mode.toggle("threaten"))

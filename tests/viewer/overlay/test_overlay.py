@@ -1,7 +1,5 @@
 """The Python side of the overlay: what it sends, and what it makes of answers."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -33,8 +31,7 @@ def test_events_reach_their_element_alone(tab):
     events = [{"kind": "tab", "title": "Road"}, {"kind": "hold"}]
     overlay.on("panel", heard.append)
     for event in events:
-        message = json.dumps({"number": 1, "element": "panel", "event": event})
-        tab.run(lambda message=message: overlay._heard(message))
+        tab.hear("panel", **event)
     assert heard == events
 
 
@@ -56,7 +53,7 @@ def test_events_reach_their_element_alone(tab):
 def test_garbage_is_dropped(tab, text):
     heard = []
     tab.ui.overlay.on("panel", heard.append)
-    tab.run(lambda: tab.ui.overlay._heard(text))
+    tab.type("overlay", text)
     assert heard == []
     assert tab.run(lambda: "still working") == "still working"
 

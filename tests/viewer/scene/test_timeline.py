@@ -98,8 +98,9 @@ def test_hard_braking_in_a_roll_out_is_marked(tab):
 
 
 def marks(tab) -> list[tuple[str, int, str]]:
-    found = tab.elements.timeline._shown_marks()
-    return [(kind, mark.step, mark.text) for kind, mark in found]
+    shown = tab.shown("timeline")
+    now = tab.session.scenario.current_step
+    return [(one["kind"], one["step"] + now, one["text"]) for one in shown["marks"]]
 
 
 def test_a_roll_out_makes_the_timeline_longer_and_undo_shorter(tab):
