@@ -19,6 +19,7 @@ from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.policy import LEAST_PLAN_S, Controls, Observation
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.top_view import DPI, Frame, TopView, pixels
 
 NUM_ROUTE_POINTS: Final = 20
 NUM_OTHERS: Final = 16
@@ -135,24 +136,15 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
         """Picture of 80 m around the agent, H x W x 3, if the mode is "rgb_array"."""
         if self.render_mode is None:
             return None
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.collections import LineCollection, PolyCollection
-        from matplotlib.figure import Figure
-
-        figure = Figure((4, 4), dpi=100)
-        canvas, axes = FigureCanvasAgg(figure), figure.add_axes((0, 0, 1, 1))
-        known, others = self._known, self._known.others
-        lanes = [lane.centerline_m[:, :2] for lane in known.road_map.lanes]
-        axes.add_collection(LineCollection(lanes, colors="#bbbbbb"))
-        axes.plot(*known.route_m.T, color="#0072b2")
-        for one, color in ((others, "#e69f00"), (known.ego, "#009e73")):
-            boxes = one.boxes[:, -1].corners_m()
-            axes.add_collection(PolyCollection(list(boxes), facecolors=color))
-        x, y = known.ego.position_m[0, -1]
-        axes.set(xlim=(x - 40, x + 40), ylim=(y - 40, y + 40))
-        axes.set_axis_off()
-        canvas.draw()
-        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+        world, known = self._rolling.world, self._known
+        frame = Frame(middle_m=known.ego.position_m[0, -1], half_m=np.full(2, 40.0))
+        view = TopView(world.scenario, 72 * 400 / 80 / DPI)
+        artists = (
+            *view.road(frame),
+            view.line(known.route_m),
+            *view.traffic(world.step, trail_s=0.0),
+        )
+        return pixels(artists, frame, (400, 400), view.palette.ground)[..., :3].copy()
 
 
 def _opened(scene: str | Path, recipe: str | Path) -> Scenario:

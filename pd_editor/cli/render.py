@@ -1,10 +1,11 @@
-"""``pd-editor render``: scenes as one page that any browser plays."""
+"""``pd-editor render``: scenes as a page that plays them, a film, or a figure."""
 
 import os
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import tyro
 
@@ -14,8 +15,23 @@ from pd_editor.cli.export import opened_session
 from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
 from pd_editor.cli.options.arguments import CurrentOption, Switch, UntilOption
 from pd_editor.cli.output.outcome import Outcome, described
+from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.formats.figure import FigureLook
+from pd_editor.scene.formats.film import FilmLook
+from pd_editor.scene.formats.pictures import LOOKS, picture
 from pd_editor.scene.formats.player import player_page
+from pd_editor.scene.scenario import Scenario
+
+_FIELDS: Final = {
+    "at": "at_s",
+    "compare": "compares",
+    "names": "has_names",
+    "width": "width_mm",
+    "height": "height_px",
+    "radius": "radius_m",
+}
+"""Names of options in the looks of films and figures."""
 
 
 def render(
@@ -29,23 +45,43 @@ def render(
     out: Annotated[str | Path, tyro.conf.arg(metavar="FILE")],
     current: CurrentOption = None,
     until: UntilOption = None,
+    at: tuple[float, ...] = (),
+    compare: Switch = False,
+    names: Switch = False,
+    width: float | None = None,
+    height: int | None = None,
+    follow: str = "",
+    radius: float | None = None,
     overwrite: Switch = False,
 ) -> Outcome:
-    """Write scenes as one HTML file that any browser plays, without a network.
+    """Write scenes as an HTML page that plays offline, or one as a film or a figure.
 
     Args:
-        scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, recipe.json files, folders of scenes, or patterns; demos for all demos.
-        out: File to write, such as scenes.html.
+        scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, recipe.json files, folders of scenes, or patterns; demos for all demos. Films and figures take one, pd-editor convert --to mp4 many.
+        out: File to write: .html plays, .mp4, .webm and .gif are films, .pdf, .svg and .png figures.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
+        at: Moments of a figure side by side, in seconds after the current step; 0 unless given.
+        compare: Draw above a figure the scene before its recipe warped the road.
+        names: Write agents' ids into a figure.
+        width: Width of a figure in millimetres, 180 unless given.
+        height: Height of a film in pixels, 1080 unless given (a GIF: 480).
+        follow: Id of the agent that stays in the middle of a film or figure.
+        radius: Metres from the middle of a film or figure to its upper edge, 40 unless given.
         overwrite: Replace the file.
     """
     several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
     target = user_path(str(out))
-    if target.suffix.lower() != ".html":
-        raise ExportError(
-            f"{target}: is no name of a page; expected one that ends in .html."
-        )
+    asked = {
+        "at": at,
+        "compare": compare,
+        "names": names,
+        "width": width,
+        "height": height,
+        "follow": follow,
+        "radius": radius,
+    }
+    look = _look(target, {name: one for name, one in asked.items() if one})
     if os.path.exists(target) and not overwrite:
         raise ExportError(f"{target}: is there already; add --overwrite to replace it.")
     named = (scenes_of(str(one), SCENE_FILES, target) for one in several)
@@ -57,11 +93,50 @@ def render(
     found = tuple(replace(one.scenario, scenario_id=one.name) for one in sessions)
     if not found:
         raise EditError("Missing SCENARIO; see pd-editor render --help.")
-    page = player_page(found)
-    write_whole(target, page)
+    content = _content(found, target, look)
+    write_whole(target, content)
     count = f"{len(found)} scene{'s' * (len(found) != 1)}"
     return Outcome(
         folders=(target,),
         scenarios=found,
-        remarks=(f"{count}, {len(page) / 1e6:.2f} MB.",),
+        remarks=(f"{count}, {len(content) / 1e6:.2f} MB.",),
     )
+
+
+def _content(
+    scenarios: Sequence[Scenario], target: Path, look: FigureLook | FilmLook | None
+) -> bytes:
+    if look is None:
+        return player_page(scenarios)
+    scenario, *others = scenarios
+    ending = target.suffix.lower().removeprefix(".")
+    if others:
+        raise ExportError(
+            f"{target}: shows one scene, not {len(scenarios)}; pd-editor convert --to "
+            f"{ending} writes one file for each."
+        )
+    line, told = ProgressLine(), "{} of {} frames".format
+    content = picture(scenario, ending, look, lambda *now: line.show(told(*now)))
+    line.clear()
+    return content
+
+
+def _look(target: Path, asked: Mapping[str, Any]) -> FigureLook | FilmLook | None:
+    """How a film or figure is to look; None: the file is a page.
+
+    Raises:
+        ExportError: the file's ending is of no kind, or its kind has no such option.
+    """
+    ending = target.suffix.lower().removeprefix(".")
+    if ending not in ("html", *LOOKS):
+        raise ExportError(
+            f"{target}: is no page, film or figure; expected a name that ends in .html, "
+            f".{', .'.join(LOOKS)}."
+        )
+    look = LOOKS.get(ending)
+    known = {one.name for one in fields(look)} if look is not None else set()
+    named = {_FIELDS.get(name, name): one for name, one in asked.items()}
+    for option, name in zip(asked, named, strict=True):
+        if name not in known:
+            raise ExportError(f"--{option}: a file .{ending} has no such option.")
+    return None if look is None else replace(look, **named)

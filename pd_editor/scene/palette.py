@@ -56,6 +56,12 @@ class Palette:
         }
 
 
+def parts_of_one(color: Rgb) -> tuple[float, float, float]:
+    """A colour as matplotlib takes it."""
+    red, green, blue = color
+    return red / 255, green / 255, blue / 255
+
+
 def agent_color(scenario: Scenario, palette: Palette, row: int) -> Rgb:
     """Colour of an agent: its kind's, unless it is the focal agent or the ego."""
     agent_id = scenario.agents.ids[row]

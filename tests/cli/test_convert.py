@@ -87,7 +87,8 @@ def test_formats_that_cannot_be_written_are_refused_before_anything_is_read(
         told = shell.refused(*command, "lanelet2", "--out", tmp_path / "x")
         assert told == (
             "No format 'lanelet2' can be written; there are av2, commonroad, "
-            "gpudrive, opendrive, scenarionet, sumo, tables, player."
+            "gpudrive, opendrive, scenarionet, sumo, tables, player, mp4, webm, gif, "
+            "pdf, svg, png."
         )
     told = shell.refused(
         "export", "queue", "--format", "commonroad", "--verify", "--out", tmp_path / "x"

@@ -30,7 +30,7 @@ def test_scenes_and_recipes_become_one_page(shell: Shell, tmp_path: Path):
 def test_wrong_places_are_told_before_scenes_are_read(shell: Shell, tmp_path: Path):
     result = shell.run("render", "merge", "--out", tmp_path / "set.txt")
     assert (result.code, result.out) == (2, "")
-    assert "ends in .html" in result.err
+    assert "ends in .html, .mp4" in result.err
     assert shell.run("render", "nothing", "--out", tmp_path / "a.html").code == 2
     assert not list(tmp_path.iterdir())
 
@@ -40,3 +40,28 @@ def test_a_player_is_a_format_to_export_to(shell: Shell, tmp_path: Path):
     assert result.code == 0, result.err
     (page,) = tmp_path.glob("merge/*.html")
     assert scenes_in(page.read_bytes())[0]["name"] == "merge"
+
+
+def test_a_film_and_figures_are_rendered_by_their_endings(shell: Shell, tmp_path: Path):
+    warped = pd_editor.warp(JUNCTION, kind="smooth-turn", power=6, out=tmp_path)
+    recipe = warped.folder / "recipe.json"
+    film = tmp_path / "a.gif"
+    done = shell.run("render", recipe, "--until", 0.5, "--height", 120, "--out", film)
+    assert done.code == 0, done.err
+    assert film.read_bytes().startswith(b"GIF8")
+    figure = tmp_path / "a.PDF"
+    asked = ("--compare", "--at", 0, 1, "--names", "--width", 88, "--radius", 30)
+    assert shell.run("render", recipe, *asked, "--out", figure).code == 0
+    assert figure.read_bytes().startswith(b"%PDF")
+
+
+def test_options_of_another_kind_and_several_scenes_are_refused(
+    shell: Shell, tmp_path: Path
+):
+    told = shell.refused("render", "merge", "--at", 1, "--out", tmp_path / "a.mp4")
+    assert told == "--at: a file .mp4 has no such option."
+    told = shell.refused("render", "merge", "--radius", 9, "--out", tmp_path / "a.html")
+    assert told == "--radius: a file .html has no such option."
+    told = shell.refused("render", "merge", "queue", "--out", tmp_path / "a.webm")
+    assert told.endswith("pd-editor convert --to webm writes one file for each.")
+    assert not list(tmp_path.iterdir())

@@ -3,12 +3,10 @@
 import base64
 import html
 import json
-import math
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,12 +14,12 @@ from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.crosswalk_stripes import crosswalk_stripes
-from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
+from pd_editor.scene.formats.scene_format import WrittenScene, format_to_write
 from pd_editor.scene.geometry.polyline import arc_length
-from pd_editor.scene.lane_marks import DASH_M, GAP_M, boundaries, marked_lines
+from pd_editor.scene.lane_marks import DASH_M, GAP_M, boundaries
 from pd_editor.scene.palette import DARK, LIGHT, Rgb, agent_color
-from pd_editor.scene.road_map import LaneKind, RoadMap
+from pd_editor.scene.road_layers import road_layers
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState
 
@@ -132,28 +130,14 @@ def scene_data(scenario: Scenario) -> dict[str, Any]:
 
 def _road(road_map: RoadMap) -> Iterator[dict[str, Any]]:
     """Areas and lines from the ground up, each with its colour and look."""
-
-    def layer(name: str, lines: Iterable[np.ndarray], **look: object) -> dict[str, Any]:
-        colors = _colors(getattr(LIGHT, name), getattr(DARK, name))
-        return {"colors": colors, "lines": _lines(lines), **look}
-
-    yield layer("road", (one.boundary for one in road_map.drivable_areas))
-    lanes = road_map.lanes
-    yield layer("intersection", (n.outline_m() for n in lanes if n.is_intersection))
-    for name, kind in (
-        ("lane", LaneKind.VEHICLE),
-        ("bus_lane", LaneKind.BUS),
-        ("bike_lane", LaneKind.BIKE),
-    ):
-        alike = (n for n in lanes if n.kind is kind and not n.is_intersection)
-        yield layer(name, (n.outline_m() for n in alike))
-    stripes = crosswalk_stripes(road_map)
-    yield layer("crosswalk", (np.array(one.exterior.coords) for one in stripes))
-    dashes = [DASH_M, GAP_M, DASH_M + GAP_M / 2]
-    for one in marked_lines(road_map, math.inf):
-        dash = {"dash": dashes} if one.is_dashed else {}
-        yield layer(one.color_name, one.lines.apart(), width=one.width_m, **dash)
-    yield layer("direction", (n.centerline_m for n in lanes), isArrow=True)
+    for one in road_layers(road_map):
+        colors = _colors(getattr(LIGHT, one.color_name), getattr(DARK, one.color_name))
+        look: dict[str, Any] = {"isArrow": True} if one.is_arrow else {}
+        if one.width_m is not None:
+            look["width"] = one.width_m
+        if one.is_dashed:
+            look["dash"] = [DASH_M, GAP_M, DASH_M + GAP_M / 2]
+        yield {"colors": colors, "lines": _lines(one.lines), **look}
 
 
 def _signals(scenario: Scenario) -> Iterator[dict[str, Any]]:
@@ -240,19 +224,8 @@ def _colors(light: Rgb, dark: Rgb) -> list[str]:
     return ["#{:02x}{:02x}{:02x}".format(*color) for color in (light, dark)]
 
 
-def _recognises(path: Path) -> bool:
-    del path
-    return False
-
-
 def _write(scenario: Scenario) -> WrittenScene:
     return WrittenScene(files={f"{scenario.scenario_id}.html": player_page([scenario])})
 
 
-PLAYER: Final = SceneFormat(
-    name="player",
-    title="Player (HTML)",
-    endings=(),
-    recognises=_recognises,
-    write=_write,
-)
+PLAYER: Final = format_to_write("player", "Player (HTML)", _write)

@@ -17,6 +17,7 @@ from pd_editor.scene.formats.gpudrive import GPUDRIVE
 from pd_editor.scene.formats.lanelet2 import LANELET2
 from pd_editor.scene.formats.opendrive import OPENDRIVE
 from pd_editor.scene.formats.packed_file import unpacked_name
+from pd_editor.scene.formats.pictures import PICTURES
 from pd_editor.scene.formats.player import PLAYER
 from pd_editor.scene.formats.scenarionet import SCENARIONET
 from pd_editor.scene.formats.scene_format import SceneFormat
@@ -35,6 +36,7 @@ OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     SUMO,
     TABLES,
     PLAYER,
+    *PICTURES,
 )
 
 _LOG: Final = logging.getLogger(__name__)

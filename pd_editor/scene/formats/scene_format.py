@@ -44,3 +44,12 @@ class SceneFormat:
     """Reads a path; raises an ``InputError`` of one sentence."""
     write: Callable[[Scenario], WrittenScene] | None = None
     """Makes the files of a scene; raises an ``ExportError`` of one sentence."""
+
+
+def format_to_write(
+    name: str, title: str, write: Callable[[Scenario], WrittenScene]
+) -> SceneFormat:
+    """A format whose files are never read."""
+    return SceneFormat(
+        name=name, title=title, endings=(), recognises=lambda _path: False, write=write
+    )
