@@ -45,7 +45,7 @@ LEFT_ALONE = (
     "Discard",
     "Open folder",
     "Upload",
-    "Remove the ticked",
+    "Remove",
 )
 """Buttons that load torch, forget work on purpose, or want a file."""
 

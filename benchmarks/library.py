@@ -16,7 +16,7 @@ from pathlib import Path
 import pd_editor
 from benchmarks.figures import load_in_words
 from pd_editor.editor.library.library import CARD_NAME, SORTS, Library, card_content
-from pd_editor.experiments.scene_index.find import find_scenes
+from pd_editor.experiments.scene_index.find import find_places
 from pd_editor.experiments.scene_index.index_file import IndexWriter, row_of, stamp_of
 
 WORDS = ("junction", "miami merge", "nothing-of-this-kind")
@@ -94,7 +94,7 @@ def main() -> None:
         index = IndexWriter(root / "scenes.index.parquet", scenes).index()
         assert len(index.table) == count
         for text in QUERIES:
-            told(f"query {text!r}", [lambda text=text: find_scenes(index, text)] * 10)
+            told(f"query {text!r}", [lambda text=text: find_places(index, text)] * 20)
     print(load_in_words())
 
 

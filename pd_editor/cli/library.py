@@ -3,8 +3,9 @@
 import json as json_text
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,8 +24,9 @@ from pd_editor.cli.options.arguments import (
     OptionalWorkers,
     Switch,
     TagsOption,
+    several,
 )
-from pd_editor.cli.output.outcome import described, undated_recipe
+from pd_editor.cli.output.outcome import Outcome, described, undated_recipe
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.editor.library.index_table import INDEX_NAME
 from pd_editor.editor.library.library import SORTS, Library, LibraryCard, card_of
@@ -79,31 +81,13 @@ class Listed:
         if self.is_json:
             return json_text.dumps([asdict(one) for one in self.cards], indent=1)
         head = "name", "base", "city", "edits", "problems", "date", "tags", "note"
-        rows = [head, *map(_cells, self.cards)]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(
-                f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)
-            )
-            for row in rows
+        columns = zip(head, *map(_cells, self.cards), strict=True)
+        filled = [
+            [f"{one:<{max(map(len, column))}}" for one in column] for column in columns
         ]
+        lines = ["  ".join(row).rstrip() for row in zip(*filled, strict=True)]
         count = len(self.cards)
-        told = f"{count} scenario{'s' * (count != 1)}."
-        return "\n".join([*(line.rstrip() for line in lines), told])
-
-
-@dataclass(frozen=True, kw_only=True)
-class LibraryChange:
-    """What was written, or looked at, in a few sentences."""
-
-    told: tuple[str, ...]
-    names: tuple[str, ...] = ()
-    """Scenarios that were written."""
-    failures: Mapping[str, WorkFailure] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        """A line a sentence."""
-        return "\n".join(self.told)
+        return "\n".join([*lines, f"{count} scenario{'s' * (count != 1)}."])
 
 
 def add(
@@ -119,7 +103,7 @@ def add(
     note: NoteOption = "",
     author: _Author = "",
     workers: OptionalWorkers = None,
-) -> LibraryChange:
+) -> Outcome:
     """Take scenes, exported folders and recipes into a library.
 
     What is there already stays as it is. An export keeps its recipe; a name that is taken
@@ -135,20 +119,21 @@ def add(
     """
     library = Library(user_path(str(folder)))
     described("", tags, note)  # What does not fit is told before scenes are read.
-    given = scenarios if isinstance(scenarios, tuple) else (scenarios,)
-    scenes = [
-        scene
-        for one in given
-        for scene in scenes_of(str(one), SCENE_FILES, library.root)
+    found = [
+        scenes_of(str(one), SCENE_FILES, library.root) for one in several(scenarios)
     ]
+    scenes = tuple(dict.fromkeys(chain.from_iterable(found)))
     if not scenes:
         raise InputError("Missing SCENARIO; see pd-editor library add --help.")
     one_more = partial(_added, library.root, tags, note, author)
     names, failures = _of_each(one_more, scenes, workers)
-    added = tuple(names[one] for one in scenes if names.get(one))
     there = sum(not one for one in names.values())
-    told = (*added, *[f"{there} of {len(scenes)} are there already."] * bool(there))
-    return LibraryChange(told=told, names=added, failures=failures)
+    return Outcome(
+        folders=tuple(library.root / names[one] for one in scenes if names.get(one)),
+        scenarios=(),
+        remarks=(f"{there} of {len(scenes)} are there already.",) * bool(there),
+        failures=failures,
+    )
 
 
 def find(
@@ -174,10 +159,8 @@ def find(
         index_place(library.root, state_folder()), map(str, library.scenes())
     )
     find_scenes(writer.index(), query)  # A wrong query is told before scenes are read.
-    failures: Mapping[str, WorkFailure] = {}
-    if writer.num_missing:
-        with _engine(workers) as engine:
-            failures = writer.read_missing(engine, work_shown("scenes"))
+    with _engine(workers) as engine:
+        failures = writer.read_missing(engine, work_shown("scenes"))
     found = find_scenes(writer.index(), query)
     return Found(scenes=found, is_json=json, failures=failures)
 
@@ -190,7 +173,7 @@ def tag(
     add: TagsOption = (),
     remove: TagsOption = (),
     note: _Note = None,
-) -> LibraryChange:
+) -> Outcome:
     """Tag scenarios of a library, and write notes on them.
 
     Nothing is changed unless all can be; each is replaced in one step.
@@ -205,15 +188,10 @@ def tag(
     library = _opened(folder)
     if not (add or remove or note is not None):
         raise InputError("Nothing to change; expected --add, --remove or --note.")
-
-    def changed(variant: Variant) -> Variant:
-        return variant.tagged(add, remove, note)
-
-    chosen = library.named((names,) if isinstance(names, str) else names)
-    count = library.describe(chosen, changed)
-    return LibraryChange(
-        told=(f"{count} of {len(chosen)} scenarios changed.",), names=chosen
-    )
+    chosen = library.named(several(names))
+    count = library.describe(chosen, lambda one: one.tagged(add, remove, note))
+    told = f"{count} of {len(chosen)} scenarios changed."
+    return Outcome(folders=(), scenarios=(), remarks=(told,))
 
 
 def export(
@@ -225,7 +203,7 @@ def export(
     to: FormatOption = ARGOVERSE2.name,
     zip: Switch = False,
     overwrite: Switch = False,
-) -> LibraryChange:
+) -> Outcome:
     """Write scenarios of a library in some format, with an index.csv.
 
     Args:
@@ -238,14 +216,14 @@ def export(
     """
     library = _opened(folder)
     writer(to)  # A format that cannot be written is refused before files are read.
-    chosen = library.named((names,) if isinstance(names, str) else names)
+    chosen = library.named(several(names))
     place = Path(out)
     table = place / (ZIP_NAME if zip else INDEX_NAME)
     if table.exists() and not overwrite:
         raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
     if zip:
         write_whole(table, library.zipped(chosen, to))
-        return LibraryChange(told=(str(table),), names=chosen)
+        return Outcome(folders=(table,), scenarios=())
     failures, written = {}, []
     for name in chosen:
         try:
@@ -258,11 +236,11 @@ def export(
             failures[name] = failure_of(error)
     if written:
         write_whole(table, library.table(written))
-    told = tuple(str(place / one) for one in written)
-    return LibraryChange(told=told, names=tuple(written), failures=failures)
+    folders = tuple(place / one for one in written)
+    return Outcome(folders=folders, scenarios=(), failures=failures)
 
 
-def check(folder: _Folder, /, *, workers: OptionalWorkers = None) -> LibraryChange:
+def check(folder: _Folder, /, *, workers: OptionalWorkers = None) -> Outcome:
     """Check that every scenario of a library is whole.
 
     Each must open, agree with its card, and be what its recipe makes, where the recipe's
@@ -274,13 +252,9 @@ def check(folder: _Folder, /, *, workers: OptionalWorkers = None) -> LibraryChan
     """
     library = _opened(folder)
     names = library.folders()
-    faults, failures = _of_each(partial(_fault, library.root), names, workers)
-    wrong = {one: failure_of(InputError(text)) for one, text in faults.items() if text}
-    whole = len(names) - len(wrong) - len(failures)
-    return LibraryChange(
-        told=(f"{whole} of {len(names)} scenarios are whole.",),
-        failures={**failures, **wrong},
-    )
+    whole, failures = _of_each(partial(_checked, library.root), names, workers)
+    told = f"{len(whole)} of {len(names)} scenarios are whole."
+    return Outcome(folders=(), scenarios=(), remarks=(told,), failures=failures)
 
 
 def list(
@@ -340,8 +314,9 @@ def _of_each(
     return told, failures
 
 
-def _fault(root: Path, name: str) -> str:
-    return Library(root).fault(name)
+def _checked(root: Path, name: str) -> str:
+    Library(root).check(name)
+    return name
 
 
 def _added(
@@ -359,9 +334,9 @@ def _added(
         scenario = base = made_by(scenario, own) if is_file else scenario
         recipe, judge = own, None
     about = recipe.variant.tagged(tags, (), recipe.variant.note or note)
-    tried: set[str] = set()
+    wanted, tried = fit_name(recipe.result_id), set[str]()
     while True:
-        name = free_name(fit_name(recipe.result_id), tried.__contains__)
+        name = free_name(wanted, tried.__contains__)
         recipe = replace(recipe, variant=replace(about, name=name))
         files = exported_files(scenario, recipe, judge)
         if library.holds(name, files):

@@ -61,14 +61,14 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
         lambda: value(editor, "Name") == "signalised-junction-double-turn-p6", "a name"
     )
     editor.key("s")
-    notice(editor, "Starred: signalised-junction-double-turn-p6")
+    notice(editor, "Saved to library: signalised-junction-double-turn-p6")
     slow_down(editor, 3.0)
     editor.fill("Name", "My slow one!")
     editor.fill("Tags", "slow, bent")
     editor.fill("Note", "a note")
     editor.until(lambda: editor.session.variant.note, "a note")
     editor.press("Save to library")
-    notice(editor, "Starred: My-slow-one")
+    notice(editor, "Saved to library: My-slow-one")
     editor.press("Save to library")
     notice(editor, "in the library already")
     editor.screenshot("41_library")
@@ -87,24 +87,25 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
         assert recipe["variant"]["name"] == one
         assert f"{one}/scenario_{one}.parquet" in archive.namelist()
     editor.reload()
-    row = editor.page.get_by_role("button", name="My-slow-one" + _problems(rows[1]))
+    row = editor.page.get_by_role("button", name=_label(rows[1]))
     assert row.bounding_box()["height"] == pytest.approx(ROW_PX, abs=1)
     picture = row.evaluate("e => getComputedStyle(e).backgroundImage")
     assert picture.startswith('url("data:image/svg+xml;base64,')
-    editor.press("My-slow-one" + _problems(rows[1]))
+    editor.press(_label(rows[1]))
     editor.page.get_by_role("button", name="Download 1 scenario", exact=True).wait_for()
-    editor.press("Remove the ticked")
+    editor.press("Remove 1 scenario")
     editor.until(
         lambda: (
-            [one.name for one in editor.workspace.library.cards()] == ["My-slow-one"]
+            [one.name for one in editor.workspace.library.cards()] == [rows[0]["id"]]
         ),
         "an entry less",
     )
 
 
-def _problems(row: dict[str, str]) -> str:
+def _label(row: dict[str, str]) -> str:
     count = int(row["num_problems"])
-    return f" ({count} problem{'s' if count != 1 else ''})" if count else ""
+    problems = [f"{count} problem{'s' * (count != 1)}"] if count else []
+    return " · ".join([row["id"], *problems, *row["tags"].split("; ")])
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from pd_editor.editor.library.index_table import (
     index_csv,
     index_row,
 )
-from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, replay
+from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, checked_base, replay
 from pd_editor.editor.scenario_store import (
     exported_files,
     has_same_content,
@@ -141,8 +141,11 @@ class Library:
         return os.path.exists(self.root / name)
 
     def scenes(self) -> list[Path]:
-        """Folders of all scenarios that can be listed."""
-        return [self.root / card.name for card in self.cards()]
+        """Folders of all scenarios."""
+        with contextlib.suppress(InputError):
+            places = [self.root / name for name in self.folders()]
+            return [one for one in places if (one / CARD_NAME).exists()]
+        return []
 
     def folders(self) -> list[str]:
         """Names of all folders in it, whatever they hold.
@@ -163,7 +166,8 @@ class Library:
     def card(self, name: str) -> LibraryCard | None:
         """Card of a scenario; None if it is not in the library, or cannot be read."""
         try:
-            status = os.stat(self.root / name / CARD_NAME)
+            # Not a Path, which would take as long as the system's answer.
+            status = os.stat(f"{self.root}/{name}/{CARD_NAME}")
             stamp = status.st_mtime_ns, status.st_ino, status.st_size
         except (OSError, ValueError):
             self._known.pop(name, None)
@@ -344,52 +348,49 @@ class Library:
             InputError: none of them is in the library, or one cannot be read.
             ExportError: the format cannot say one.
         """
-        folders = {one: self.files(one, format_name) for one in self._there(names)}
-        return zip_folders(folders, {INDEX_NAME: self.table(folders)})
+        there = [one.name for one in self.cards() if one.name in names]
+        if not there:
+            raise InputError("The library holds none of these; save a scenario first.")
+        folders = {one: self.files(one, format_name) for one in there}
+        return zip_folders(folders, {INDEX_NAME: self.table(there)})
 
     def table(self, names: Collection[str]) -> bytes:
         """CSV table of some scenarios, the oldest first."""
         return index_csv(one.row for one in self.cards() if one.name in names)
 
-    def fault(self, name: str) -> str:
-        """What is wrong with a folder of the library, in one sentence; empty: nothing.
+    def check(self, name: str) -> None:
+        """Raise unless a folder holds what its card and its recipe say.
 
-        Where the base of its recipe is at hand, the recipe is replayed.
+        The recipe is replayed if its base is at hand.
+
+        Raises:
+            InputError: it is broken, or not of a library.
+            RecipeError: its card or recipe cannot be read.
         """
         place = self.root / name
         if not os.path.exists(place / CARD_NAME):
-            return (
-                f"{name}: holds no {CARD_NAME}; 'pd-editor library add' takes in scenes "
-                "of other folders."
+            raise InputError(
+                f"holds no {CARD_NAME}; 'pd-editor library add' takes in scenes of other"
+                " folders."
             )
+        card, recipe = self._read_card(name), self._recipe(name)
+        scenario, row, about = open_scenario(place), card.row, recipe.variant
+        if (recipe.result_id, scenario.scenario_id) != (name, name):
+            raise InputError(f"its files are of {one_line(scenario.scenario_id, 80)}.")
+        if (row.tags, row.note, row.edits, row.base_id, card.num_agents) != (
+            about.tags,
+            about.note,
+            tuple(command.label for command in recipe.commands),
+            recipe.base.root.scenario_id,
+            len(scenario.agents),
+        ):
+            raise InputError(f"its {CARD_NAME} tells other things than its files.")
         try:
-            card, recipe = self._read_card(name), self._recipe(name)
-            scenario = open_scenario(place)
-            told = recipe.result_id, scenario.scenario_id
-            if told != (name, name):
-                return f"{name}: its files are of {' and '.join(dict.fromkeys(told))}."
-            row, about = card.row, recipe.variant
-            labels = tuple(command.label for command in recipe.commands)
-            if (row.tags, row.note, row.edits, row.base_id, card.num_agents) != (
-                about.tags,
-                about.note,
-                labels,
-                recipe.base.root.scenario_id,
-                len(scenario.agents),
-            ):
-                return f"{name}: its {CARD_NAME} tells other things than its files."
-            try:
-                base = open_base(recipe.base)
-                recipe.base.check_contents(
-                    base.scenario_id, base.provenance.content_sha256
-                )
-            except PdEditorError:
-                return ""
-            if not has_same_content(replay(recipe, base), scenario):
-                return f"{name}: its recipe makes another scenario than its files hold."
-        except PdEditorError as error:
-            return f"{name}: {error}"
-        return ""
+            base = checked_base(recipe.base, open_base(recipe.base))
+        except PdEditorError:
+            return
+        if not has_same_content(replay(recipe, base), scenario):
+            raise InputError("its recipe makes another scenario than its files hold.")
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -436,12 +437,6 @@ class Library:
             return {one.name: one for one in sorted((self.root / name).iterdir())}
         except OSError as error:
             raise InputError(f"{name}: cannot be read ({error.strerror}).") from error
-
-    def _there(self, names: Collection[str]) -> list[str]:
-        there = [one.name for one in self.cards() if one.name in names]
-        if not there:
-            raise InputError("The library holds none of these; save a scenario first.")
-        return there
 
     def _set_aside(self, name: str) -> Path:
         """Move a folder to a hidden one, whose time is the moment of removal."""

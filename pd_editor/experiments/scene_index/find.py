@@ -25,6 +25,13 @@ class FoundScene:
     """Events that the query asked for, in the order in which they begin."""
 
 
+def find_places(index: SceneIndex, query: str) -> set[str]:
+    """Places of the scenes of an index that a query describes; raises as ``find_scenes``."""
+    rows = np.flatnonzero(answer(query, EventTable.of(index.table)).scenes)
+    paths = index.table.column("path").take(pa.array(rows)).to_pylist()
+    return set(map(index.place_of, paths))
+
+
 def find_scenes(index: str | Path | SceneIndex, query: str) -> tuple[FoundScene, ...]:
     """Scenes of an index that a query describes, in its order.
 

@@ -1,18 +1,36 @@
-"""The library: starred scenarios, listed at the end of the tab, downloaded together."""
+"""The library: kept scenarios, filtered by one line, tagged and downloaded together."""
+
+import os
+from dataclasses import replace
+from functools import partial
+from typing import Final
 
 import viser
 
 from pd_editor.analysis.findings.finding import open_in_words
-from pd_editor.editor.library.library import LibraryCard
+from pd_editor.base.errors import InputError
+from pd_editor.editor.library.library import SORTS, LibraryCard
+from pd_editor.editor.variant import tags_from_text
+from pd_editor.experiments.scene_index.find import find_places
 from pd_editor.viewer.files.export_panel import ExportPanel
-from pd_editor.viewer.tab.panel_style import PictureRows
+from pd_editor.viewer.tab.panel_style import FixedText, PicturePages, PictureRow
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
 ZIP_NAME = "scenarios.zip"
+PAGE: Final = 12
+"""Number of scenarios that are shown at a time."""
+_ORDERS: Final = {
+    "Newest first": "date",
+    "Name": "name",
+    "Base": "base",
+    "City": "city",
+    "Most problems": "problems",
+    "Most agents": "agents",
+}
 
 
 class LibraryPanel:
-    """Buttons on top, which stay in place; below them the list, which grows."""
+    """A line that filters, buttons for what it leaves or what of it is ticked, and rows."""
 
     def __init__(self, ui: UiContext, export: ExportPanel) -> None:
         """Build it into the current container, as the last thing in it.
@@ -22,34 +40,77 @@ class LibraryPanel:
         self._export = export
         self._ui = ui
         self._workspace = ui.workspace
-        self._entries: list[LibraryCard] = []
-        self._stamp = 0
-        self._rows: dict[str, viser.GuiButtonHandle] = {}
+        self._library, self._run = ui.workspace.library, ui.workspace.shelf.index_run
+        self._cards: list[LibraryCard] = []
+        self._seen: tuple[int, int] | None = None
+        self._indexed = -1
+        """State of the library that was read for queries."""
+        self._followed: LibraryCard | None = None
+        """Card of the current state when it was looked at last."""
         gui = ui.client.gui
-        self._folder = gui.add_folder("Library")
-        with self._folder:
+        with gui.add_folder("Library"):
+            place = str(self._library.root) if self._workspace.folders.is_local else ""
+            FixedText(gui, 1).show("", place or "Of this browser.")
+            self._line = gui.add_text(
+                "Find",
+                "",
+                hint="Words of names, tags, notes, cities and edits; or what happens,"
+                " such as: cut-in and density > 5",
+            )
+            self._sort = gui.add_dropdown("Sort", tuple(_ORDERS))
+            self._count = FixedText(gui, 2)
+            self._open = gui.add_button(
+                "Open from library",
+                icon=viser.Icon.FOLDER_OPEN,
+                hint="The one that is ticked",
+            )
             self._download = gui.add_button(
                 "Download 0 scenarios",
                 icon=viser.Icon.DOWNLOAD,
-                disabled=True,
-                hint="One zip, in the format above: a folder for each ticked scenario, and index.csv",
+                hint="One zip, in the format above: a folder for each scenario, and index.csv",
             )
-            self._remove = gui.add_button(
-                "Remove the ticked", color="gray", disabled=True
-            )
+            self._tags = gui.add_text("Tags of these", "", hint="Separated by commas")
+            self._tag = gui.add_button("Tag 0 scenarios", color="gray")
+            self._untag = gui.add_button("Untag 0 scenarios", color="gray")
+            self._remove = gui.add_button("Remove 0 scenarios", color="gray")
             self._put_back = gui.add_button(
                 "Put back", color="gray", hint="What was removed last", visible=False
             )
-            self._hint = gui.add_markdown("")
-            self._pictures = PictureRows(gui)
-        ui.on_click(self._download, self.download)
-        ui.on_click(self._remove, self._remove_ticked)
-        ui.on_click(self._put_back, self._put_removed_back)
-        ui.model.star_requested.subscribe(self.star)
+            self._pages = PicturePages[LibraryCard](
+                ui,
+                PAGE,
+                choose=self._toggle,
+                row_of=self._row,
+                picture_of=lambda card: self._library.thumbnail(card.name),
+            )
+        self._connect()
         self.refresh()
 
+    def _connect(self) -> None:
+        ui = self._ui
+        for handle in (self._line, self._sort):
+            ui.on_change(handle, lambda _value: self.refresh(), merge_key="library")
+        ui.on_click(self._open, self._open_ticked)
+        ui.on_click(self._download, self.download)
+        ui.on_click(self._tag, partial(self._change_tags, is_added=True))
+        ui.on_click(self._untag, partial(self._change_tags, is_added=False))
+        ui.on_click(self._remove, self._remove_chosen)
+        ui.on_click(self._put_back, self._put_removed_back)
+        ui.model.star_requested.subscribe(self.star)
+
+    @property
+    def listed(self) -> list[str]:
+        """Names of the scenarios that pass the filter, in their order."""
+        return [card.name for card in self._cards]
+
+    @property
+    def chosen(self) -> list[str]:
+        """Those of them that are ticked; all of them if none is."""
+        ticked = [one for one in self.listed if one in self._workspace.ticked]
+        return ticked or self.listed
+
     def star(self) -> None:
-        """Add the current state to the library, or tell that it is there already.
+        """Save the current state to the library, or tell that it is there already.
 
         One of which something else is said by now is described anew.
         """
@@ -58,45 +119,56 @@ class LibraryPanel:
             self._ui.notify("This state is in the library already")
             return
         is_update = self._workspace.saved_card() is not None
-        entry = self._workspace.star()
+        card = self._workspace.star()
         self.refresh()
         self._ui.notify(
-            f"{'Updated in the library' if is_update else 'Starred'}: {entry.name}",
-            f"With {open_in_words(entry.row.problems)}.",
-            "warning" if entry.row.problems else "success",
+            f"{'Updated in the library' if is_update else 'Saved to library'}: {card.name}",
+            f"With {open_in_words(card.row.problems)}.",
+            "warning" if card.row.problems else "success",
         )
 
     def follow(self) -> None:
-        """Show what other tabs have changed in the library."""
-        if self._workspace.library.stamp() != self._stamp:
+        """Show what other tabs and programs have changed in the library."""
+        if (self._library.stamp(), self._run.stamp) != self._seen:
             self.refresh()
 
     def refresh(self) -> None:
         """Show what is in the library by now."""
-        # Read first: a change in between then counts as one that follows.
-        self._stamp = self._workspace.library.stamp()
-        former = {entry.name: entry for entry in self._entries}
-        self._entries = self._workspace.library.cards()
-        now = {entry.name: entry for entry in self._entries}
-        for name in [one for one in self._rows if former.get(one) != now.get(one)]:
-            self._pictures.remove(self._rows.pop(name))
-        self._workspace.unticked &= set(now)
-        with self._folder:
-            for entry in self._entries:
-                if entry.name not in self._rows:
-                    self._add_row(entry)
-        self._show_count()
+        # Looked at first: a change in between then counts as one that follows.
+        self._seen = self._library.stamp(), self._run.stamp
+        self._follow_card()
+        cards = self._library.cards()
+        self._workspace.ticked &= {card.name for card in cards}
+        line, wrong = str(self._line.value).strip(), ""
+        if line:
+            try:
+                found = set(map(os.path.basename, find_places(self._run.index, line)))
+                self._index()
+            except InputError as error:
+                found, wrong = set[str](), str(error)
+            words = line.split()
+            cards = [card for card in cards if card.name in found or card.has(words)]
+        self._cards = sorted(cards, key=SORTS[_ORDERS[str(self._sort.value)]])
+        # Of words that are found in texts, no query is expected.
+        more = (wrong if not cards else "") if wrong else self._run.words
+        told = f"{_scenarios(len(cards))}; buttons are for all, or those you tick."
+        if line:
+            told = f"{len(cards)} found. {more}"
+        elif not cards:
+            told = "Empty: S saves the scenario at hand here."
+        self._count.show("", told)
+        self._show()
 
     def download(self) -> None:
-        """Hand the ticked scenarios to the browser as one zip.
+        """Hand the chosen scenarios to the browser as one zip.
 
         Raises:
-            InputError: none is ticked, or one cannot be read.
+            InputError: none is there, or one cannot be read.
         """
-        shown = set(self._ticked())
+        shown = set(self.chosen)
         self.refresh()
-        there = set(self._ticked()) & shown
-        content = self._workspace.library.zipped(there, self._export.format_name())
+        there = {card.name for card in self._library.cards()} & shown
+        content = self._library.zipped(there, self._export.format_name())
         self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
         gone = sorted(shown - there)
         if gone:
@@ -106,28 +178,76 @@ class LibraryPanel:
                 "warning",
             )
 
-    def _add_row(self, entry: LibraryCard) -> None:
-        count = entry.row.num_problems
-        problems = f" ({count} problem{'s' if count != 1 else ''})" if count else ""
-        row = self._pictures.add(
-            f"{entry.name}{problems}",
-            self._workspace.library.thumbnail(entry.name),
-            hint="; ".join(entry.row.edits)[:500] or "without edits",
-            # One that is shown anew keeps its place.
-            order=entry.saved_at,
+    def _follow_card(self) -> None:
+        """Take tags and note that others have given to the card of the current state."""
+        card, former = self._workspace.saved_card(), self._followed
+        self._followed = card
+        if card is None or former is None or card.saved_at != former.saved_at:
+            return
+        session = self._ui.session
+        about, row, old = session.variant, card.row, former.row
+        if (row.tags, row.note) != (old.tags, old.note) == (about.tags, about.note):
+            session.describe(replace(about, tags=row.tags, note=row.note))
+
+    def _index(self) -> None:
+        """Read what happens in scenarios that are new, in the background."""
+        stamp = self._library.stamp()
+        if stamp != self._indexed and self._run.fraction is None:
+            self._indexed = stamp
+            self._run.start()
+
+    def _show(self) -> None:
+        self._pages.show(self._cards)
+        chosen = _scenarios(len(self.chosen))
+        set_property(self._download, "label", f"Download {chosen}")
+        set_property(self._tag, "label", f"Tag {chosen}")
+        set_property(self._untag, "label", f"Untag {chosen}")
+        set_property(self._remove, "label", f"Remove {chosen}")
+        for button in (self._download, self._tag, self._untag, self._remove):
+            set_property(button, "disabled", not self._cards)
+        set_property(self._open, "disabled", len(self.chosen) != 1)
+        removed = self._workspace.removed
+        set_property(self._put_back, "label", f"Put back {_scenarios(len(removed))}")
+        set_property(self._put_back, "visible", bool(removed))
+
+    def _toggle(self, card: LibraryCard) -> None:
+        """Tick a scenario, or take its tick away."""
+        self._workspace.ticked ^= {card.name}
+        self._show()
+
+    def _row(self, card: LibraryCard) -> PictureRow:
+        row, is_ticked = card.row, card.name in self._workspace.ticked
+        count = row.num_problems
+        problems = f"{count} problem{'s' * (count != 1)}" if count else ""
+        edits = "; ".join(row.edits) or "without edits"
+        return PictureRow(
+            label=" · ".join(filter(None, [card.name, problems, *row.tags])),
+            hint=f"{row.note} {edits}".strip(),
+            icon=viser.Icon.SQUARE_CHECK if is_ticked else viser.Icon.SQUARE,
+            drawn=card,
         )
-        self._rows[entry.name] = row
-        self._ui.on_click(row, lambda: self._toggle(entry.name))
 
-    def _toggle(self, name: str) -> None:
-        """Tick a scenario for the download, or take its tick away."""
-        self._workspace.unticked ^= {name}
-        self._show_count()
+    def _open_ticked(self) -> None:
+        self._ui.commit_gesture()
+        if len(self.chosen) != 1:
+            raise InputError("Tick one scenario of the library to open it.")
+        self._workspace.open_reference(str(self._library.root / self.chosen[0]))
 
-    def _remove_ticked(self) -> None:
-        names = self._ticked()
+    def _change_tags(self, *, is_added: bool) -> None:
+        tags = tags_from_text(str(self._tags.value))
+        if not tags:
+            raise InputError("Enter tags first, separated by commas.")
+        given, taken = (tags, ()) if is_added else ((), tags)
+        count = self._library.describe(
+            self.chosen, lambda variant: variant.tagged(given, taken)
+        )
+        self.refresh()
+        self._ui.notify(f"{_scenarios(count)} changed")
+
+    def _remove_chosen(self) -> None:
+        names = self.chosen
         for name in names:
-            self._workspace.library.remove(name)
+            self._library.remove(name)
         self._workspace.removed = tuple(names)
         self._changed()
         self._ui.notify(
@@ -139,32 +259,13 @@ class LibraryPanel:
         names, self._workspace.removed = self._workspace.removed, ()
         try:
             for name in names:
-                self._workspace.library.put_back(name)
+                self._library.put_back(name)
         finally:
             self._changed()
 
     def _changed(self) -> None:
         self.refresh()
         self._ui.model.library_changed.emit()
-
-    def _ticked(self) -> list[str]:
-        unticked = self._workspace.unticked
-        return [one.name for one in self._entries if one.name not in unticked]
-
-    def _show_count(self) -> None:
-        for name, row in self._rows.items():
-            is_ticked = name not in self._workspace.unticked
-            icon = viser.Icon.SQUARE_CHECK if is_ticked else viser.Icon.SQUARE
-            set_property(row, "icon", icon)
-        count = len(self._ticked())
-        set_property(self._download, "label", f"Download {_scenarios(count)}")
-        removed = self._workspace.removed
-        set_property(self._put_back, "label", f"Put back {_scenarios(len(removed))}")
-        set_property(self._put_back, "visible", bool(removed))
-        for button in (self._download, self._remove):
-            set_property(button, "disabled", count == 0)
-        hint = "" if self._entries else "*Empty: S puts the scenario at hand in here.*"
-        set_property(self._hint, "content", hint)
 
 
 def _scenarios(count: int) -> str:

@@ -1,4 +1,4 @@
-"""The index of the dataset for all tabs: what happens in its scenes."""
+"""The index of a dataset or library for all tabs: what happens in its scenes."""
 
 import time
 from collections.abc import Mapping
@@ -9,6 +9,7 @@ from typing import Final
 
 from pd_editor.base.errors import ExportError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
+from pd_editor.editor.library.library import Library
 from pd_editor.experiments.scene_index.index_file import (
     SCHEMA,
     IndexWriter,
@@ -33,7 +34,7 @@ class IndexRun:
     Methods return at once; values change in the threads of its jobs.
     """
 
-    def __init__(self, dataset: DatasetIndex, file: Path) -> None:
+    def __init__(self, dataset: DatasetIndex | Library, file: Path) -> None:
         """Prepare it; ``look`` reads the file of the index."""
         self.dataset, self.file = dataset, file
         self.index = SceneIndex(folder=file.parent, table=SCHEMA.empty_table())

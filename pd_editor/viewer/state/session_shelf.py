@@ -13,7 +13,9 @@ from pd_editor.editor.library.library import KEPT_S, LIBRARY_NAME, Library
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork, find_unfinished, restore
 from pd_editor.editor.variant import ExportMark
+from pd_editor.experiments.scene_index.index_file import index_place
 from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.state.index_run import IndexRun
 
 MAX_LIVE: Final = 4
 """Number of sessions in memory; older ones are restored from their journals."""
@@ -45,6 +47,8 @@ class SessionShelf:
         self.folder = folder
         self.journals = folder / "journals"
         self.library = Library(library or folder / LIBRARY_NAME)
+        self.index_run = IndexRun(self.library, index_place(self.library.root, folder))
+        """Reads what happens in scenarios of the library."""
         self._live: list[EditorSession] = []
         self._stored: set[Path] = set()
         """Journals of this shelf's sessions that are no longer in memory."""
@@ -182,6 +186,7 @@ class SessionShelf:
 
     def close(self) -> None:
         """End all sessions; edits that were not exported stay in their journals."""
+        self.index_run.close()
         with self._lock:
             for left in self._live:
                 left.close(discard=self.is_finished(left))

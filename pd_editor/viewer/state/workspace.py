@@ -139,8 +139,8 @@ class Workspace:
         self.library = shelf.library
         self._given: dict[str, Scenario] = {}
         """Exported or starred states by their names."""
-        self.unticked: set[str] = set()
-        """Scenarios of the library that are not selected for download."""
+        self.ticked: set[str] = set()
+        """Scenarios that are selected in the library."""
         self.driven_plans: list[tuple[Command, DrivenPlans]] = []
         """What policies planned in roll-outs, with the edits that applied these."""
         self.removed: tuple[str, ...] = ()
@@ -506,20 +506,20 @@ class Workspace:
         former = self.saved_card()
         recipe = self._recipe_to_star(former)
         session = self.session
-        entry = card_of(session.scenario, session.base, recipe)
+        card = card_of(session.scenario, session.base, recipe)
         if former is not None:
-            entry = replace(entry, saved_at=former.saved_at, author=former.author)
+            card = replace(card, saved_at=former.saved_at, author=former.author)
         self.library.add(
-            entry,
+            card,
             exported_files(session.scenario, recipe, session.base),
             thumbnail(session.scenario),
             replaces=None if former is None else former.name,
         )
-        self._given[entry.name] = session.scenario
-        self.session.mark_exported(ExportMark(name=entry.name, saved_at=entry.saved_at))
-        if former is not None and former.name in self.unticked:
-            self.unticked.add(entry.name)
-        return entry
+        self._given[card.name] = session.scenario
+        self.session.mark_exported(ExportMark(name=card.name, saved_at=card.saved_at))
+        if former is not None and former.name in self.ticked:
+            self.ticked.add(card.name)
+        return card
 
     def is_saved(self) -> bool:
         """Whether the library holds the current state, with what is said of it."""

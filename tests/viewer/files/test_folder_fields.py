@@ -22,8 +22,10 @@ OTHER_TEXT_FIELDS = {
     "Id contains",
     "Name",
     "Tags",
+    "Find",
     "Note",
     "Sums of warps",
+    "Tags of these",
     "overlay",
 }
 """Texts that name no folder. A new field has to be put into one of the two."""

@@ -4,14 +4,17 @@ import csv
 import io
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import pytest
 
+import pd_editor
 from pd_editor.editor.commands import SetAgentSpeed
 from pd_editor.editor.variant import Variant
+from pd_editor.viewer.files.library_panel import PAGE
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 
@@ -37,7 +40,7 @@ def drive(tab: FakeTab, speed_mps: float) -> None:
 
 
 def listed(tab: FakeTab) -> list[str]:
-    return list(tab.elements.library._rows)
+    return tab.elements.library.listed
 
 
 def notices(tab: FakeTab) -> Any:
@@ -80,7 +83,7 @@ def test_another_state_under_the_name_of_a_star_is_one_more(tabs):
     star(tab, name="slow")
     drive(tab, 6.0)
     star(tab, name="slow")
-    assert listed(tab) == ["slow", "slow-2"]
+    assert listed(tab) == ["slow-2", "slow"]
     tab.run(tab.session.undo)
     star(tab, name="slow", note="the slower one")
     entries = tab.tab.workspace.library.cards()
@@ -112,13 +115,13 @@ def test_the_list_follows_what_other_tabs_do(tabs):
         star(one)
     until(lambda: listed(other) == listed(one))
     assert len(listed(other)) == 2
-    tab_one = one.elements.library
-    one.run(lambda: tab_one._toggle(listed(one)[0]))
-    one.run(tab_one._remove_ticked)
+    one.press(listed(one)[0])
+    until(lambda: "Remove 1 scenario" in one.inputs())
+    one.press("Remove 1 scenario")
+    until(lambda: len(listed(one)) == 1)
     assert len(listed(one)) == 1
     until(lambda: listed(other) == listed(one))
-    download = other.elements.library._download
-    until(lambda: download.label == "Download 1 scenario")
+    until(lambda: "Download 1 scenario" in other.inputs())
 
 
 def test_a_download_tells_what_another_tab_has_removed(tabs):
@@ -141,20 +144,18 @@ def test_a_download_tells_what_another_tab_has_removed(tabs):
 
 def test_what_was_removed_can_be_put_back(tabs):
     tab, _ = tabs
-    panel = tab.elements.library
     for speed in (3.0, 6.0):
         drive(tab, speed)
         star(tab)
     before = tab.tab.workspace.library.cards()
-    assert not panel._put_back.visible
-    tab.run(panel._remove_ticked)
-    assert (listed(tab), panel._download.disabled) == ([], True)
-    assert panel._put_back.visible
-    assert panel._put_back.label == "Put back 2 scenarios"
-    tab.run(panel._put_removed_back)
+    assert not tab.field("Put back 0 scenarios").visible
+    tab.press("Remove 2 scenarios")
+    until(lambda: "Put back 2 scenarios" in tab.inputs())
+    assert (listed(tab), tab.field("Download 0 scenarios").disabled) == ([], True)
+    tab.press("Put back 2 scenarios")
+    until(lambda: len(listed(tab)) == 2)
     assert tab.tab.workspace.library.cards() == before
-    assert listed(tab) == [entry.name for entry in before]
-    assert not panel._put_back.visible
+    assert not tab.field("Put back 0 scenarios").visible
     with notices(tab) as told:
         tab.run(tab.elements.library.star)
         assert told.call_args.args == ("This state is in the library already",)
@@ -169,3 +170,94 @@ def test_the_library_is_downloaded_in_the_chosen_format(tabs):
         names
     )
     assert not any(name.endswith(".parquet") for name in names)
+
+
+def test_one_line_finds_words_and_what_happens(tabs):
+    tab, _ = tabs
+    star(tab, name="quiet", tags=("calm",))
+    drive(tab, 9.0)
+    star(tab, name="fast", tags=("calm", "cut-in"), note="<b>bold</b>")
+
+    def found(line: str) -> list[str]:
+        tab.type("Find", line)
+        until(lambda: not line or "found." in tab.text())
+        return listed(tab)
+
+    until(lambda: found("CUT-in") == ["fast"])
+    until(lambda: found("calm bold") == ["fast"])
+    until(lambda: found("calm") == ["fast", "quiet"])
+    until(lambda: "fast · calm · cut-in" in tab.inputs())
+    # What happens is read in the background first.
+    until(lambda: found("agents > 0 and not city = miami") == ["fast", "quiet"])
+    until(lambda: found("agents < 0") == [])
+    until(lambda: found("agnts > 0") == [])
+    assert "'agnts': is not known; the nearest is agents" in tab.text()
+    tab.type("Find", "")
+    tab.type("Sort", "Name")
+    until(lambda: listed(tab) == ["fast", "quiet"])
+    # Untrusted texts are labels, which pages show as they are.
+    assert "<b>" not in tab.text()
+
+
+def test_what_is_found_is_tagged_at_once(tabs):
+    tab, other = tabs
+    star(tab, name="one", tags=("a",))
+    drive(tab, 9.0)
+    star(tab, name="two", note="the fast one")
+    tab.type("Tags of these", " b, c ")
+    until(lambda: "Tag 2 scenarios" in tab.inputs())
+    tab.press("Tag 2 scenarios")
+    until(lambda: "one · a · b · c" in tab.inputs())
+    # The state at hand has them, too, so that saving it again loses none.
+    assert tab.session.variant.tags == ("b", "c")
+    until(lambda: "one · a · b · c" in other.inputs())
+    tab.type("Find", "fast")
+    until(lambda: "Untag 1 scenario" in tab.inputs())
+    tab.type("Tags of these", "b")
+    tab.press("Untag 1 scenario")
+    until(lambda: "two · c" in tab.inputs())
+    one, two = tab.tab.workspace.library.cards()
+    assert (one.row.tags, two.row.tags) == (("a", "b", "c"), ("c",))
+    tab.type("Tags of these", " ,")
+    until(lambda: str(tab.field("Tags of these").value) == " ,")
+    tab.press("Tag 1 scenario")
+    until(lambda: "Enter tags first" in str(tab.notices))
+
+
+def test_a_shell_on_the_same_library_is_followed(tmp_path: Path):
+    folder = tmp_path / "kept"
+    with (
+        running_app(tmp_path / "state", "crosswalk", library=folder) as app,
+        connected_tab(app) as tab,
+    ):
+        assert str(folder) in tab.text()
+        star(tab, name="mine", tags=("a",))
+        pd_editor.library.add(folder, "merge")
+        until(lambda: listed(tab) == ["merge", "mine"])
+        pd_editor.library.tag(folder, "*", add=("b",), note="seen")
+        until(lambda: "mine · a · b" in tab.inputs())
+        until(lambda: tab.session.variant.note == "seen")
+        with notices(tab) as told:
+            tab.run(tab.elements.library.star)
+            assert told.call_args.args == ("This state is in the library already",)
+        tab.press("merge · b")
+        until(lambda: tab.elements.library.chosen == ["merge"])
+        tab.press("Open from library")
+        until(lambda: tab.tab.workspace.session.base.scenario_id == "merge")
+
+
+def test_pages_of_a_large_library(tmp_path: Path):
+    with running_app(tmp_path, "queue") as app, connected_tab(app) as tab:
+        library = tab.tab.workspace.library
+        star(tab, name="first")
+        (card,) = library.cards()
+        for number in range(PAGE):
+            row = replace(card.row, scenario_id=f"more-{number}")
+            shown = replace(card, row=row, saved_at=card.saved_at + 1 + number)
+            library.add(shown, {}, "<svg/>")
+        until(lambda: len(listed(tab)) == PAGE + 1)
+        until(lambda: "first" not in tab.inputs())
+        tab.enter(tab.inputs()["Page"][-1], "Later")
+        until(lambda: "first" in tab.inputs())
+        tab.press("first")
+        until(lambda: "Download 1 scenario" in tab.inputs())
