@@ -454,8 +454,8 @@ class Library:
         return list(self.root.glob(f".*{_REMOVED}"))
 
     def _forget_removed(self) -> None:
-        """Delete what was removed more than a day ago."""
-        for folder in self._removed():
+        """Delete what was removed, or left behind by a kill, more than a day ago."""
+        for folder in (*self._removed(), *self.root.glob(".*.new")):
             if time.time() - _moment(folder) > KEPT_S:
                 shutil.rmtree(folder, ignore_errors=True)
 
