@@ -9,8 +9,9 @@ import numpy as np
 from playwright.sync_api import Locator, Page, expect
 
 from pd_editor.editor.session import EditorSession
-from pd_editor.viewer.scene.camera import projected
+from pd_editor.viewer.scene.camera import CameraPose, projected
 from pd_editor.viewer.viewer_app import ViewerApp
+from tests.viewer.fake_browser import inputs_of, node_of, open_tabs, shown_in
 
 SCREENSHOTS = Path(__file__).parent / "screenshots"
 PATIENCE_S = 60.0
@@ -57,8 +58,30 @@ class EditorPage:
         )
 
     def tab(self) -> Any:
-        entry = self.app._tabs.get(self.client.client_id)
-        return None if entry is None else entry[1]
+        return open_tabs(self.app).get(self.client.client_id)
+
+    def shown(self, element: str) -> Any:
+        """What the page was told last to show in an element over the picture."""
+        return shown_in(self.tab().ui.overlay, element)
+
+    def field(self, label: str) -> Any:
+        """The one input of a label, as the server has it."""
+        (handle,) = inputs_of(self.client)[label]
+        return handle
+
+    def node(self, name: str) -> Any:
+        """A node of the picture, as the server has it, if there is one."""
+        return node_of(self.client, name)
+
+    @property
+    def seen_camera(self) -> CameraPose:
+        """The camera that the page reported last, which may come after the server's."""
+        return self.tab().elements.pointer._seen_camera.pose
+
+    def look_from_above(self) -> None:
+        """Switch to the top view, and wait until the page shows it."""
+        self.key("v")
+        self.until(lambda: self.seen_camera.fov < 0.2, "the top view")
 
     def select(self, agent_ids: Iterable[str]) -> None:
         """Select agents, on the tab's own thread."""

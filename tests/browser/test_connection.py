@@ -26,7 +26,9 @@ FLASHES = """
 """
 
 
-def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_editor):
+def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(
+    open_editor, tmp_path
+):
     """The picture and the toolbar looked alive; the return flashed chips without words."""
     editor = ready(open_editor())
     page, app = editor.page, editor.app
@@ -56,7 +58,7 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_edit
         reference="signalised-junction",
         host=host,
         port=port,
-        state=app._state,
+        state=tmp_path / "state",
     )
     try:
         expect(alert).to_contain_text("started anew. Your edits are under")
@@ -67,7 +69,9 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(open_edit
         again.stop()
 
 
-def test_a_page_with_the_token_of_an_earlier_start_says_what_to_do(open_editor):
+def test_a_page_with_the_token_of_an_earlier_start_says_what_to_do(
+    open_editor, tmp_path
+):
     """It said "Reconnecting" for ever."""
     editor = ready(open_editor(token=True))
     app = editor.app
@@ -76,7 +80,7 @@ def test_a_page_with_the_token_of_an_earlier_start_says_what_to_do(open_editor):
     alert = editor.page.locator(".pd-connection-bar")
     expect(alert).to_contain_text("Reconnecting")
     again = ViewerApp(
-        reference="queue", host=host, port=port, state=app._state, token=True
+        reference="queue", host=host, port=port, state=tmp_path / "state", token=True
     )
     try:
         expect(alert).to_contain_text("open the one that it printed. Edits up to")

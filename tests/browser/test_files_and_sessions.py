@@ -13,6 +13,7 @@ from pd_editor.editor.commands import SetAgentSpeed
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files, zip_files
 from tests.builders import two_agents_that_pass
+from tests.viewer.fake_browser import open_tabs
 
 pytestmark = pytest.mark.browser
 
@@ -115,7 +116,7 @@ def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
     assert len(editor.session.entries) == 1
     # Once the second tab is closed its session is free, but it is not the first tab's.
     second.page.close()
-    editor.until(lambda: len(editor.app._tabs) == 1, "the end of the second tab")
+    editor.until(lambda: len(open_tabs(editor.app)) == 1, "the end of the second tab")
     editor.reload()
     assert editor.session is session
 

@@ -70,10 +70,7 @@ class Steered:
 def steered(open_editor):
     editor = open_editor()
     editor.go_to_now()
-    editor.key("v")
-    editor.until(
-        lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
-    )
+    editor.look_from_above()
     editor.close_notifications()
     return Steered(editor)
 

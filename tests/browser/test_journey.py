@@ -138,7 +138,7 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     editor.press("Show possible trajectories")
     view = editor.until(lambda: editor.tab().elements.candidates.view.shown, "the fan")
     # The panel lists the candidates just after the picture shows them.
-    choice = editor.tab().elements.candidates._choice
+    choice = editor.field("Trajectory")
     editor.until(
         lambda: any("slowing to stop" in label for label in choice.options), "the list"
     )

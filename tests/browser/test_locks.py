@@ -18,10 +18,7 @@ HALF_M = np.array([9.0, 9.0])
 def editor(open_editor):
     page = open_editor()
     page.go_to_now()
-    page.key("v")
-    page.until(
-        lambda: page.tab().elements.pointer._seen_camera.pose.fov < 0.2, "from above"
-    )
+    page.look_from_above()
     page.settle()
     return page
 

@@ -20,8 +20,7 @@ def editor(open_editor):
     page.until(lambda: page.workspace.playback.is_playing, "the demo to play")
     page.go_to_now()
     page.close_notifications()
-    page.key("v")
-    page.until(lambda: page.tab().elements.picture._view.is_from_above, "the top view")
+    page.look_from_above()
     page.settle()
     return page
 
@@ -110,7 +109,7 @@ def test_pedestrians_can_be_hit_from_far_above(editor):
         camera.position = (x, y, 1.6 * height)
         camera.look_at = (x, y, 0.0)
     editor.until(
-        lambda: editor.tab().elements.picture._view.distance_m > 1.5 * height,
+        lambda: editor.seen_camera.position[2] > 1.5 * height,
         "the camera's report",
     )
     editor.settle()
@@ -150,7 +149,8 @@ def test_holding_o_shows_the_original(editor):
     editor.settle()
     outline = "__viserMutable.nodeRefFromName['/original/boxes']?.visible"
     editor.until(lambda: editor.page.evaluate(outline), "the outlines")
-    assert np.allclose(comparison._view._boxes.batched_positions[0, :2], (x, y))
+    boxes = editor.node("/original/boxes")
+    assert np.allclose(boxes.batched_positions[0, :2], (x, y))
     editor.page.keyboard.up("o")
     editor.until(lambda: not comparison.is_on, "the end of it")
     plate.wait_for(state="hidden")

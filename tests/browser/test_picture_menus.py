@@ -145,9 +145,6 @@ def test_bending_from_here_takes_the_clicked_place(editor):
     right_click(editor, point)
     item(editor, "Bend the road from here").click()
     editor.open_tab("Road")
-    editor.until(
-        lambda: editor.tab().elements.road._gizmo.pose is not None, "an anchor"
-    )
-    pose = editor.tab().elements.road._gizmo.pose
-    assert np.hypot(pose.x_m - point[0], pose.y_m - point[1]) < 0.3
+    anchor = editor.until(lambda: editor.node("/warp_anchor"), "an anchor")
+    assert np.hypot(*(anchor.position[:2] - point)) < 0.3
     assert not session.entries

@@ -52,7 +52,7 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
     ghost = page.locator(".pd-placing-base")
     editor.until(lambda: "M" in (ghost.get_attribute("d") or ""), "a ghost")
     editor.until(
-        lambda: abs(editor.tab().elements.placing._heading_rad - heading) < 0.3,
+        lambda: abs(editor.shown("placing")["headingRad"] - heading) < 0.3,
         "the heading of the lane",
     )
     editor.screenshot("09_placing")
@@ -86,10 +86,7 @@ def test_placing_shows_its_mode_and_turns_by_dragging(editor):
 def test_placing_in_the_top_view_draws_no_box(editor):
     """(D8)"""
     session, before = editor.session, len(editor.session.scenario.agents)
-    editor.key("v")
-    editor.until(
-        lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
-    )
+    editor.look_from_above()
     editor.key("p")
     banner(editor).get_by_text("Placing a vehicle").wait_for()
     point, _ = focal_ahead(editor, 14.0)

@@ -30,7 +30,7 @@ class Hasty:
         )
 
     def keep_busy(self) -> None:
-        self.editor.tab()._inbox.post(lambda: time.sleep(BUSY_S))
+        self.editor.tab().ui.post(lambda: time.sleep(BUSY_S))
 
     def tool(self, toolbar: str, name: str) -> None:
         bar = self.page.get_by_role("toolbar", name=toolbar, exact=True)
@@ -47,10 +47,7 @@ class Hasty:
 def hasty(open_editor):
     editor = open_editor()
     editor.go_to_now()
-    editor.key("v")
-    editor.until(
-        lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
-    )
+    editor.look_from_above()
     editor.close_notifications()
     editor.select((AGENT,))
     editor.settle()

@@ -1,6 +1,5 @@
 """Status chip, list of problems and a panel that stands still, by real mouse."""
 
-import json
 import re
 import time
 
@@ -277,7 +276,7 @@ def test_the_list_shows_every_cure_and_closes_by_escape(editor, monkeypatch):
     monkeypatch.setattr(
         overlay, "show", lambda one: None if isinstance(one, StatusState) else show(one)
     )
-    state = json.loads(overlay._shown["status"])
+    state = editor.shown("status")
     state["active"]["cures"] = [
         "Regenerate 131326",
         "Regenerate both",
@@ -348,10 +347,12 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
         new_ids=tuple(f"copy-{name}" for name in copied),
         dx_m=0.4,
     )
+    checked: list[bool] = []
+    tab.ui.model.checked.subscribe(lambda: checked.append(True))
     tab.ui.post(lambda: session.apply(copy))
     watch = tab.ui.model.findings
     editor.until(lambda: len(watch.new) >= 20, "twenty problems")
-    editor.until(lambda: tab._checks_future_at is None, "those of the future")
+    editor.until(lambda: checked, "those of the future")
     tab.ui.post(lambda: session.select(()))
     page.locator(".pd-chip-main").click()
     places = [page.locator(name) for name in (".pd-problems", ".pd-problem-detail")]
@@ -361,8 +362,9 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     still = [place.bounding_box() for place in places]
 
     def active() -> int | None:
-        chosen = tab.elements.chip._active
-        return None if chosen is None else known.index(chosen[1].key)
+        status = editor.shown("status")
+        listed = [row["id"] for group in status["groups"] for row in group["rows"]]
+        return status["active"] and listed.index(status["active"]["id"])
 
     # The focus is on the chip that opened the list: keys walk from there.
     page.keyboard.press("ArrowDown")
@@ -380,7 +382,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     page.mouse.wheel(0, 4000)
     rows(editor).last.click()
     editor.until(lambda: active() == len(known) - 1, "the last row")
-    editor.until(lambda: tab.elements.chip._cures, "what helps")
+    editor.until(lambda: editor.shown("status")["active"]["cures"], "what helps")
     editor.settle()
     x, y = editor.pixel(watch.new[-1].place_m)
     assert x < still[0]["x"] - 40
@@ -395,8 +397,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
         "document.activeElement.classList.contains('pd-problem-row')"
     )
     page.keyboard.press("ArrowUp")
-    editor.until(lambda: tab.elements.chip._active is not None, "a row")
-    assert tab.elements.chip._active[1] == watch.new[-2]
+    editor.until(lambda: active() == len(watch.new) - 2, "the row above")
     assert [place.bounding_box() for place in places] == still
 
 

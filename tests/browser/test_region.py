@@ -34,10 +34,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     session, page = editor.session, editor.page
     editor.open_tab("Drive")
     if view == "Top view":
-        editor.key("v")
-        editor.until(
-            lambda: editor.tab().elements.pointer._seen_camera.pose.fov < 0.2, "above"
-        )
+        editor.look_from_above()
     editor.press("Draw a region")
     banner(editor).get_by_text("Drawing a region").wait_for()
     cursor = "getComputedStyle(__viserMutable.canvas).cursor"
@@ -55,7 +52,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     label = page.get_by_role("group", name="Region")
     label.wait_for()
     assert re.match(r"Region (19|20)\.\d", label.text_content() or "")
-    assert editor.tab().elements.generation._where.value == "In the region I draw"
+    assert editor.field("Where").value == "In the region I draw"
 
     # Esc leaves the mode, and the region as it was; undo has nothing to do with it.
     editor.press("Draw a region")
@@ -89,7 +86,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
     page.get_by_role("button", name="Clear the region").click()
     editor.until(lambda: drawn_region(editor) is None, "no region")
     label.wait_for(state="hidden")
-    assert editor.tab().elements.generation._where.value == "On the whole mapped road"
+    assert editor.field("Where").value == "On the whole mapped road"
 
 
 def test_a_region_that_is_too_small_is_refused_and_the_mode_stays(editor):
@@ -110,12 +107,11 @@ def test_a_region_outlives_a_reload(editor):
     region = editor.until(lambda: drawn_region(editor), "a region")
     editor.reload()
     assert editor.until(lambda: drawn_region(editor), "the region again") == region
-    assert editor.tab().elements.generation._where.value == "In the region I draw"
+    assert editor.field("Where").value == "In the region I draw"
     editor.page.get_by_role("group", name="Region").wait_for()
     editor.page.get_by_role("button", name="Clear the region").click()
     editor.until(lambda: drawn_region(editor) is None, "no region")
     editor.reload()
     editor.open_tab("Drive")
-    panel = editor.tab().elements.generation
-    assert panel._where.value == "On the whole mapped road"
+    assert editor.field("Where").value == "On the whole mapped road"
     assert drawn_region(editor) is None

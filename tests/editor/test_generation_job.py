@@ -37,14 +37,18 @@ class Heard:
 
 def test_progress_then_the_result():
     heard = Heard()
-    job = heard.job(DriftGenerator(num_steps=3))
+    working: set[threading.Thread] = set()
+    generator = DriftGenerator(num_steps=3)
+    generator.on_step = lambda _step: working.add(threading.current_thread())
+    job = heard.job(generator)
     job.start()
     job.wait(10)
     assert [one.message for one in heard.progress] == ["step 0", "step 1", "step 2"]
     (traffic,) = heard.done
     assert traffic.generator == "drift"
     assert heard.errors == []
-    assert heard.threads == {job._thread}
+    assert heard.threads == working
+    assert threading.current_thread() not in working
     assert not job.is_running
 
 

@@ -143,10 +143,12 @@ def test_errors_and_bugs_are_told(run, caplog):
 
 def test_a_closed_run_takes_no_requests(run):
     heard = Heard()
-    heard.ask(run, DriftGenerator(), 1)
+    threads: set[threading.Thread] = set()
+    note = lambda _step: threads.add(threading.current_thread())  # noqa: E731
+    heard.ask(run, DriftGenerator(on_step=note), 1)
     heard.wait_for(1)
     run.close(10)
     heard.ask(run, DriftGenerator(), 2)
     assert heard.seeds == [1]
-    assert run._thread is not None
-    assert not run._thread.is_alive()
+    (thread,) = threads
+    assert not thread.is_alive()

@@ -16,6 +16,7 @@ from unittest import mock
 from urllib.parse import urlsplit
 
 import msgspec
+import numpy as np
 import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -23,6 +24,7 @@ from websockets.sync.client import ClientConnection, connect
 from pd_editor.generation.generators import registry
 from pd_editor.viewer import viewer_app
 from pd_editor.viewer.browser_session import BrowserSession
+from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.editor.fake_generators import DriftGenerator
 
@@ -97,10 +99,7 @@ class FakeTab:
 
     def inputs(self) -> dict[str, list[Any]]:
         """All inputs and buttons of the page by their labels."""
-        found: dict[str, list[Any]] = {}
-        for handle in list(self.ui.client.gui._gui_input_handle_from_uuid.values()):
-            found.setdefault(str(getattr(handle, "label", "")), []).append(handle)
-        return found
+        return inputs_of(self.ui.client)
 
     def field(self, label: str) -> Any:
         """The one input of a label."""
@@ -121,7 +120,7 @@ class FakeTab:
 
     def shown(self, element: str) -> Any:
         """What the page was told last to show in an element over the picture, if any."""
-        return json.loads(self.ui.overlay._shown.get(element, "null"))
+        return shown_in(self.ui.overlay, element)
 
     def text(self) -> str:
         """All text of the panels, without that of inputs."""
@@ -137,7 +136,7 @@ class FakeTab:
 
     def node(self, name: str) -> Any:
         """A node of the picture, if there is one."""
-        return self.ui.client.scene._handle_from_node_name.get(name)
+        return node_of(self.ui.client, name)
 
     def body_of(self, agent_id: str) -> dict[str, Any]:
         """Name and instance of an agent's body, as the page names what it points at."""
@@ -194,7 +193,7 @@ class FakeTab:
 
     def send(self, message: dict[str, Any]) -> None:
         """Send a message of viser's client, or a forged one, and wait for its effects."""
-        self._socket.send(msgspec.msgpack.encode(message))
+        self._socket.send(msgspec.msgpack.encode(message, enc_hook=np.generic.item))
         self._socket.ping().wait(20)
         # Its handlers run on the loop of the connections, then on the worker.
         loop = self.ui.client._viser_server._event_loop
@@ -234,6 +233,24 @@ class FakeTab:
         if "error" in result:
             raise result["error"]
         return result.get("value")
+
+
+def inputs_of(client: viser.ClientHandle) -> dict[str, list[Any]]:
+    """All inputs and buttons of a page by their labels."""
+    found: dict[str, list[Any]] = {}
+    for handle in list(client.gui._gui_input_handle_from_uuid.values()):
+        found.setdefault(str(getattr(handle, "label", "")), []).append(handle)
+    return found
+
+
+def node_of(client: viser.ClientHandle, name: str) -> Any:
+    """A node of a page's picture, if there is one."""
+    return client.scene._handle_from_node_name.get(name)
+
+
+def shown_in(overlay: Overlay, element: str) -> Any:
+    """What a page was told last to show in an element, if any."""
+    return json.loads(overlay._shown.get(element, "null"))
 
 
 def uuid_of(handle: Any) -> str:

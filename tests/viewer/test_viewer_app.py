@@ -1,8 +1,11 @@
+import json
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
 import pytest
+from viser import LocalStorageHandle
 
 from pd_editor.base.errors import InputError
 from pd_editor.editor.commands import SetAgentSpeed
@@ -74,8 +77,13 @@ def test_visitors_of_an_open_server_see_only_their_own_work(
 def test_a_visitor_finds_its_work_again_after_a_restart(tmp_path: Path):
     folders: list[Path] = []
     for visitor in ("key of one", "key of one", "../../other"):
-        with running_app(tmp_path, "queue", host="0.0.0.0") as app:
-            folders.append(app._shelf_of(visitor).folder)
+        stored = json.dumps({"visitor": visitor, "sessions": []})
+        with (
+            mock.patch.object(LocalStorageHandle, "get_item", return_value=stored),
+            running_app(tmp_path, "queue", host="0.0.0.0") as app,
+            connected_tab(app) as tab,
+        ):
+            folders.append(tab.tab.workspace.shelf.folder)
     assert folders[0] == folders[1] != folders[2]
     assert all(folder.parent == tmp_path / "visitors" for folder in folders)
     assert "one" not in folders[0].name

@@ -1,6 +1,7 @@
 """Trajectories that are deformed by an edit instead of sampled again."""
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.editor.commands import AddGuidance, TransformAgents, traffic_command
 from pd_editor.generation.path_diffuser import PathDiffuser
+from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.generation import (
     AVOIDANCE,
     GenerationRequest,
@@ -113,14 +115,14 @@ def test_edits_of_the_guidance_alone_encode_the_scene_once(
         ).apply(driven)
         for dx in (0.0, 2.0)
     ]
-    encoded = []
-    for edited in (driven, *goals):
-        sampled(diffuser, edited, before_edit=driven)
-        assert diffuser._newest_task is not None
-        encoded.append(diffuser._newest_task.scene)
-    assert encoded[0] is encoded[1] is encoded[2]
-    moved = TransformAgents(agent_ids=ids[:1], dx_m=1.0).apply(driven)
-    sampled(diffuser, moved, before_edit=driven)
-    assert diffuser._newest_task.scene is not encoded[0]
+    with mock.patch.object(TrajectoryTask, "of", wraps=TrajectoryTask.of) as encode:
+        numbers = []
+        for edited in (driven, *goals):
+            sampled(diffuser, edited, before_edit=driven)
+            numbers.append(encode.call_count)
+        assert len(set(numbers)) == 1
+        moved = TransformAgents(agent_ids=ids[:1], dx_m=1.0).apply(driven)
+        sampled(diffuser, moved, before_edit=driven)
+        assert encode.call_count == numbers[0] + 1
     fewer = sampled(diffuser, moved, agent_ids=ids[:1], before_edit=driven)
     assert fewer.ids == ids[:1]

@@ -13,6 +13,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
+from lxml.etree import _Element
 
 from pd_editor.base.errors import ExportError
 from pd_editor.editor.scenario_store import open_scenario
@@ -59,7 +60,7 @@ Lanes = tuple[str, str]
 """Ids of a road and of a lane in it."""
 
 
-def links_of(root: etree._Element) -> set[tuple[Lanes, Lanes]]:
+def links_of(root: _Element) -> set[tuple[Lanes, Lanes]]:
     """Links of lanes, of which those of connecting roads are passed through."""
     found = set()
     for road in root.findall("road"):
@@ -167,7 +168,7 @@ Part = tuple[float, float, np.ndarray]
 """Times of coming and of leaving, and a table of time, x, y, heading."""
 
 
-def tracks_of(root: etree._Element, end_s: float) -> dict[str, list[Part]]:
+def tracks_of(root: _Element, end_s: float) -> dict[str, list[Part]]:
     """Where entities are, as a player of the file sees it."""
     found: dict[str, list[Part]] = {}
     begins = {
@@ -196,7 +197,7 @@ def tracks_of(root: etree._Element, end_s: float) -> dict[str, list[Part]]:
     return found
 
 
-def values(place: etree._Element) -> list[float]:
+def values(place: _Element) -> list[float]:
     return [float(place.get(name, "")) for name in "xyh"]
 
 
@@ -464,7 +465,7 @@ def check_netconvert(scenario: Scenario, path: Path) -> None:
     } == own_links(scenario, path)
 
 
-def netconverted(path: Path) -> etree._Element:
+def netconverted(path: Path) -> _Element:
     """SUMO's network of a road network."""
     net = path.with_suffix(".net.xml")
     arguments = ["--opendrive-files", str(path), "-o", str(net)]

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from pd_editor.viewer.agents.agent_drag import DragEvent
 from pd_editor.viewer.scene.camera import CameraPose, projected
-from tests.viewer.fake_browser import FakeTab
+from tests.viewer.fake_browser import CAMERA, FakeTab
 
 GRAB_HEIGHT_M = 1.0
 
@@ -26,9 +25,7 @@ class DragByHand:
         self.tab = tab
         agents = tab.session.scenario.agents
         row = agents.row_of[agent_id]
-        self._kind = agents.kinds[row]
-        batch = tab.elements.picture.agents._batches[self._kind]
-        self._instance = int(np.flatnonzero(batch.rows == row)[0])
+        self._body = tab.body_of(agent_id)
         self._rotates = rotates
         self._start = agents.position_m[row, 49]
         self.camera = camera_above(*self._start)
@@ -37,10 +34,6 @@ class DragByHand:
         """What the server takes it for, if that is another."""
         self.pixel_shift = (0.0, 0.0)
         """By how much the page's own positions are off."""
-
-    @property
-    def drags(self):
-        return self.tab.elements.pointer._drag
 
     def on_screen(self, point_m) -> tuple[float, float]:
         """Where the browser shows a point at the height of the grab."""
@@ -53,21 +46,48 @@ class DragByHand:
 
     def say(self, phase: str, point_m) -> None:
         """Send one message with the pointer at a point."""
-        event = DragEvent(
-            kind=self._kind,
-            instance=self._instance,
-            phase=phase,
-            rotates=self._rotates,
-            camera=self.known_camera or self.camera,
-            start_m=(*self._start, GRAB_HEIGHT_M),
-            end_m=(*point_m, GRAB_HEIGHT_M),
-            end_screen=self.on_screen(point_m),
+        self._show(self.known_camera or self.camera)
+        self.tab.send(
+            {
+                "type": "SceneNodeDragMessage",
+                **self._body,
+                "phase": phase,
+                "start_position": (*self._start, GRAB_HEIGHT_M),
+                "start_screen_pos": self.on_screen(self._start),
+                "end_position": (*point_m, GRAB_HEIGHT_M),
+                "end_screen_pos": self.on_screen(point_m),
+                "button": "left",
+                "modifier": "shift" if self._rotates else None,
+            }
         )
-        self.tab.run(lambda: self.drags.dragged(event))
+
+    def _show(self, camera: CameraPose) -> None:
+        """Let the page report a camera."""
+        width, height = 1400, 1000
+        self.tab.send(
+            {
+                **CAMERA,
+                "position": camera.position.tolist(),
+                "wxyz": camera.wxyz.tolist(),
+                "fov": camera.fov,
+                "image_width": width,
+                "image_height": height,
+                "look_at": [*camera.position[:2].tolist(), 0.0],
+            }
+        )
 
     def box(self, start_m, end_m) -> None:
         """The rectangle that a plain drag also draws in the top view."""
         corners = np.array([self.on_screen(start_m), self.on_screen(end_m)])
-        low, high = tuple(corners.min(axis=0)), tuple(corners.max(axis=0))
-        pointer = self.tab.elements.pointer
-        self.tab.run(lambda: pointer._box_selected(low, high, self.camera))
+        low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+        self._show(self.camera)
+        self.tab.send(
+            {
+                "type": "ScenePointerMessage",
+                "event_type": "rect-select",
+                "ray_origin": None,
+                "ray_direction": None,
+                "screen_pos": (low, high),
+                "modifier": None,
+            }
+        )

@@ -24,6 +24,8 @@ def app(tmp_path_factory):
 def tab(app):
     with connected_tab(app) as tab:
         tab.run(tab.elements.timeline.go_to_current)
+        # Where a plain drag also draws a box.
+        tab.run(tab.elements.viewpoint.switch)
         yield tab
 
 

@@ -1,5 +1,7 @@
 """Poses that show a part of the scene."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -55,7 +57,8 @@ def test_a_fitted_pose_shows_all_points_in_the_free_part_and_no_smaller_than_nee
 ):
     """(D22) Everything framed is in sight, and touches two sides of the free part."""
     x, y, width, height = box
-    points = framing._corners(np.array([x, y]), np.array([x + width, y + height]))
+    sides = [(x, x + width), (y, y + height), (0.0, framing.TALLEST_M)]
+    points = np.array(list(itertools.product(*sides)))
     forward = np.array(
         [
             np.cos(elevation) * np.cos(heading),

@@ -15,7 +15,7 @@ def test_an_agent_under_the_strip_of_samples_is_brought_into_sight(tab: FakeTab)
 
     def height() -> float:
         """Of the focal agent in the picture, 0 at the top."""
-        screen, _ = projected(view._camera, np.append(place, 0.0)[None])
+        screen, _ = projected(tab.ui.client.camera, np.append(place, 0.0)[None])
         return float(screen[0, 1])
 
     tab.run(view.frame_opened)

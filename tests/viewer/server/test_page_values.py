@@ -14,7 +14,15 @@ import viser
 from websockets.sync.client import connect
 
 from pd_editor.viewer import viewer_app
-from tests.viewer.fake_browser import CAMERA, connected_tab, running_app, until
+from pd_editor.viewer.overlay.messages import EVENTS
+from tests.viewer.fake_browser import (
+    CAMERA,
+    connected_tab,
+    open_tabs,
+    running_app,
+    until,
+    uuid_of,
+)
 
 FORGED: tuple[Any, ...] = (
     *(None, True, "no such option", "", "\0", "x" * 70_000, -1, 2**62, 10**18, 1e308),
@@ -59,7 +67,7 @@ def test_a_page_sets_values_alone(tmp_path: Path, name: str):
         tab.send(
             {
                 "type": "GuiUpdateMessage",
-                "uuid": handle._impl.uuid,
+                "uuid": uuid_of(handle),
                 "updates": {name: [], "value": "changed"},
             }
         )
@@ -75,14 +83,12 @@ def test_no_event_of_an_element_is_a_bug(
         running_app(tmp_path, "crosswalk") as app,
         connected_tab(app) as tab,
     ):
-        answers = tab.ui.overlay._answers
-        elements = list(tab.ui.overlay._handlers)
         deep = "[" * 60_000, '{"element":"page","event":' + '{"a":' * 9_000
         for text in (*deep, "", "7", "[]", '{"element": 5}', '{"element":"page"}'):
-            tab.enter(answers, text)
-        for element in elements:
+            tab.type("overlay", text)
+        for element in EVENTS:
             for event in ({}, {"kind": []}, {"kind": "ready", "point": [1e400, "x"]}):
-                tab.enter(answers, json.dumps({"element": element, "event": event}))
+                tab.type("overlay", json.dumps({"element": element, "event": event}))
     assert not caplog.records, caplog.text
 
 
@@ -116,10 +122,10 @@ def test_mute_connections_do_not_delay_a_page(tmp_path: Path):
                 }
             )
         )
-        until(lambda: app._tabs)
+        until(lambda: open_tabs(app))
         # The others are still waited for.
         assert time.monotonic() - answered < viewer_app.STORAGE_TIMEOUT_S
-        assert len(app._tabs) == 1
+        assert len(open_tabs(app)) == 1
         for one in (*mute, good):
             one.close()
 

@@ -1,3 +1,4 @@
+import queue
 import threading
 
 from pd_editor.viewer.state.inbox import Inbox
@@ -67,11 +68,13 @@ def test_ticks_come_while_nothing_is_posted():
 def test_nothing_runs_after_close():
     inbox, _ = make()
     seen = []
+    worker: queue.Queue[threading.Thread] = queue.Queue()
+    inbox.post(lambda: worker.put(threading.current_thread()))
     inbox.start()
+    thread = worker.get(timeout=5)
     inbox.close()
-    inbox._thread.join(5)
     inbox.post(lambda: seen.append(1))
-    assert not inbox._thread.is_alive()
+    assert not thread.is_alive()
     assert not seen
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,8 @@ def test_a_method_keeps_its_colour_whichever_curves_are_there():
 def test_the_progress_of_a_study_never_falls(monkeypatch, tmp_path: Path):
     """It reached 100 %, and was 0 % again with the search for the worst warps."""
     job = SimpleNamespace(start=lambda: None, rows=lambda: None)
-    monkeypatch.setattr(study_run, "StudyJob", lambda *_, **__: job)
+    given: dict[str, Any] = {}
+    monkeypatch.setattr(study_run, "StudyJob", lambda *_, **to: given.update(to) or job)
     monkeypatch.setattr(study_run, "severity_curves", lambda _: ())
     plan = plan_for(
         tmp_path,
@@ -70,7 +72,7 @@ def test_the_progress_of_a_study_never_falls(monkeypatch, tmp_path: Path):
         ("searches", 1),
         ("searches", 2),
     ):
-        study._progressed(
+        given["on_progress"](
             StudyProgress(
                 noun=noun, num_done=done, num_items=2, num_failed=0, elapsed_s=1.0
             )
