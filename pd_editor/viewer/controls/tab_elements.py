@@ -135,4 +135,5 @@ class TabElements:
         self.generation.close()
         self.study.close()
         self.dataset.close()
+        self.export.close()
         self.viewpoint.remember()

@@ -11,9 +11,13 @@ import viser
 from pd_editor.analysis.findings.finding import open_in_words
 from pd_editor.base.errors import InputError
 from pd_editor.editor.variant import name_from_text, tags_from_text
-from pd_editor.scene.formats.player import player_page
+from pd_editor.scene.formats.film import FilmLook
+from pd_editor.scene.formats.pictures import LOOKS
+from pd_editor.scene.formats.player import PLAYER, player_page
 from pd_editor.scene.formats.registry import formats
+from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.scenario import EGO_ID
+from pd_editor.viewer.files.picture_download import PictureDownload
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_value
 
@@ -32,16 +36,15 @@ class ExportPanel:
         gui = ui.client.gui
         with gui.add_folder("Export"):
             self._preflight = FixedText(gui, 1)
-            download = gui.add_button(
+            self._format = gui.add_dropdown(
+                "Format",
+                tuple(one.title for one in formats().values() if one.write),
+                hint="What a format cannot say is listed in losses.txt",
+            )
+            self._download = gui.add_button(
                 "Download zip",
                 icon=viser.Icon.DOWNLOAD,
-                hint="Files of the format below, with recipe.json",
-            )
-            player = gui.add_button(
-                "Download player",
-                icon=viser.Icon.PLAYER_PLAY,
-                color="gray",
-                hint="One page that any browser plays, without a network",
+                hint="Files of the format above, with recipe.json; a player, film or figure alone",
             )
             self._star = gui.add_button(
                 "Save to library",
@@ -56,11 +59,6 @@ class ExportPanel:
             )
             self._tags = gui.add_text("Tags", "", hint="Separated by commas")
             self._note = gui.add_text("Note", "")
-            self._format = gui.add_dropdown(
-                "Format",
-                tuple(one.title for one in formats().values() if one.write),
-                hint="What a format cannot say is listed in losses.txt",
-            )
             self._out = gui.add_text(
                 "Into folder", "", hint="A folder on the server's machine."
             )
@@ -70,8 +68,9 @@ class ExportPanel:
                 color="gray",
                 hint="recipe.json, which pd-editor replay applies again",
             )
-        ui.on_click(download, self.download)
-        ui.on_click(player, self._download_player)
+        self._pictures = PictureDownload(ui)
+        ui.on_click(self._download, self.download)
+        ui.on_change(self._format, self._format_chosen)
         ui.on_click(self._star, self._model.star_requested.emit)
         ui.on_click(write, self._write)
         ui.on_click(edits, self._download_edits)
@@ -109,30 +108,53 @@ class ExportPanel:
         is_good = scenario.focal_id in agents.row_of and not counts
         self._preflight.show(*(("", line) if is_good else (line,)))
 
+    def close(self) -> None:
+        """Stop what is being drawn."""
+        self._pictures.close()
+
     def download(self) -> None:
-        """Send the scenario to the browser as a zip.
+        """Send the scenario to the browser: as a zip, or alone if it is only to be shown.
 
         Raises:
             InputError: the typed name has no letter or digit.
         """
         self._refuse_empty_name()
         self._ui.commit_gesture()
-        name, content = self._workspace.exported_zip(self.format_name())
-        self._ui.client.send_file_download(name, content, save_immediately=True)
-
-    def _download_player(self) -> None:
-        self._refuse_empty_name()
-        self._ui.commit_gesture()
-        session = self._ui.session
+        session, chosen = self._ui.session, self._chosen()
         named = replace(session.scenario, scenario_id=session.name)
-        name, content = f"{session.name}.html", player_page([named])
+        if chosen.name in LOOKS:
+            self._pictures.start(named, chosen.name)
+            return
+        if chosen is PLAYER:
+            name, content = f"{session.name}.html", player_page([named])
+        else:
+            name, content = self._workspace.exported_zip(chosen.name)
         self._ui.client.send_file_download(name, content, save_immediately=True)
 
     def format_name(self) -> str:
-        """Name of the chosen format."""
+        """Name of the chosen format.
+
+        Raises:
+            InputError: its files take too long to be waited for.
+        """
+        chosen = self._chosen()
+        if isinstance(LOOKS.get(chosen.name), FilmLook):
+            raise InputError(
+                f"{chosen.title} is only downloaded, one at a time; pd-editor convert and "
+                "pd-editor library export write many."
+            )
+        return chosen.name
+
+    def _chosen(self) -> SceneFormat:
         return next(
-            one.name for one in formats().values() if one.title == self._format.value
+            one for one in formats().values() if one.title == self._format.value
         )
+
+    def _format_chosen(self, _title: str) -> None:
+        chosen = self._chosen()
+        is_alone = chosen is PLAYER or chosen.name in LOOKS
+        kind = "HTML" if chosen is PLAYER else chosen.name.upper()
+        self._download.label = f"Download {kind if is_alone else 'zip'}"
 
     def _download_edits(self) -> None:
         self._ui.commit_gesture()

@@ -10,8 +10,11 @@ from unittest import mock
 import viser
 
 from pd_editor.editor.commands import DeleteAgents, RemoveAllAgents, SetAgentSpeed
+from pd_editor.scene.formats.figure import FigureLook
+from pd_editor.scene.formats.film import FilmLook
+from pd_editor.scene.formats.pictures import LOOKS
 from tests.scene.formats.embedded_scenes import scenes_in
-from tests.viewer.fake_browser import connected_tab, running_app
+from tests.viewer.fake_browser import connected_tab, running_app, until
 
 
 def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
@@ -115,10 +118,52 @@ def test_the_edited_scene_downloads_as_a_player(tmp_path: Path):
         scenario = tab.session.scenario
         other = next(one for one in scenario.agents.ids if one != scenario.focal_id)
         tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=(other,))))
-        tab.type("Download player", True)
+        tab.type("Format", "Player (HTML)")
+        tab.press("Download HTML")
         (name, content), _ = send.call_args
         (data,) = scenes_in(content)
         assert name == f"{tab.session.name}.html" == f"{data['name']}.html"
         assert [one["id"] for one in data["agents"]] == list(
             tab.session.scenario.agents.ids
         )
+
+
+def test_films_and_figures_are_drawn_beside_the_work(tmp_path: Path):
+    with (
+        running_app(tmp_path / "library", "merge") as app,
+        connected_tab(app) as tab,
+        mock.patch.object(tab.ui.client, "send_file_download") as send,
+    ):
+        tab.type("Format", "Figure (SVG)")
+        tab.press("Download SVG")
+        until(lambda: send.called)
+        (name, content), _ = send.call_args
+        assert name == f"{tab.session.name}.svg"
+        assert b"<svg" in content
+        tab.type("Format", "Film (MP4)")
+        with mock.patch.dict(LOOKS, {"mp4": FilmLook(height_px=120)}):
+            tab.press("Download MP4")
+            # Meanwhile the scene is edited, which is no part of this film.
+            tab.run(lambda: tab.session.apply(RemoveAllAgents()))
+            until(lambda: send.call_count == 2)
+        (name, content), _ = send.call_args
+        assert name == "merge.mp4"
+        assert b"ftyp" in content[:12]
+
+
+def test_films_are_neither_packed_nor_written(tmp_path: Path):
+    with running_app(tmp_path / "library", "merge") as app, connected_tab(app) as tab:
+        tab.type("Format", "Film (WEBM)")
+        tab.type("Into folder", str(tmp_path / "out"))
+        tab.press("Write to folder")
+        assert "Film (WEBM) is only downloaded" in tab.refusal()
+        assert not (tmp_path / "out").exists()
+
+
+def test_what_cannot_be_drawn_is_told(tmp_path: Path):
+    with running_app(tmp_path / "library", "merge") as app, connected_tab(app) as tab:
+        tab.type("Format", "Figure (PDF)")
+        with mock.patch.dict(LOOKS, {"pdf": FigureLook(width_mm=1.0)}):
+            tab.press("Download PDF")
+            until(lambda: len(tab.notices) > 1)
+            assert "20 to 1000 mm" in tab.refusal()

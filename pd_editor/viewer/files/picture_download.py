@@ -1,0 +1,88 @@
+"""Films and figures of a scene for the browser, drawn beside the work."""
+
+from functools import partial
+
+import viser
+
+from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.editor.background_job import BackgroundJob
+from pd_editor.scene.formats.pictures import LOOKS, picture
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.tab.ui_context import UiContext
+
+
+class PictureDownload:
+    """Draws one picture at a time, tells how far it is, and sends it."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Draw for a tab."""
+        self._ui = ui
+        self._job: _Drawing | None = None
+        self._notice: viser.NotificationHandle | None = None
+
+    def start(self, scenario: Scenario, ending: str) -> None:
+        """Begin to draw.
+
+        Raises:
+            InputError: another one is being drawn.
+        """
+        if self._notice is not None:
+            raise InputError("Another picture is being drawn; wait until it is here.")
+        name = f"{scenario.scenario_id}.{ending}"
+        self._notice = self._ui.notify(f"Drawing {name}", stays=True)
+        self._job = _Drawing(self._ui, self, scenario, ending)
+        self._job.start()
+
+    def close(self) -> None:
+        """Stop what is being drawn."""
+        if self._job is not None:
+            self._job.cancel()
+
+    def tell(self, done: int, count: int) -> None:
+        """Show how far it is."""
+        if self._notice is not None:
+            self._notice.body = f"{done} of {count} frames"
+
+    def send(self, name: str, content: bytes) -> None:
+        """Send what is drawn."""
+        self._end()
+        self._ui.client.send_file_download(name, content, save_immediately=True)
+
+    def fail(self, error: PdEditorError) -> None:
+        """Tell why there is none."""
+        self._end()
+        self._ui.report(error)
+
+    def _end(self) -> None:
+        if self._notice is not None:
+            self._notice.remove()
+            self._notice = None
+
+
+class _Drawing(BackgroundJob[bytes]):
+    """Draws a picture; all that it tells goes to the tab's own thread."""
+
+    def __init__(
+        self, ui: UiContext, to: PictureDownload, scenario: Scenario, ending: str
+    ) -> None:
+        name = f"{scenario.scenario_id}.{ending}"
+        super().__init__(
+            f"draw-{ending}",
+            lambda content: ui.post(partial(to.send, name, content)),
+            lambda error: ui.post(partial(to.fail, error)),
+        )
+        self._ui, self._to = ui, to
+        self._scenario, self._ending = scenario, ending
+
+    def _result(self) -> bytes:
+        look = LOOKS[self._ending]
+        return picture(self._scenario, self._ending, look, self._tell)
+
+    def _tell(self, done: int, count: int) -> None:
+        self.check_cancelled()
+        self._ui.post(partial(self._to.tell, done, count), merge_key="frames")
+
+    def _fault(self) -> PdEditorError:
+        return ExportError(
+            "The picture failed by a fault of its own; the log has details."
+        )
