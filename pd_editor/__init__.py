@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.edit import edit
     from pd_editor.cli.evaluate import evaluate
     from pd_editor.cli.export import export
+    from pd_editor.cli.family import family
     from pd_editor.cli.find import find
     from pd_editor.cli.generate import generate
     from pd_editor.cli.index import index
@@ -92,6 +93,7 @@ __all__ = [
     "edit",
     "evaluate",
     "export",
+    "family",
     "find",
     "generate",
     "index",
@@ -127,6 +129,7 @@ _HOMES = {
     "edit": "pd_editor.cli.edit",
     "evaluate": "pd_editor.cli.evaluate",
     "export": "pd_editor.cli.export",
+    "family": "pd_editor.cli.family",
     "find": "pd_editor.cli.find",
     "generate": "pd_editor.cli.generate",
     "index": "pd_editor.cli.index",

@@ -35,6 +35,7 @@ _PLACE_ERRORS: Final = frozenset(
 _COMMANDS: Final = (
     "edit",
     "warp",
+    "family",
     "generate",
     "threats",
     "export",

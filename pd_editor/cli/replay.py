@@ -17,7 +17,6 @@ from pd_editor.cli.options.arguments import (
     Switch,
 )
 from pd_editor.cli.output.outcome import Outcome
-from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, RegeneratedEntry
 from pd_editor.editor.recipe import regenerate as regenerate_recipe
 from pd_editor.editor.recipe import replay as replay_recipe
@@ -64,7 +63,7 @@ def replay(
     opened = open_base(parsed, where, base)
     remarks: tuple[str, ...] = ()
     if regenerate:
-        scenario, parsed, remarks = _regenerated(parsed, opened, model)
+        scenario, parsed, remarks = regenerated(parsed, opened, model)
     else:
         scenario = replay_recipe(parsed, opened)
     folder = export_into(
@@ -111,15 +110,15 @@ def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
         ) from error
 
 
-def _regenerated(
+def regenerated(
     recipe: Recipe, base: Scenario, model: str
 ) -> tuple[Scenario, Recipe, tuple[str, ...]]:
-    names = {
-        part.generator
-        for command in recipe.commands
-        for part in command.parts
-        if isinstance(part, ReplaceTraffic)
-    }
+    """Result and recipe with its traffic generated anew, and whether it is equal.
+
+    Raises:
+        RecipeError: there is none, or it is of several generators.
+    """
+    names = set(recipe.generators)
     if not names:
         raise RecipeError("The recipe holds no generated traffic to regenerate.")
     if len(names) > 1:

@@ -84,6 +84,14 @@ class Recipe:
         return frozenset(found)
 
     @property
+    def generators(self) -> frozenset[str]:
+        """Names of what generated its traffic."""
+        parts = (part for one in self.commands for part in one.parts)
+        return frozenset(
+            one.generator for one in parts if isinstance(one, ReplaceTraffic)
+        )
+
+    @property
     def is_bent(self) -> bool:
         """Whether the result's road is warped."""
         parts = [part for command in self.commands for part in command.parts]

@@ -1,0 +1,145 @@
+"""``pd-editor family``: many variants of one edited scenario."""
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from pd_editor.base.errors import ExportError, PdEditorError
+from pd_editor.base.regular_file import write_whole
+from pd_editor.cli.options.arguments import FolderOption, Switch
+from pd_editor.cli.output.outcome import Outcome
+from pd_editor.cli.output.progress import ProgressLine
+from pd_editor.cli.replay import open_base, read_recipe, regenerated
+from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.editor.family import VariedNumber, members, varied, varied_numbers
+from pd_editor.editor.recipe import Recipe, replay
+from pd_editor.editor.scenario_store import export_into
+from pd_editor.scene.formats.player import player_page
+from pd_editor.scene.scenario import Scenario
+
+
+def family(
+    recipe: Annotated[str | Path, tyro.conf.Positional],
+    /,
+    *,
+    vary: Annotated[
+        str | tuple[str, ...], tyro.conf.arg(metavar="NAME=LOW..HIGH [...]")
+    ],
+    out: FolderOption,
+    num: Annotated[int, tyro.conf.arg(metavar="N")] = 10,
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    base: Annotated[
+        str | Path | None,
+        tyro.conf.arg(metavar="SCENARIO", help_behavior_hint="(optional)"),
+    ] = None,
+    model: Annotated[
+        str, tyro.conf.arg(metavar="NAME", help_behavior_hint="(as in the recipe)")
+    ] = "",
+    overwrite: Switch = False,
+) -> Outcome:
+    """Apply a recipe many times with other numbers, and generate its traffic anew.
+
+    DIR/<name>-family.csv has the numbers and problems of each, DIR/<name>-family.html
+    plays them.
+
+    Args:
+        recipe: A file recipe.json, or an exported folder.
+        vary: Numbers of the recipe's commands and their ranges, such as power=4..8, gap_m=5..15 or seed=1..999. Where several have a name, 2.power is that of the second edit, point_m.0 the first of a list.
+        out: Folder that receives DIR/<name>-1/, ...
+        num: Number of variants; their values cover each range evenly.
+        seed: Random seed of the values.
+        base: Where the base scenario is, if not where the recipe says.
+        model: What regenerates, if the recipe's name of it is not enough: the folder of a model, or package.module:attribute.
+        overwrite: Replace what an earlier run wrote.
+    """
+    parsed, where = read_recipe(Path(recipe))
+    numbers = varied_numbers(parsed, (vary,) if isinstance(vary, str) else vary)
+    values = list(members(numbers, num, seed))
+    opened = open_base(parsed, where, base)
+    whole = Path(out) / f"{parsed.result_id}-family"
+    table = whole.with_name(f"{whole.name}.csv")
+    if os.path.exists(table) and not overwrite:
+        raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
+    made, failures, line = [], [], ProgressLine()
+    for number, own in enumerate(values, start=1):
+        name = f"{parsed.result_id}-{number:0{len(str(num))}d}"
+        told = ", ".join(f"{one.name} {value:g}" for one, value in own.items())
+        variant = replace(parsed.variant, name=name, note=told)
+        try:
+            member = _member(replace(parsed, variant=variant), opened, own, model)
+            made.append((member.write(out, overwrite=overwrite), member))
+        except PdEditorError as error:
+            failures.append(f"{name} ({told}) failed: {error}")
+        line.show(f"{number} of {num} variants")
+    line.clear()
+    if not made:
+        raise ExportError(failures[0])
+    several = [one for _, one in made]
+    head = ["name", *(one.name for one in numbers), "num_problems"]
+    write_whole(table, _csv([head, *(one.row for one in several)]))
+    page = whole.with_name(f"{whole.name}.html")
+    scenes = tuple(one.scenario for one in several)
+    write_whole(page, player_page(scenes))
+    num_clean = sum(one.num_problems == 0 for one in several)
+    return Outcome(
+        folders=(*(folder for folder, _ in made), table, page),
+        scenarios=scenes,
+        remarks=(
+            f"{len(made)} of {num} variants, {num_clean} without problems.",
+            *failures,
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Member:
+    scenario: Scenario
+    base: Scenario
+    recipe: Recipe
+    values: Mapping[VariedNumber, float]
+    num_problems: int
+
+    @property
+    def row(self) -> tuple[object, ...]:
+        """Its row of the table."""
+        return self.recipe.result_id, *self.values.values(), self.num_problems
+
+    def write(self, out: str | Path, *, overwrite: bool) -> Path:
+        """Write its folder."""
+        return export_into(
+            out, self.scenario, self.recipe, base=self.base, overwrite=overwrite
+        )
+
+
+def _member(
+    recipe: Recipe,
+    opened: Scenario,
+    values: Mapping[VariedNumber, float],
+    model: str,
+) -> _Member:
+    """Make a variant of a recipe."""
+    fresh = varied(recipe, values)
+    if fresh.generators:
+        scenario, fresh, _ = regenerated(fresh, opened, model)
+    else:
+        scenario = replay(fresh, opened)
+    base = opened.as_referred_to(recipe.base)
+    return _Member(
+        scenario=replace(scenario, scenario_id=fresh.result_id),
+        base=base,
+        recipe=fresh,
+        values=values,
+        num_problems=len(edit_findings(scenario, base, fresh.commands).new),
+    )
+
+
+def _csv(rows: Iterable[Sequence[object]]) -> bytes:
+    sink = io.StringIO(newline="")
+    csv.writer(sink).writerows(rows)
+    return sink.getvalue().encode()

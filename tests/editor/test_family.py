@@ -1,0 +1,91 @@
+"""Families: values cover ranges evenly, and a recipe takes them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pd_editor.base.errors import RecipeError
+from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
+from pd_editor.editor.family import members, varied, varied_numbers
+from pd_editor.editor.recipe import Recipe
+from pd_editor.scene.base_reference import BaseReference
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+
+
+def recipe() -> Recipe:
+    """A warp, then two changes of speed."""
+    anchor = RigidMotion(x_m=1.0, y_m=2.0, rotation_rad=0.5)
+    term = WarpTerm(kind="smooth-turn", power=5.0, length_m=10.0)
+    return Recipe(
+        base=BaseReference(scenario_id="a", source="demo:a", content_sha256=""),
+        commands=(
+            SetRoadWarp(warp=RoadWarp(anchor=anchor, terms=(term,))),
+            SetAgentSpeed(agent_ids=("one",), speed_mps=3.0),
+            SetAgentSpeed(agent_ids=("other",), speed_mps=4.0),
+        ),
+    )
+
+
+@given(st.integers(1, 40), st.integers(0, 2**32), st.floats(-9, 0), st.floats(0.1, 9))
+def test_each_part_of_a_range_is_used_once(count, seed, low, width):
+    texts = (f"power={low:.3f}..{low + width:.3f}", "2.speed_mps=1..2")
+    numbers = varied_numbers(recipe(), texts)
+    made = list(members(numbers, count, seed))
+    assert len(made) == count
+    assert made == list(members(numbers, count, seed))
+    for one in numbers:
+        values = np.array([own[one] for own in made])
+        share = (values - one.low) / (one.high - one.low)
+        parts = np.clip(np.floor(share * count), 0, count - 1)
+        # Values are rounded, so that one may lie on the border of the next part.
+        assert np.abs(np.sort(parts) - np.arange(count)).max() <= 1
+        assert (np.diff(np.sort(share)) >= 0).all()
+        assert share.min() >= -1e-3
+        assert share.max() <= 1 + 1e-3
+
+
+def test_a_number_changes_where_it_is_named_and_nowhere_else():
+    template = recipe()
+    numbers = varied_numbers(template, ("power=1..1", "3.speed_mps=9..9", "x_m=7..7"))
+    (values,) = members(numbers, 1, 0)
+    result = varied(template, values)
+    warp, first, second = result.commands
+    assert isinstance(warp, SetRoadWarp)
+    assert warp.warp is not None
+    assert (warp.warp.terms[0].power, warp.warp.anchor.x_m) == (1.0, 7.0)
+    assert (warp.warp.terms[0].length_m, warp.warp.anchor.y_m) == (10.0, 2.0)
+    assert first == template.commands[1]
+    assert second == replace(first, agent_ids=("other",), speed_mps=9.0)
+    assert [one.name for one in numbers] == ["power", "speed_mps", "x_m"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("power", "expected NAME=LOW..HIGH"),
+        ("power=1..e", "expected NAME=LOW..HIGH"),
+        ("power=5..2", "ends before it begins"),
+        (
+            "speed_mps=1..2",
+            "several numbers of this name; there are 2.speed_mps, 3.speed",
+        ),
+        ("seed=1..2", "no number of this name; there are 1.warp.anchor.x_m"),
+        ("9.power=1..2", "no number of this name"),
+    ],
+)
+def test_what_names_no_number_is_told(text: str, words: str):
+    with pytest.raises(RecipeError, match=words):
+        varied_numbers(recipe(), (text,))
+
+
+def test_values_that_a_command_refuses_are_told():
+    numbers = varied_numbers(recipe(), ("power=99..99",))
+    (values,) = members(numbers, 1, 0)
+    with pytest.raises(RecipeError, match=r"Entry 1 .*outside -10\.\.10"):
+        varied(recipe(), values)
+    with pytest.raises(RecipeError, match="1 to 10000 members, not 0"):
+        list(members(numbers, 0, 0))
