@@ -25,7 +25,9 @@ from pd_editor.scene.scenario import Scenario
 
 
 def family(
-    recipe: Annotated[str | Path, tyro.conf.Positional],
+    recipe: Annotated[
+        str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECIPE")
+    ],
     /,
     *,
     vary: Annotated[

@@ -45,13 +45,25 @@ def render(
     out: Annotated[str | Path, tyro.conf.arg(metavar="FILE")],
     current: CurrentOption = None,
     until: UntilOption = None,
-    at: tuple[float, ...] = (),
+    at: Annotated[
+        tuple[float, ...],
+        tyro.conf.arg(metavar="S [S ...]", help_behavior_hint="(default: 0)"),
+    ] = (),
     compare: Switch = False,
     names: Switch = False,
-    width: float | None = None,
-    height: int | None = None,
-    follow: str = "",
-    radius: float | None = None,
+    width: Annotated[
+        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(default: 180)")
+    ] = None,
+    height: Annotated[
+        int | None,
+        tyro.conf.arg(metavar="PX", help_behavior_hint="(default: 1080; a GIF: 480)"),
+    ] = None,
+    follow: Annotated[
+        str, tyro.conf.arg(metavar="ID", help_behavior_hint="(optional)")
+    ] = "",
+    radius: Annotated[
+        float | None, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 40)")
+    ] = None,
     overwrite: Switch = False,
 ) -> Outcome:
     """Write scenes as an HTML page that plays offline, or one as a film or a figure.
@@ -61,13 +73,13 @@ def render(
         out: File to write: .html plays, .mp4, .webm and .gif are films, .pdf, .svg and .png figures.
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
-        at: Moments of a figure side by side, in seconds after the current step; 0 unless given.
+        at: Moments of a figure side by side, in seconds after the current step.
         compare: Draw above a figure the scene before its recipe warped the road.
         names: Write agents' ids into a figure.
-        width: Width of a figure in millimetres, 180 unless given.
-        height: Height of a film in pixels, 1080 unless given (a GIF: 480).
+        width: Width of a figure in millimetres.
+        height: Height of a film in pixels.
         follow: Id of the agent that stays in the middle of a film or figure.
-        radius: Metres from the middle of a film or figure to its upper edge, 40 unless given.
+        radius: Metres from the middle of a film or figure to its upper edge.
         overwrite: Replace the file.
     """
     several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
