@@ -83,6 +83,7 @@ class FakeTab:
         self.tab = tab
         self._socket = socket
         self._numbers = itertools.count()
+        self._worker: int | None = None
         self.session = tab.workspace.session
         self.ui = tab.ui
         self.elements = tab.elements
@@ -192,13 +193,17 @@ class FakeTab:
         self.send({"type": "FileTransferPart", **button, **transfer, **part})
 
     def send(self, message: dict[str, Any]) -> None:
-        """Send a message of viser's client, or a forged one, and wait for its effects."""
+        """Send a message of viser's client, or a forged one, and wait for its effects.
+
+        On the worker itself, which has yet to take it, this waits for its arrival alone.
+        """
         self._socket.send(msgspec.msgpack.encode(message, enc_hook=np.generic.item))
         self._socket.ping().wait(20)
         # Its handlers run on the loop of the connections, then on the worker.
         loop = self.ui.client._viser_server._event_loop
         asyncio.run_coroutine_threadsafe(_settled(), loop).result(20)
-        self.run(lambda: None)
+        if threading.get_ident() != self._worker:
+            self.run(lambda: None)
 
     def hear(self, element: str, **event: Any) -> None:
         """Let an element hear an event; one that the page never sends is dropped."""
@@ -220,6 +225,7 @@ class FakeTab:
         done, result = threading.Event(), {}
 
         def message() -> None:
+            self._worker = threading.get_ident()
             try:
                 result["value"] = action()
             except BaseException as error:

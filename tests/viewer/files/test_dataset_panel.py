@@ -1,6 +1,8 @@
 """The list of a dataset's scenarios, without a browser."""
 
-from pd_editor.viewer.files.dataset_panel import ANY_SPLIT
+from typing import Any
+
+from pd_editor.viewer.files.dataset_panel import ANY_SPLIT, NONE_FOUND
 from tests.builders import two_agents_that_pass
 from tests.experiments.evaluation.small_dataset import (
     without_future,
@@ -17,16 +19,15 @@ def test_the_list_names_city_and_agents_first_and_opens_by_id(tmp_path):
         running_app(tmp_path / "library", "roundabout", data_root=root) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.elements.dataset
-        until(lambda: len(panel._list.options) == 3)
-        parts = [label.split(" · ") for label in panel._list.options]
+        listed = tab.field("Scenario")
+        until(lambda: len(listed.options) == 3)
+        parts = [label.split(" · ") for label in listed.options]
         assert [name for *_, name in parts] == ["aaa", "bbb", "ccc"]
         assert {count for _, count, *_ in parts} == {"2 agents", "3 agents"}
-        panel._list.value = next(
-            label for label in panel._list.options if label.endswith("bbb")
-        )
-        tab.run(panel._open_chosen)
-        until(lambda: tab.session.base.scenario_id == "bbb")
+        (label,) = (one for one in listed.options if one.endswith("bbb"))
+        tab.type("Scenario", label)
+        tab.press("Open scenario")
+        assert tab.session.base.scenario_id == "bbb"
 
 
 def test_the_end_of_the_search_is_told(tmp_path):
@@ -39,9 +40,9 @@ def test_the_end_of_the_search_is_told(tmp_path):
         panel, search = tab.elements.dataset, tab.tab.workspace.search
         until(lambda: search.is_complete)
         tab.run(lambda: setattr(search, "is_complete", False) or panel.show())
-        assert panel._count.content == "3 of 3 scenarios, still reading"
+        assert "3 of 3 scenarios, still reading" in tab.text().splitlines()
         tab.run(lambda: setattr(search, "is_complete", True) or panel.show())
-        assert panel._count.content == "3 of 3 scenarios"
+        assert "3 of 3 scenarios" in tab.text().splitlines()
 
 
 def test_scenes_that_cannot_be_read_are_told_with_the_first_reason(tmp_path):
@@ -53,12 +54,8 @@ def test_scenes_that_cannot_be_read_are_told_with_the_first_reason(tmp_path):
         running_app(tmp_path / "library", "roundabout", data_root=root) as app,
         connected_tab(app) as tab,
     ):
-        panel, search = tab.elements.dataset, tab.tab.workspace.search
-        until(lambda: search.is_complete)
-        tab.run(panel.show)
-        count, told = panel._count.content.split("\n\n")
-        assert count == "1 of 3 scenarios"
-        assert told.startswith("2 cannot be read, first: train/aaa\\: ")
+        until(lambda: "1 of 3 scenarios" in tab.text().splitlines())
+        assert "\n2 cannot be read, first: train/aaa\\: " in tab.text()
 
 
 def test_splits_and_missing_futures_are_named_and_filtered(tmp_path):
@@ -70,26 +67,26 @@ def test_splits_and_missing_futures_are_named_and_filtered(tmp_path):
         running_app(tmp_path / "library", "roundabout", data_root=root) as app,
         connected_tab(app) as tab,
     ):
-        panel, workspace = tab.elements.dataset, tab.tab.workspace
+        listed, workspace = tab.field("Scenario"), tab.tab.workspace
         until(lambda: workspace.search.is_complete)
-        until(lambda: len(panel._list.options) == 4)
-        parts = {label.split(" · ")[-1]: label for label in panel._list.options}
+        until(lambda: len(listed.options) == 4)
+        parts = {label.split(" · ")[-1]: label for label in listed.options}
         assert [label.split(" · ")[2:-1] for label in parts.values()] == [
             ["test", "no logged future"],
             ["train"],
             ["train"],
             ["val"],
         ]
-        assert panel._split.options == (ANY_SPLIT, "test", "train", "val")
+        assert tab.field("Split").options == (ANY_SPLIT, "test", "train", "val")
 
-        def ids() -> list[str]:
-            tab.run(panel._filter)
+        def found(label: str, value: Any) -> list[str]:
+            tab.type(label, value)
             until(lambda: workspace.search.is_complete)
-            return [card.scenario_id for card in workspace.search.cards]
+            tab.run(tab.elements.dataset.show)
+            return [label.split(" · ")[-1] for label in listed.options]
 
-        panel._with_future.value = True
-        assert ids() == ["aaa", "bbb", "ccc"]
-        panel._split.value = "val"
-        assert ids() == ["ccc"]
-        panel._split.value = "test"
-        assert ids() == []
+        assert found("Logged future only", True) == ["aaa", "bbb", "ccc"]
+        assert found("Split", "val") == ["ccc"]
+        assert found("Split", "test") == [NONE_FOUND]
+        tab.press("Open scenario")
+        assert "No scenario passes the filter" in tab.refusal()

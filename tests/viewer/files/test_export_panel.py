@@ -1,15 +1,10 @@
 """What the export panel tells before anything is exported."""
 
-import asyncio
-import json
-import time
 from pathlib import Path
-from typing import Any
 from unittest import mock
 
-import viser
-
 from pd_editor.editor.commands import DeleteAgents, RemoveAllAgents, SetAgentSpeed
+from pd_editor.editor.variant import Variant
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS
@@ -22,27 +17,26 @@ def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
     library = tmp_path / "library"
     library.write_text("in the way")
     with running_app(library, "crosswalk") as app, connected_tab(app) as tab:
-        panel, session = tab.elements.export, tab.session
+        session = tab.session
 
         def told() -> str:
             """What the red line on the picture says."""
-            return json.loads(tab.ui.overlay._shown["status"])["unsaved"]
+            return tab.shown("status")["unsaved"]
 
         assert told() == ""
         command = SetAgentSpeed(agent_ids=(session.scenario.focal_id,), speed_mps=3.0)
         tab.run(lambda: session.apply(command))
         assert told().startswith("Edits are not saved: ")
         # Once is enough: the panel tells what the export lacks.
-        assert "focal agent ok" in panel._preflight.text
-        assert "saved" not in panel._preflight.text
-        name, content = tab.run(tab.tab.workspace.recipe_text)
+        assert "focal agent ok" in tab.text()
+        assert "not saved" not in tab.text()
+        with mock.patch.object(tab.ui.client, "send_file_download") as send:
+            tab.press("Download the edits alone")
+        (name, content), _ = send.call_args
         assert name == "crosswalk-1-edit.recipe.json"
         assert b"SetAgentSpeed" in content
         library.unlink()
-        end = time.monotonic() + 60
-        while told():
-            assert time.monotonic() < end
-            time.sleep(0.05)
+        until(lambda: not told())
         assert session.journal_path is not None
 
 
@@ -52,12 +46,11 @@ def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        text = tab.elements.export._preflight
-        assert text.text.startswith("focal agent ok · ego ok · ")
+        assert "\nfocal agent ok · ego ok · " in tab.text()
         tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=("AV",))))
-        assert "ego missing" in text.text
+        assert "\nfocal agent ok · ego missing · " in tab.text()
         tab.run(lambda: tab.session.apply(RemoveAllAgents()))
-        assert "no focal agent" in text.text
+        assert "\nno focal agent · ego missing · " in tab.text()
 
 
 def test_a_name_that_was_cleared_is_proposed_for_the_next_scenario(tmp_path: Path):
@@ -65,18 +58,14 @@ def test_a_name_that_was_cleared_is_proposed_for_the_next_scenario(tmp_path: Pat
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.elements.export
-
-        def cleared() -> None:
-            panel._name.value = ""
-            panel._name_typed("")
-            panel.show()
-
-        tab.run(cleared)
+        assert tab.field("Name").value == "signalised-junction"
+        tab.type("Name", "")
+        tab.run(tab.model.shown.emit)
         # Not filled at once: the user may be about to type another name.
-        assert panel._name.value == ""
-        tab.run(lambda: tab.tab.workspace.open_reference("crosswalk"))
-        assert panel._name.value == "crosswalk"
+        assert tab.field("Name").value == ""
+        tab.type("Demo", "crosswalk")
+        tab.press("Open demo")
+        assert tab.field("Name").value == "crosswalk"
 
 
 def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path):
@@ -85,28 +74,24 @@ def test_what_is_typed_while_the_panel_is_shown_again_is_not_lost(tmp_path: Path
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        panel, session = tab.elements.export, tab.session
-
-        def arrives(handle: Any, text: str) -> None:
-            # As viser does when a browser's message comes: first the value, then this.
-            handle._impl.value = text
-            event = viser.GuiEvent(tab.ui.client, tab.ui.client.client_id, handle)
-            for callback in handle._impl.update_cb:
-                asyncio.run(callback(event))
+        session = tab.session
 
         def typed_and_refreshed() -> None:
-            arrives(panel._name, "My slow one!")
-            arrives(panel._tags, "slow, bent")
-            arrives(panel._note, "a note")
-            panel.show()
+            # While the worker is busy, so that it takes what was typed only after this.
+            tab.type("Name", "My slow one!")
+            tab.type("Tags", "slow, bent")
+            tab.type("Note", "a note")
+            assert session.variant == Variant()
+            tab.model.shown.emit()
 
         tab.run(typed_and_refreshed)
         tab.run(lambda: None)
-        assert session.variant.name == "My-slow-one"
-        assert session.variant.tags == ("slow", "bent")
-        assert session.variant.note == "a note"
-        assert panel._name.value == "My slow one!"
-        assert panel._tags.value == "slow, bent"
+        assert session.variant == Variant(
+            name="My-slow-one", tags=("slow", "bent"), note="a note"
+        )
+        assert tab.field("Name").value == "My slow one!"
+        assert tab.field("Tags").value == "slow, bent"
+        assert tab.field("Note").value == "a note"
 
 
 def test_the_edited_scene_downloads_as_a_player(tmp_path: Path):

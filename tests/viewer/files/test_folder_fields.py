@@ -13,7 +13,7 @@ import viser
 
 from pd_editor.base.installed_files import demo_folder
 from pd_editor.viewer.state.study_run import StudyRun
-from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, uuid_of
 
 MARKER = "not-for-visitors"
 FOLDER_FIELDS = {"Folder", "Into folder", "Data", "Results folder"}
@@ -71,7 +71,7 @@ def press_all(tab: FakeTab) -> None:
     pressed: set[str] = set()
     for _ in range(5):
         for handle in [one for group in tab.inputs().values() for one in group]:
-            uuid = handle._impl.uuid
+            uuid = uuid_of(handle)
             if isinstance(handle, viser.GuiButtonHandle) and uuid not in pressed:
                 pressed.add(uuid)
                 tab.enter(handle, True)

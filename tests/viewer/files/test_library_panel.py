@@ -6,16 +6,16 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from unittest import mock
 
 import pytest
 
 import pd_editor
 from pd_editor.editor.commands import SetAgentSpeed
-from pd_editor.editor.variant import Variant
 from pd_editor.viewer.files.library_panel import PAGE
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
+
+IS_KEPT = "This state is in the library already", ""
 
 
 @pytest.fixture
@@ -28,9 +28,12 @@ def tabs(tmp_path: Path) -> Iterator[tuple[FakeTab, FakeTab]]:
         yield one, other
 
 
-def star(tab: FakeTab, **about: Any) -> None:
-    tab.run(lambda: tab.session.describe(Variant(**about)))
-    tab.run(tab.elements.library.star)
+def star(
+    tab: FakeTab, name: str = "", tags: tuple[str, ...] = (), note: str = ""
+) -> None:
+    for label, text in (("Name", name), ("Tags", ", ".join(tags)), ("Note", note)):
+        tab.type(label, text)
+    tab.press("Save to library")
 
 
 def drive(tab: FakeTab, speed_mps: float) -> None:
@@ -43,13 +46,9 @@ def listed(tab: FakeTab) -> list[str]:
     return tab.elements.library.listed
 
 
-def notices(tab: FakeTab) -> Any:
-    return mock.patch.object(tab.ui, "notify")
-
-
-def downloaded(tab: FakeTab) -> zipfile.ZipFile:
+def downloaded(tab: FakeTab, label: str) -> zipfile.ZipFile:
     with mock.patch.object(tab.ui.client, "send_file_download") as send:
-        tab.run(tab.elements.library.download)
+        tab.press(label)
     return zipfile.ZipFile(io.BytesIO(send.call_args.args[1]))
 
 
@@ -60,14 +59,14 @@ def test_a_star_takes_the_name_tags_and_note_that_were_typed_after_it(tabs):
     star(tab)
     (former,) = listed(tab)
     first = tab.tab.workspace.library.card(former)
-    with notices(tab) as told:
-        star(tab, tags=("cut-in",), note="near miss")
-        assert told.call_args.args[0] == f"Updated in the library: {former}"
-        star(tab, name="near-miss", tags=("cut-in",))
-        star(tab, name="near-miss", tags=("cut-in",))
-        assert told.call_args.args == ("This state is in the library already",)
+    star(tab, tags=("cut-in",), note="near miss")
+    assert tab.notices[-1][0] == f"Updated in the library: {former}"
+    star(tab, name="near-miss", tags=("cut-in",))
+    assert tab.notices[-1][0] == "Updated in the library: near-miss"
+    star(tab, name="near-miss", tags=("cut-in",))
+    assert tab.notices[-1] == IS_KEPT
     assert listed(tab) == ["near-miss"]
-    archive = downloaded(tab)
+    archive = downloaded(tab, "Download 1 scenario")
     (row,) = csv.DictReader(io.StringIO(archive.read("index.csv").decode()))
     assert (row["id"], row["tags"], row["note"]) == ("near-miss", "cut-in", "")
     assert "near-miss/scenario_near-miss.parquet" in archive.namelist()
@@ -131,13 +130,13 @@ def test_a_download_tells_what_another_tab_has_removed(tabs):
         drive(one, speed)
         star(one, name=name)
     until(lambda: len(listed(other)) == 2)
-    with notices(other) as told:
-        # Before the list of the other tab follows.
-        with mock.patch.object(other.elements.library, "follow"):
-            one.tab.workspace.library.remove("gone")
-            archive = downloaded(other)
-        assert told.call_args.args[0] == "1 scenario not in the zip"
-        assert "removed gone from" in told.call_args.args[1]
+    # Before the list of the other tab follows.
+    with mock.patch.object(other.elements.library, "follow"):
+        one.tab.workspace.library.remove("gone")
+        archive = downloaded(other, "Download 2 scenarios")
+    title, text = other.notices[-1]
+    assert title == "1 scenario not in the zip"
+    assert "removed gone from" in text
     assert {name.split("/")[0] for name in archive.namelist()} == {"index.csv", "kept"}
     assert listed(other) == ["kept"]
 
@@ -156,16 +155,15 @@ def test_what_was_removed_can_be_put_back(tabs):
     until(lambda: len(listed(tab)) == 2)
     assert tab.tab.workspace.library.cards() == before
     assert not tab.field("Put back 0 scenarios").visible
-    with notices(tab) as told:
-        tab.run(tab.elements.library.star)
-        assert told.call_args.args == ("This state is in the library already",)
+    tab.press("Save to library")
+    assert tab.notices[-1] == IS_KEPT
 
 
 def test_the_library_is_downloaded_in_the_chosen_format(tabs):
     tab, _ = tabs
     star(tab, name="near_miss")
-    tab.elements.export._format.value = "CommonRoad"
-    names = downloaded(tab).namelist()
+    tab.type("Format", "CommonRoad")
+    names = downloaded(tab, "Download 1 scenario").namelist()
     assert {"index.csv", "near_miss/near_miss.xml", "near_miss/recipe.json"} <= set(
         names
     )
@@ -237,9 +235,8 @@ def test_a_shell_on_the_same_library_is_followed(tmp_path: Path):
         pd_editor.library.tag(folder, "*", add=("b",), note="seen")
         until(lambda: "mine · a · b" in tab.inputs())
         until(lambda: tab.session.variant.note == "seen")
-        with notices(tab) as told:
-            tab.run(tab.elements.library.star)
-            assert told.call_args.args == ("This state is in the library already",)
+        tab.press("Save to library")
+        assert tab.notices[-1] == IS_KEPT
         tab.press("merge · b")
         until(lambda: tab.elements.library.chosen == ["merge"])
         tab.press("Open from library")

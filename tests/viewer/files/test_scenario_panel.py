@@ -2,7 +2,6 @@
 
 import pytest
 
-from pd_editor.base.errors import InputError
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
@@ -11,6 +10,8 @@ from tests.builders import two_agents_that_pass
 from tests.editor.same_scenario import same_scenario
 from tests.scene.test_time_cut import long_recording
 from tests.viewer.fake_browser import connected_tab, running_app
+
+UPLOAD = "Upload zip, or parquet and map"
 
 
 def test_the_menu_of_demos_names_the_one_that_is_open_if_any(tmp_path):
@@ -21,15 +22,20 @@ def test_the_menu_of_demos_names_the_one_that_is_open_if_any(tmp_path):
         running_app(tmp_path / "library", str(folder)) as app,
         connected_tab(app) as tab,
     ):
-        panel = tab.elements.scenario
-        assert panel._demo.value == NO_DEMO
-        with pytest.raises(InputError, match="Choose a demo"):
-            panel._open_demo()
-        panel._demo.value = "crosswalk"
-        tab.run(panel._open_demo)
-        assert panel._demo.value == "crosswalk"
-        tab.run(lambda: tab.tab.workspace.open_reference(str(folder)))
-        assert panel._demo.value == NO_DEMO
+        demo = tab.field("Demo")
+        assert demo.value == NO_DEMO
+        tab.press("Open demo")
+        assert "Choose a demo" in tab.refusal()
+        tab.type("Demo", "crosswalk")
+        tab.press("Open demo")
+        assert tab.session.base.scenario_id == "crosswalk"
+        assert demo.value == "crosswalk"
+        tab.type("Folder", str(folder))
+        tab.press("Open folder")
+        assert demo.value == NO_DEMO
+        # Also one that was opened otherwise is named.
+        tab.run(lambda: tab.tab.workspace.open_reference("merge"))
+        assert demo.value == "merge"
 
 
 @pytest.mark.parametrize("is_upload", [False, True])
@@ -40,40 +46,40 @@ def test_a_long_recording_is_cut_by_a_button_and_opened_whole_again(
     files = scenario_files(long_recording())
     write_files(files, tmp_path / "long", forbidden=None)
     with running_app(tmp_path / "library", "queue") as app, connected_tab(app) as tab:
-        workspace = tab.tab.workspace
-        button = tab.elements.scenario._cut
-        assert not button.visible
+        cut, whole = "Keep 6 s after t = 0", "Open the whole recording"
+
+        def offered() -> list[str]:
+            found = ((one, tab.inputs().get(one, [])) for one in (cut, whole))
+            return [
+                one for one, (*handles,) in found if any(h.visible for h in handles)
+            ]
+
+        assert offered() == []
         if is_upload:
-            tab.run(lambda: workspace.open_upload(files))
+            for name, content in files.items():
+                tab.upload(UPLOAD, name, content)
         else:
-            tab.run(lambda: workspace.open_reference(str(tmp_path / "long")))
-        for num_steps, label in (
-            (200, "Keep 6 s after t = 0"),
-            (110, "Open the whole"),
-        ):
-            assert workspace.session.base.time_axis.num_steps == num_steps
-            assert button.visible
-            assert button.label.startswith(label)
-            tab.run(workspace.open_cut)
-        assert workspace.session.base.time_axis.num_steps == 200
+            tab.type("Folder", str(tmp_path / "long"))
+            tab.press("Open folder")
+        for num_steps, label in ((200, cut), (110, whole)):
+            assert tab.session.base.time_axis.num_steps == num_steps
+            assert offered() == [label]
+            tab.press(label)
+        assert tab.session.base.time_axis.num_steps == 200
 
 
 def test_an_edited_upload_that_was_cut_comes_back_after_a_restart(tmp_path):
     files = scenario_files(long_recording())
     with running_app(tmp_path / "library", "queue") as app, connected_tab(app) as tab:
-        workspace = tab.tab.workspace
-        tab.run(lambda: workspace.open_upload(files))
-        tab.run(workspace.open_cut)
-        name = workspace.session.scenario.focal_id
-        tab.run(
-            lambda: workspace.session.apply(
-                TransformAgents(agent_ids=(name,), dx_m=1.0)
-            )
-        )
-        edited = workspace.session.scenario
+        for name, content in files.items():
+            tab.upload(UPLOAD, name, content)
+        tab.press("Keep 6 s after t = 0")
+        move = TransformAgents(agent_ids=(tab.session.scenario.focal_id,), dx_m=1.0)
+        tab.run(lambda: tab.ui.apply(move))
+        edited = tab.session.scenario
     with running_app(tmp_path / "library", "queue") as app, connected_tab(app) as tab:
-        workspace = tab.tab.workspace
-        (work,) = workspace.shelf.unfinished()
-        tab.run(lambda: workspace.resume(work))
-        assert workspace.session.scenario.time_axis.num_steps == 110
-        assert same_scenario(workspace.session.scenario, edited)
+        tab.press("Unfinished work (1)")
+        (label,) = (one for one in tab.inputs() if " · 1 edit, last " in one)
+        tab.press(label)
+        assert tab.session.scenario.time_axis.num_steps == 110
+        assert same_scenario(tab.session.scenario, edited)
