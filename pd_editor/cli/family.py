@@ -3,8 +3,8 @@
 import csv
 import io
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,13 +15,11 @@ from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.options.arguments import FolderOption, Switch
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import ProgressLine
-from pd_editor.cli.replay import open_base, read_recipe, regenerated
-from pd_editor.editor.edit_findings import edit_findings
-from pd_editor.editor.family import VariedNumber, members, varied, varied_numbers
-from pd_editor.editor.recipe import Recipe, replay
+from pd_editor.cli.replay import open_base, read_recipe
+from pd_editor.editor.family import Member, in_words, member, members, varied_numbers
 from pd_editor.editor.scenario_store import export_into
+from pd_editor.generation.generators import make_generator
 from pd_editor.scene.formats.player import player_page
-from pd_editor.scene.scenario import Scenario
 
 
 def family(
@@ -68,27 +66,36 @@ def family(
     table = whole.with_name(f"{whole.name}.csv")
     if os.path.exists(table) and not overwrite:
         raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
-    made, failures, line = [], [], ProgressLine()
+    made: list[tuple[Path, Member]] = []
+    failures, line = [], ProgressLine()
     for number, own in enumerate(values, start=1):
         name = f"{parsed.result_id}-{number:0{len(str(num))}d}"
-        told = ", ".join(f"{one.name} {value:g}" for one, value in own.items())
-        variant = replace(parsed.variant, name=name, note=told)
         try:
-            member = _member(replace(parsed, variant=variant), opened, own, model)
-            made.append((member.write(out, overwrite=overwrite), member))
+            one = member(
+                parsed, opened, own, name, lambda said: make_generator(model or said)
+            )
+            folder = export_into(
+                out, one.scenario, one.recipe, base=one.base, overwrite=overwrite
+            )
+            made.append((folder, one))
         except PdEditorError as error:
-            failures.append(f"{name} ({told}) failed: {error}")
+            failures.append(f"{name} ({in_words(own)}) failed: {error}")
         line.show(f"{number} of {num} variants")
     line.clear()
     if not made:
         raise ExportError(failures[0])
-    several = [one for _, one in made]
     head = ["name", *(one.name for one in numbers), "num_problems"]
-    write_whole(table, _csv([head, *(one.row for one in several)]))
+    rows = [
+        [one.recipe.result_id, *one.values.values(), one.num_problems]
+        for _, one in made
+    ]
+    write_whole(table, _csv([head, *rows]))
     page = whole.with_name(f"{whole.name}.html")
-    scenes = tuple(one.scenario for one in several)
+    scenes = tuple(
+        replace(one.scenario, scenario_id=one.recipe.result_id) for _, one in made
+    )
     write_whole(page, player_page(scenes))
-    num_clean = sum(one.num_problems == 0 for one in several)
+    num_clean = sum(one.num_problems == 0 for _, one in made)
     return Outcome(
         folders=(*(folder for folder, _ in made), table, page),
         scenarios=scenes,
@@ -96,48 +103,6 @@ def family(
             f"{len(made)} of {num} variants, {num_clean} without problems.",
             *failures,
         ),
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Member:
-    scenario: Scenario
-    base: Scenario
-    recipe: Recipe
-    values: Mapping[VariedNumber, float]
-    num_problems: int
-
-    @property
-    def row(self) -> tuple[object, ...]:
-        """Its row of the table."""
-        return self.recipe.result_id, *self.values.values(), self.num_problems
-
-    def write(self, out: str | Path, *, overwrite: bool) -> Path:
-        """Write its folder."""
-        return export_into(
-            out, self.scenario, self.recipe, base=self.base, overwrite=overwrite
-        )
-
-
-def _member(
-    recipe: Recipe,
-    opened: Scenario,
-    values: Mapping[VariedNumber, float],
-    model: str,
-) -> _Member:
-    """Make a variant of a recipe."""
-    fresh = varied(recipe, values)
-    if fresh.generators:
-        scenario, fresh, _ = regenerated(fresh, opened, model)
-    else:
-        scenario = replay(fresh, opened)
-    base = opened.as_referred_to(recipe.base)
-    return _Member(
-        scenario=replace(scenario, scenario_id=fresh.result_id),
-        base=base,
-        recipe=fresh,
-        values=values,
-        num_problems=len(edit_findings(scenario, base, fresh.commands).new),
     )
 
 

@@ -1,6 +1,5 @@
 """``pd-editor replay``: reproduce a scenario from its recipe."""
 
-import dataclasses
 import os
 from pathlib import Path
 from typing import Annotated
@@ -17,8 +16,12 @@ from pd_editor.cli.options.arguments import (
     Switch,
 )
 from pd_editor.cli.output.outcome import Outcome
-from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, RegeneratedEntry
-from pd_editor.editor.recipe import regenerate as regenerate_recipe
+from pd_editor.editor.recipe import (
+    MAX_RECIPE_BYTES,
+    Recipe,
+    RegeneratedEntry,
+    regenerated,
+)
 from pd_editor.editor.recipe import replay as replay_recipe
 from pd_editor.editor.scenario_store import RECIPE_NAME, export_into
 from pd_editor.editor.scenario_store import open_base as open_base_of
@@ -63,7 +66,10 @@ def replay(
     opened = open_base(parsed, where, base)
     remarks: tuple[str, ...] = ()
     if regenerate:
-        scenario, parsed, remarks = regenerated(parsed, opened, model)
+        scenario, parsed, entries = regenerated(
+            parsed, opened, lambda name: make_generator(model or name)
+        )
+        remarks = tuple(map(_verdict, entries))
     else:
         scenario = replay_recipe(parsed, opened)
     folder = export_into(
@@ -108,32 +114,6 @@ def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
             f"{where}: its scenario cannot be opened; if it was moved, name its "
             f"folder with --base ({error})"
         ) from error
-
-
-def regenerated(
-    recipe: Recipe, base: Scenario, model: str
-) -> tuple[Scenario, Recipe, tuple[str, ...]]:
-    """Result and recipe with its traffic generated anew, and whether it is equal.
-
-    Raises:
-        RecipeError: there is none, or it is of several generators.
-    """
-    names = set(recipe.generators)
-    if not names:
-        raise RecipeError("The recipe holds no generated traffic to regenerate.")
-    if len(names) > 1:
-        raise RecipeError(
-            f"The recipe holds traffic of {' and '.join(sorted(names))}; expected one "
-            "generator to regenerate it."
-        )
-    scenario, entries = regenerate_recipe(
-        recipe, base, make_generator(model or names.pop())
-    )
-    commands = list(recipe.commands)
-    for entry in entries:
-        commands[entry.number - 1] = entry.fresh
-    fresh = dataclasses.replace(recipe, commands=tuple(commands))
-    return scenario, fresh, tuple(_verdict(entry) for entry in entries)
 
 
 def _verdict(entry: RegeneratedEntry) -> str:

@@ -1,15 +1,19 @@
 """A family: one recipe many times, with other numbers in its commands."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands import command_from_json, command_to_json
-from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.editor.recipe import Recipe, regenerated, replay
+from pd_editor.editor.scenario_store import exported_files
+from pd_editor.scene.generation import ScenarioGenerator
+from pd_editor.scene.scenario import Scenario
 
 MOST_MEMBERS: Final = 10_000
 _RANGE: Final = re.compile(r"([\w.-]+)=([-+\d.eE]+?)\.\.([-+\d.eE]+)")
@@ -84,22 +88,102 @@ def varied(recipe: Recipe, values: Mapping[VariedNumber, float]) -> Recipe:
     return replace(recipe, commands=tuple(commands))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Member:
+    """A variant of a family."""
+
+    scenario: Scenario
+    base: Scenario
+    recipe: Recipe
+    values: Mapping[VariedNumber, float]
+    num_problems: int
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """Files of its export."""
+        return exported_files(self.scenario, self.recipe, self.base)
+
+
+def member(
+    recipe: Recipe,
+    opened: Scenario,
+    values: Mapping[VariedNumber, float],
+    name: str,
+    make: Callable[[str], ScenarioGenerator],
+) -> Member:
+    """Make a variant with some numbers; ``make`` makes the generator of its traffic.
+
+    Raises:
+        RecipeError: a command does not take its number, or does not apply.
+        GenerationError: the generator refused.
+    """
+    told = in_words(values)
+    variant = replace(recipe.variant, name=name, note=told)
+    fresh = replace(varied(recipe, values), variant=variant)
+    if fresh.generators:
+        scenario, fresh, _ = regenerated(fresh, opened, make)
+    else:
+        scenario = replay(fresh, opened)
+    base = opened.as_referred_to(recipe.base)
+    return Member(
+        scenario=scenario,
+        base=base,
+        recipe=fresh,
+        values=values,
+        num_problems=len(edit_findings(scenario, base, fresh.commands).new),
+    )
+
+
+def in_words(values: Mapping[VariedNumber, float]) -> str:
+    """Numbers of a variant by their names."""
+    return ", ".join(f"{one.name} {value:g}" for one, value in values.items())
+
+
+def numbers_in_words(recipe: Recipe) -> str:
+    """All numbers that can be varied, by the names to use, with what they are now."""
+    known = _numbers(recipe)
+    names = {path: _shortest(path, known) for path in known}
+    return ", ".join(f"{names[path]} {value:g}" for path, value in known.items())
+
+
+def _shortest(path: _Path, known: Iterable[_Path]) -> str:
+    """The shortest name that means this number alone."""
+    whole = path[-2:] if path[-1].isdigit() else path[-1:]
+    names = (whole, path[:1] + whole, path)
+    return ".".join(next(one for one in names if len(_fitting(one, known)) == 1))
+
+
+def _fitting(asked: _Path, known: Iterable[_Path]) -> list[_Path]:
+    """Numbers that a name means."""
+    entry, rest = (asked[:1], asked[1:]) if asked[0].isdigit() else ((), asked)
+    return [
+        path
+        for path in known
+        if path[: len(entry)] == entry and path[len(path) - len(rest) :] == rest
+    ]
+
+
 def _numbers(recipe: Recipe) -> dict[_Path, float]:
     found: dict[_Path, float] = {}
 
     def walk(path: _Path, value: Any) -> None:
-        if isinstance(value, dict) and "zlib" not in value:
-            for name, inner in value.items():
-                if name not in _SAMPLED:
-                    walk((*path, name), inner)
-        elif isinstance(value, list):
-            for place, inner in enumerate(value):
-                walk((*path, str(place)), inner)
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            found[path] = value
+        if is_dataclass(value):
+            own = ((one.name, getattr(value, one.name)) for one in fields(value))
+            inner = [one for one in own if one[0] not in _SAMPLED]
+        elif isinstance(value, Mapping):
+            inner = value.items()
+        elif isinstance(value, tuple):
+            inner = enumerate(value)
+        else:
+            # A truth, and a value of an enumeration, are no quantities.
+            if type(value) in (int, float):
+                found[path] = value
+            return
+        for name, one in inner:
+            walk((*path, str(name)), one)
 
     for entry, command in enumerate(recipe.commands, start=1):
-        walk((str(entry),), command_to_json(command))
+        walk((str(entry),), command)
     return found
 
 
@@ -112,18 +196,12 @@ def _varied_number(text: str, known: Mapping[_Path, float]) -> VariedNumber:
         raise RecipeError(
             f"{text[:60]!r} is no range; expected NAME=LOW..HIGH, such as power=4..8."
         ) from None
-    asked = tuple(name.split("."))
-    entry, fields = (asked[:1], asked[1:]) if asked[0].isdigit() else ((), asked)
-    fitting = [
-        path
-        for path in known
-        if path[: len(entry)] == entry and path[len(path) - len(fields) :] == fields
-    ]
+    fitting = _fitting(tuple(name.split(".")), known)
     if len(fitting) != 1:
-        named = [".".join(one) for one in fitting or known]
+        named = [_shortest(one, known) for one in fitting or known]
         some = ", ".join(named[:12]) + ", ..." * (len(named) > 12)
         what = "several numbers of this name" if fitting else "no number of this name"
-        raise RecipeError(f"{name}: the recipe has {what}; there are {some or 'none'}.")
+        raise RecipeError(f"{name}: the edits have {what}; there are {some or 'none'}.")
     if not ends[0] <= ends[1]:
         raise RecipeError(f"{text[:60]!r} ends before it begins.")
     (path,) = fitting

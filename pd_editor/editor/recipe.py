@@ -282,6 +282,29 @@ def regenerate(
     return scenario, tuple(checked)
 
 
+def regenerated(
+    recipe: Recipe, base: Scenario, make: Callable[[str], ScenarioGenerator]
+) -> tuple[Scenario, Recipe, tuple[RegeneratedEntry, ...]]:
+    """Result and recipe with its traffic generated anew; ``make`` makes a generator.
+
+    Raises:
+        RecipeError: there is none, it is of several generators, or as ``regenerate``.
+    """
+    names = sorted(recipe.generators)
+    if not names:
+        raise RecipeError("The recipe holds no generated traffic to regenerate.")
+    if len(names) > 1:
+        raise RecipeError(
+            f"The recipe holds traffic of {' and '.join(names)}; expected one generator to "
+            "regenerate it."
+        )
+    scenario, entries = regenerate(recipe, base, make(*names))
+    commands = list(recipe.commands)
+    for entry in entries:
+        commands[entry.number - 1] = entry.fresh
+    return scenario, replace(recipe, commands=tuple(commands)), entries
+
+
 def applied(command: Command, scenario: Scenario, number: int) -> Scenario:
     """Apply one entry of a recipe.
 

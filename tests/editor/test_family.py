@@ -73,7 +73,10 @@ def test_a_number_changes_where_it_is_named_and_nowhere_else():
             "speed_mps=1..2",
             "several numbers of this name; there are 2.speed_mps, 3.speed",
         ),
-        ("seed=1..2", "no number of this name; there are 1.warp.anchor.x_m"),
+        (
+            "seed=1..2",
+            "no number of this name; there are x_m, y_m, rotation_rad, power",
+        ),
         ("9.power=1..2", "no number of this name"),
     ],
 )

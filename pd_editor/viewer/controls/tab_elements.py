@@ -13,6 +13,7 @@ from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, Hints, SidePanel
 from pd_editor.viewer.controls.view_panel import ViewPanel
 from pd_editor.viewer.files.dataset_panel import DatasetPanel
 from pd_editor.viewer.files.export_panel import ExportPanel
+from pd_editor.viewer.files.family_panel import FamilyPanel
 from pd_editor.viewer.files.library_panel import LibraryPanel
 from pd_editor.viewer.files.scenario_panel import ScenarioPanel
 from pd_editor.viewer.files.unfinished_panel import UnfinishedPanel
@@ -109,6 +110,7 @@ class TabElements:
             self.study = StudyPanel(ui, generators.offers)
         with tabs.add_tab("History"):
             self.history = HistoryPanel(ui, style)
+            self.family = FamilyPanel(ui, generators)
         with tabs.add_tab("View"):
             self.view = ViewPanel(ui, self.viewpoint, self.picture)
         self.chip = StatusChip(ui, self.timeline, self.viewpoint, self.export)
@@ -136,4 +138,5 @@ class TabElements:
         self.study.close()
         self.dataset.close()
         self.export.close()
+        self.family.close()
         self.viewpoint.remember()

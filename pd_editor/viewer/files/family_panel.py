@@ -1,0 +1,164 @@
+"""The family panel: the edits at hand many times, with other numbers, into the library."""
+
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Final
+
+import viser
+
+from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.editor.background_job import BackgroundJob
+from pd_editor.editor.family import (
+    VariedNumber,
+    in_words,
+    member,
+    members,
+    numbers_in_words,
+    varied_numbers,
+)
+from pd_editor.editor.library.library import card_of
+from pd_editor.editor.library.thumbnail import thumbnail
+from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.variant import free_name
+from pd_editor.generation.generators import GeneratorCatalogue
+from pd_editor.scene.generation import ScenarioGenerator
+from pd_editor.scene.scenario import Scenario
+from pd_editor.viewer.tab.panel_style import FixedText
+from pd_editor.viewer.tab.ui_context import UiContext, set_property
+
+MOST_IN_BROWSER: Final = 200
+
+
+class FamilyPanel:
+    """Ranges, a number of variants, and a run that saves them to the library."""
+
+    def __init__(self, ui: UiContext, generators: GeneratorCatalogue) -> None:
+        """Build it into the current tab."""
+        self._ui, self._generators = ui, generators
+        self._job: _FamilyJob | None = None
+        self._shown = ui.session.recipe()
+        gui = ui.client.gui
+        with gui.add_folder("Family"):
+            self._known = FixedText(gui, 3)
+            known = numbers_in_words(self._shown)
+            self._known.show("", known or "No edits to vary yet.")
+            self._vary = gui.add_text(
+                "Vary",
+                "",
+                hint="Ranges of these numbers, such as power=4..8, seed=1..99",
+            )
+            self._num = gui.add_number(
+                "Variants", 10, min=1, max=MOST_IN_BROWSER, step=1
+            )
+            self._make = gui.add_button(
+                "Make family",
+                icon=viser.Icon.COPY,
+                hint="The edits with other numbers, traffic generated anew, each saved to "
+                "the library (tab Scene) with its problems",
+            )
+            self._cancel = gui.add_button("Cancel family", color="gray", visible=False)
+            self._told = FixedText(gui, 2)
+        ui.on_click(self._make, self._start)
+        ui.on_click(self._cancel, self._stop)
+        ui.model.shown.subscribe(self.show)
+
+    def show(self) -> None:
+        """Tell the numbers of the edits at hand."""
+        recipe = self._ui.session.recipe()
+        if list(map(id, recipe.commands)) != list(map(id, self._shown.commands)):
+            self._shown = recipe
+            self._known.show("", numbers_in_words(recipe) or "No edits to vary yet.")
+
+    def close(self) -> None:
+        """End a run; what is saved stays."""
+        if self._job is not None:
+            self._job.cancel()
+
+    def tell(self, words: str) -> None:
+        """Show how far a run is, unless it was cancelled."""
+        if self._job is not None:
+            self._told.show("", words)
+
+    def end(self, words: str) -> None:
+        """Show how a run ended."""
+        self.tell(words)
+        self._job = None
+        set_property(self._cancel, "visible", False)
+        self._ui.model.library_changed.emit()
+
+    def _start(self) -> None:
+        if self._job is not None:
+            raise InputError("A family is being made; cancel it first.")
+        self._ui.commit_gesture()
+        session = self._ui.session
+        recipe = session.recipe()
+        texts = [one for one in re.split(r"[,\s]+", str(self._vary.value)) if one]
+        if not texts:
+            raise InputError("Vary: enter a range first, such as power=4..8.")
+        numbers = varied_numbers(recipe, texts)
+        values = list(members(numbers, int(self._num.value), int(time.time())))
+        self._job = _FamilyJob(self._ui, self, recipe, session.base, values, self._made)
+        set_property(self._cancel, "visible", True)
+        self.tell(f"0 of {len(values)} variants")
+        self._job.start()
+
+    def _stop(self) -> None:
+        self.close()
+        self.end("Cancelled; what is saved stays.")
+
+    def _made(self, name: str) -> ScenarioGenerator:
+        offer = self._generators.offers.get(name)
+        if offer is None:
+            raise InputError(f"{name}: the editor has no generator of this name.")
+        return offer.make()
+
+
+class _FamilyJob(BackgroundJob[int]):
+    """Makes variants one after another; all that it tells goes to the tab's own thread."""
+
+    def __init__(
+        self,
+        ui: UiContext,
+        panel: FamilyPanel,
+        recipe: Recipe,
+        base: Scenario,
+        values: Sequence[Mapping[VariedNumber, float]],
+        make: Callable[[str], ScenarioGenerator],
+    ) -> None:
+        super().__init__("family", self._done, self._ended)
+        self._ui, self._panel = ui, panel
+        self._recipe, self._base = recipe, base
+        self._values, self._make = values, make
+        self._library = ui.workspace.library
+        self._failures: list[str] = []
+
+    def _result(self) -> int:
+        count = 0
+        for number, own in enumerate(self._values, start=1):
+            self.check_cancelled()
+            name = free_name(f"{self._recipe.result_id}-{number}", self._library.has)
+            try:
+                one = member(self._recipe, self._base, own, name, self._make)
+                card = card_of(one.scenario, one.base, one.recipe)
+                self.check_cancelled()
+                self._library.add(card, one.files, thumbnail(one.scenario))
+                count += 1
+            except PdEditorError as error:
+                self._failures.append(f"{in_words(own)}: {error}")
+            words = f"{number} of {len(self._values)} variants"
+            self._ui.post(partial(self._panel.tell, words), "family")
+        return count
+
+    def _done(self, count: int) -> None:
+        words = f"{count} variants are in the library."
+        if self._failures:
+            words += f" {len(self._failures)} failed: {self._failures[0]}"
+        self._ui.post(partial(self._panel.end, words))
+
+    def _ended(self, error: PdEditorError) -> None:
+        self._ui.post(partial(self._panel.end, str(error)))
+
+    def _fault(self) -> PdEditorError:
+        return ExportError("The family failed by a fault of its own; see the log.")

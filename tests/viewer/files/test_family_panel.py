@@ -1,0 +1,89 @@
+"""The family panel: variants of the edits at hand, in the library."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
+from pd_editor.editor.library.library import Library
+from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
+
+
+def warped(tab: FakeTab) -> None:
+    """Bend the road, and set a speed."""
+    pose = pose_of_anchor(tab.session.scenario, "focal")
+    term = WarpTerm(kind="smooth-turn", power=5.0, length_m=30.0)
+    speed = SetAgentSpeed(agent_ids=(tab.session.scenario.focal_id,), speed_mps=3.0)
+    tab.run(
+        lambda: tab.session.apply(
+            SetRoadWarp(warp=RoadWarp(anchor=pose, terms=(term,)))
+        )
+    )
+    tab.run(lambda: tab.session.apply(speed))
+
+
+def test_variants_are_saved_to_the_library(tmp_path: Path):
+    library = Library(tmp_path / "kept")
+    with (
+        running_app(tmp_path / "state", "merge", library=library.root) as app,
+        connected_tab(app) as tab,
+    ):
+        assert "No edits to vary yet" in tab.text()
+        warped(tab)
+        assert "power 5, length_m 30" in tab.text()
+        assert "speed_mps 3" in tab.text()
+        tab.type("Vary", "power=2..8, speed_mps=1..2")
+        tab.type("Variants", 3)
+        tab.press("Make family")
+        until(lambda: "3 variants are in the library" in tab.text())
+        cards = library.cards()
+        assert len(cards) == 3
+        found = {card.name: library.files(card.name) for card in cards}
+        assert all("recipe.json" in one for one in found.values())
+        notes = sorted(card.row.note for card in cards)
+        powers = np.array([float(one.split()[1].rstrip(",")) for one in notes])
+        assert ((powers > 2) & (powers < 8)).all()
+        assert (np.diff(np.sort(powers)) > 0).all()
+        until(lambda: "3 scenarios; buttons" in tab.text())
+
+
+def test_what_cannot_be_varied_is_told_and_nothing_is_saved(tmp_path: Path):
+    library = Library(tmp_path / "kept")
+    with (
+        running_app(tmp_path / "state", "merge", library=library.root) as app,
+        connected_tab(app) as tab,
+    ):
+        warped(tab)
+        tab.press("Make family")
+        assert "enter a range first" in tab.refusal()
+        tab.type("Vary", "strength=1..2")
+        tab.press("Make family")
+        assert "there are x_m, y_m, rotation_rad, power" in tab.refusal()
+        tab.type("Vary", "power=50..60")
+        tab.press("Make family")
+        until(lambda: "0 variants are in the library. 10 failed" in tab.text())
+        assert "outside -10..10" in tab.text()
+        assert library.cards() == []
+
+
+def test_a_run_that_is_cancelled_keeps_what_is_saved(tmp_path: Path):
+    library = Library(tmp_path / "kept")
+    with (
+        running_app(tmp_path / "state", "merge", library=library.root) as app,
+        connected_tab(app) as tab,
+    ):
+        warped(tab)
+        tab.type("Vary", "power=2..8")
+        tab.type("Variants", 200)
+        tab.press("Make family")
+        until(lambda: library.cards())
+        tab.press("Cancel family")
+        assert "Cancelled; what is saved stays." in tab.text()
+        count = len(library.cards())
+        assert 1 <= count < 200
+        # Another run begins at once.
+        tab.type("Variants", 1)
+        tab.press("Make family")
+        until(lambda: "1 variants are in the library" in tab.text())
