@@ -26,6 +26,7 @@ OTHER_TEXT_FIELDS = {
     "Note",
     "Sums of warps",
     "Tags of these",
+    "Vary",
     "overlay",
 }
 """Texts that name no folder. A new field has to be put into one of the two."""
