@@ -167,7 +167,9 @@ def _as_video(pictures: Iterator[_Picture], rate: int, ending: str) -> bytes:
     import av
 
     sink, (codec, options) = io.BytesIO(), _CODECS[ending]
-    with av.open(sink, "w", format=ending) as container:
+    # Without it a WebM has a random number of its own.
+    exact = {"fflags": "+bitexact"}
+    with av.open(sink, "w", format=ending, options=exact) as container:
         stream: Any = container.add_stream(codec, rate=rate, options=options)
         stream.pix_fmt = "yuv420p"
         stream.time_base = Fraction(1, rate)
