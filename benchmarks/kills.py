@@ -3,7 +3,7 @@
 ``python -m benchmarks.kills [KILLS] [SECONDS] [FOLDER]``. A connection that the
 server takes for a browser presses random buttons, moves random sliders and opens random
 demos, until the process is killed. Then every edit that the server had accepted must be
-in a journal, and whatever export or starred scenario looks whole must be whole. It goes
+in a journal, and whatever export or saved scenario looks whole must be whole. It goes
 on where an earlier run with the same folder ended.
 """
 

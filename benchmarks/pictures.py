@@ -33,13 +33,15 @@ def main() -> None:
     counts = [len(one.agents) for one in scenarios]
     print(f"{len(scenarios)} scenes of {min(counts)} to {max(counts)} agents")
     for ending in ("html", *LOOKS):
-        times, sizes = [], []
+        times, spent, sizes = [], [], []
         for scenario in scenarios:
-            begin = time.perf_counter()
+            begin, before = time.perf_counter(), time.process_time()
             sizes.append(len(drawn(scenario, ending)) / 1e3)
             times.append(time.perf_counter() - begin)
+            spent.append(time.process_time() - before)
         print(
             f"{ending}: {median(times):.2f} s, at most {max(times):.2f}; "
+            f"{median(spent):.2f} of processor; "
             f"{median(sizes):.0f} kB, at most {max(sizes):.0f}"
         )
     print(load_in_words())

@@ -17,6 +17,7 @@ from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.cli.replay import open_base, read_recipe
 from pd_editor.editor.family import Member, in_words, member, members, varied_numbers
+from pd_editor.editor.library.index_table import index_row
 from pd_editor.editor.scenario_store import export_into
 from pd_editor.generation.generators import make_generator
 from pd_editor.scene.formats.player import player_page
@@ -85,22 +86,21 @@ def family(
     if not made:
         raise ExportError(failures[0])
     head = ["name", *(one.name for one in numbers), "num_problems"]
-    rows = [
-        [one.recipe.result_id, *one.values.values(), one.num_problems]
-        for _, one in made
-    ]
+    rows = []
+    for _, one in made:
+        problems = index_row(one.scenario, one.base, one.recipe).num_problems
+        rows.append([one.recipe.result_id, *one.values.values(), problems])
     write_whole(table, _csv([head, *rows]))
     page = whole.with_name(f"{whole.name}.html")
     scenes = tuple(
         replace(one.scenario, scenario_id=one.recipe.result_id) for _, one in made
     )
     write_whole(page, player_page(scenes))
-    num_clean = sum(one.num_problems == 0 for _, one in made)
     return Outcome(
         folders=(*(folder for folder, _ in made), table, page),
         scenarios=scenes,
         remarks=(
-            f"{len(made)} of {num} variants, {num_clean} without problems.",
+            f"{len(made)} of {num} variants, {sum(not row[-1] for row in rows)} without problems.",
             *failures,
         ),
     )

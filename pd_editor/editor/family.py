@@ -1,7 +1,8 @@
 """A family: one recipe many times, with other numbers in its commands."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Final
 
@@ -9,7 +10,6 @@ import numpy as np
 
 from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands import command_from_json, command_to_json
-from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.recipe import Recipe, regenerated, replay
 from pd_editor.editor.scenario_store import exported_files
 from pd_editor.scene.generation import ScenarioGenerator
@@ -17,6 +17,7 @@ from pd_editor.scene.scenario import Scenario
 
 MOST_MEMBERS: Final = 10_000
 _RANGE: Final = re.compile(r"([\w.-]+)=([-+\d.eE]+?)\.\.([-+\d.eE]+)")
+_MOST_TOLD: Final = 24
 _SAMPLED: Final = ("sample", "past")
 """Fields of motion, which is sampled anew and not varied."""
 _Path = tuple[str, ...]
@@ -35,9 +36,7 @@ class VariedNumber:
     @property
     def name(self) -> str:
         """The field's name, for tables."""
-        return (
-            self.path[-1] if not self.path[-1].isdigit() else ".".join(self.path[-2:])
-        )
+        return ".".join(_field(self.path))
 
 
 def varied_numbers(recipe: Recipe, texts: Sequence[str]) -> tuple[VariedNumber, ...]:
@@ -96,7 +95,6 @@ class Member:
     base: Scenario
     recipe: Recipe
     values: Mapping[VariedNumber, float]
-    num_problems: int
 
     @property
     def files(self) -> dict[str, bytes]:
@@ -124,13 +122,11 @@ def member(
         scenario, fresh, _ = regenerated(fresh, opened, make)
     else:
         scenario = replay(fresh, opened)
-    base = opened.as_referred_to(recipe.base)
     return Member(
         scenario=scenario,
-        base=base,
+        base=opened.as_referred_to(recipe.base),
         recipe=fresh,
         values=values,
-        num_problems=len(edit_findings(scenario, base, fresh.commands).new),
     )
 
 
@@ -140,20 +136,31 @@ def in_words(values: Mapping[VariedNumber, float]) -> str:
 
 
 def numbers_in_words(recipe: Recipe) -> str:
-    """All numbers that can be varied, by the names to use, with what they are now."""
+    """Numbers that can be varied, by the names to use, with what they are now."""
     known = _numbers(recipe)
-    names = {path: _shortest(path, known) for path in known}
-    return ", ".join(f"{names[path]} {value:g}" for path, value in known.items())
+    names = _names(known)
+    some = [f"{names[path]} {known[path]:g}" for path in list(known)[:_MOST_TOLD]]
+    return ", ".join(some) + ", ..." * (len(known) > _MOST_TOLD)
 
 
-def _shortest(path: _Path, known: Iterable[_Path]) -> str:
-    """The shortest name that means this number alone."""
-    whole = path[-2:] if path[-1].isdigit() else path[-1:]
-    names = (whole, path[:1] + whole, path)
-    return ".".join(next(one for one in names if len(_fitting(one, known)) == 1))
+def _names(known: Collection[_Path]) -> dict[_Path, str]:
+    """The shortest name of each number that means it alone."""
+    short = {one: _field(one) for one in known}
+    count = Counter(
+        name for one in known for name in (short[one], one[:1] + short[one])
+    )
+    return {
+        one: ".".join(next((n for n in (name, one[:1] + name) if count[n] == 1), one))
+        for one, name in short.items()
+    }
 
 
-def _fitting(asked: _Path, known: Iterable[_Path]) -> list[_Path]:
+def _field(path: _Path) -> _Path:
+    """The last field of a path, with places in its lists."""
+    return path[max(place for place, one in enumerate(path) if not one.isdigit()) :]
+
+
+def _fitting(asked: _Path, known: Collection[_Path]) -> list[_Path]:
     """Numbers that a name means."""
     entry, rest = (asked[:1], asked[1:]) if asked[0].isdigit() else ((), asked)
     return [
@@ -198,8 +205,9 @@ def _varied_number(text: str, known: Mapping[_Path, float]) -> VariedNumber:
         ) from None
     fitting = _fitting(tuple(name.split(".")), known)
     if len(fitting) != 1:
-        named = [_shortest(one, known) for one in fitting or known]
-        some = ", ".join(named[:12]) + ", ..." * (len(named) > 12)
+        names = _names(known)
+        named = [names[one] for one in fitting or known]
+        some = ", ".join(named[:_MOST_TOLD]) + ", ..." * (len(named) > _MOST_TOLD)
         what = "several numbers of this name" if fitting else "no number of this name"
         raise RecipeError(f"{name}: the edits have {what}; there are {some or 'none'}.")
     if not ends[0] <= ends[1]:

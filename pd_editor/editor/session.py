@@ -61,7 +61,7 @@ class EditRecorder(Protocol):
         ...
 
     def exported(self, mark: ExportMark, time_s: float) -> None:
-        """Record that the current state was exported or starred."""
+        """Record that the current state was exported or saved to the library."""
         ...
 
     def retry(self) -> None:
@@ -248,7 +248,7 @@ class EditorSession:
 
     @property
     def exports(self) -> tuple[tuple[Scenario, ExportMark], ...]:
-        """All states that were exported or starred."""
+        """All states that were exported or saved to the library."""
         return self._exports
 
     @property
@@ -257,7 +257,7 @@ class EditorSession:
         return tuple(mark for kept, mark in self._exports if kept is self.scenario)
 
     def mark_exported(self, mark: ExportMark) -> None:
-        """Keep in mind that the current state was exported or starred."""
+        """Keep in mind that the current state was exported or saved to the library."""
         self._exports = (*self._exports, (self.scenario, mark))
         if self._journal is not None:
             self._journal.exported(mark, self._clock())

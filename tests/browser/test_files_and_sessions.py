@@ -241,7 +241,7 @@ def test_a_library_is_opened_again_as_a_list(open_editor, tmp_path):
         for speed in (3.0, 4.0):
             ids = (session.scenario.focal_id,)
             session.apply(SetAgentSpeed(agent_ids=ids, speed_mps=speed))
-            workspace.star()
+            workspace.save()
 
     editor.tab().ui.post(star_two)
     editor.until(lambda: len(workspace.library.cards()) == 2, "two stars")

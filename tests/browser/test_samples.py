@@ -212,7 +212,7 @@ def test_resampled_agents_are_offered_as_samples(editor):
         "button", name="Use sample 2 and save it to the library"
     )
     keep.click()
-    editor.until(lambda: editor.workspace.library.cards(), "a starred scenario")
+    editor.until(lambda: editor.workspace.library.cards(), "a saved scenario")
     # A single sample needs no choice.
     editor.set_number("Samples", 1)
     editor.key("r")

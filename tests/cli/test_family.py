@@ -21,12 +21,18 @@ def test_a_recipe_becomes_a_family_of_bends(shell: Shell, tmp_path: Path):
     assert "3 of 3 variants" in result.out
     (table,) = out.glob("*.csv")
     rows = list(csv.DictReader(table.read_text().splitlines()))
+    library = pd_editor.library
+    library.add(tmp_path / "kept", out)
+    cards = library.list(tmp_path / "kept").cards
+    problems = {one.name: one.row.num_problems for one in cards}
     powers = sorted(float(row["power"]) for row in rows)
     assert [2 + 4 * n / 3 <= one <= 2 + 4 * (n + 1) / 3 for n, one in enumerate(powers)]
     for row in rows:
         recipe, _ = read_recipe(out / row["name"])
         (term,) = recipe.warps[0].terms
         assert term.power == float(row["power"])
+        # The table of a library tells the same.
+        assert int(row["num_problems"]) == problems[row["name"]]
         assert recipe.variant.note == f"power {term.power:g}"
     (page,) = out.glob("*.html")
     names = [one["name"] for one in scenes_in(page.read_bytes())]

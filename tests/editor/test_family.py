@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pd_editor.analysis.guidance.kinds.course import FollowPath
 from pd_editor.base.errors import RecipeError
-from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
-from pd_editor.editor.family import members, varied, varied_numbers
+from pd_editor.editor.commands import AddGuidance, SetAgentSpeed, SetRoadWarp
+from pd_editor.editor.commands.json_values import to_json
+from pd_editor.editor.family import (
+    members,
+    numbers_in_words,
+    varied,
+    varied_numbers,
+)
 from pd_editor.editor.recipe import Recipe
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
@@ -83,6 +90,22 @@ def test_a_number_changes_where_it_is_named_and_nowhere_else():
 def test_what_names_no_number_is_told(text: str, words: str):
     with pytest.raises(RecipeError, match=words):
         varied_numbers(recipe(), (text,))
+
+
+def test_numbers_are_told_by_names_that_mean_them_alone():
+    line = FollowPath(agent_id="one", points_m=((1.0, 2.0), (30.0, 4.0)))
+    template = recipe()
+    commands = (*template.commands, AddGuidance(term=line))
+    template = replace(template, commands=commands)
+    told = numbers_in_words(template)
+    assert "points_m.1.0 30" in told
+    for name, value in (one.split(" ") for one in told.split(", ")):
+        (number,) = varied_numbers(template, (f"{name}={value}..{value}",))
+        (values,) = members((number,), 1, 0)
+        again = varied(template, values)
+        assert to_json(again.commands) == to_json(template.commands)
+    many = replace(template, commands=template.commands * 100)
+    assert numbers_in_words(many).endswith(", ...")
 
 
 def test_values_that_a_command_refuses_are_told():

@@ -138,7 +138,7 @@ def contradictions(tab: FakeTab) -> list[str]:
         same(f"scorecard {row['name']}", row["value"], f"{share:.3g} %")
 
     if scenario.focal_id in scenario.agents.row_of:
-        entry = workspace.star()
+        entry = workspace.save()
         same("star, list", dict(entry.row.problems), dict(sorted(by_kind.items())))
         (line,) = csv.DictReader(io.StringIO(index_csv([entry.row]).decode()))
         same("index.csv, list", int(line["num_problems"]), len(new))

@@ -49,7 +49,7 @@ def one_workspace(app: ViewerApp, tab: FakeTab) -> Workspace:
 def test_visitors_of_an_open_server_see_only_their_own_work(
     tmp_path: Path, host: str, shares: bool
 ):
-    """Another browser listed, downloaded and removed what was starred here."""
+    """Another browser listed, downloaded and removed what was saved here."""
     with (
         running_app(tmp_path, "queue", host=host) as app,
         connected_tab(app) as one,
@@ -60,18 +60,18 @@ def test_visitors_of_an_open_server_see_only_their_own_work(
             ids = (one.session.scenario.focal_id,)
             edit = SetAgentSpeed(agent_ids=ids, speed_mps=3.0)
             one.run(lambda edit=edit: one.session.apply(edit))
-            one.run(first.star if name == "crosswalk" else lambda: None)
+            one.run(first.save if name == "crosswalk" else lambda: None)
             one.run(lambda name=name: first.open_reference(name))
         assert len(first.shelf.unfinished()) == len(first.library.cards()) == 1
         assert (first.shelf is second.shelf) == shares
         assert len(second.shelf.unfinished()) == (1 if shares else 0)
         assert len(second.library.cards()) == (1 if shares else 0)
         if not shares:
-            (starred,) = first.library.cards()
-            second.library.remove(starred.name)
+            (saved,) = first.library.cards()
+            second.library.remove(saved.name)
             with pytest.raises(InputError):
-                second.library.zipped([starred.name])
-            assert first.library.cards() == [starred]
+                second.library.zipped([saved.name])
+            assert first.library.cards() == [saved]
 
 
 def test_a_visitor_finds_its_work_again_after_a_restart(tmp_path: Path):

@@ -71,12 +71,13 @@ def figure(scenario: Scenario, ending: str, look: FigureLook = FigureLook()) -> 
             f"A figure needs a moment and a width of {_LEAST_MM:g} to {_MOST_MM:g} mm, "
             f"not {look.width_mm:g}."
         )
-    dated = {"pdf": "CreationDate", "svg": "Date"}
-    undated = {dated[ending]: None} if ending in dated else {}
+    subject = "Subject" if ending == "pdf" else "Description"
+    about: dict[str, Any] = {subject: scenario.provenance.attribution or ""}
+    if ending != "png":
+        about["CreationDate" if ending == "pdf" else "Date"] = None
     sink = io.BytesIO()
     with rc_context(_STYLE):
-        sheet = _sheet(scenes, steps, look)
-        sheet.savefig(sink, format=ending, metadata=undated)
+        _sheet(scenes, steps, look).savefig(sink, format=ending, metadata=about)
     return sink.getvalue()
 
 

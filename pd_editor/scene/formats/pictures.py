@@ -1,12 +1,11 @@
 """Formats that show a scene: films and figures."""
 
-from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Final
 
 from pd_editor.scene.formats.figure import FigureLook, figure
 from pd_editor.scene.formats.film import FilmLook, Told, film
 from pd_editor.scene.formats.scene_format import (
-    SceneFormat,
     WrittenScene,
     format_to_write,
 )
@@ -39,18 +38,16 @@ def picture(
     return film(scenario, ending, look, on_progress)
 
 
-def _write_as(ending: str) -> Callable[[Scenario], WrittenScene]:
-    def write(scenario: Scenario) -> WrittenScene:
-        content = picture(scenario, ending, LOOKS[ending])
-        return WrittenScene(files={f"{scenario.scenario_id}.{ending}": content})
-
-    return write
+def _write(ending: str, scenario: Scenario) -> WrittenScene:
+    content = picture(scenario, ending, LOOKS[ending])
+    return WrittenScene(files={f"{scenario.scenario_id}.{ending}": content})
 
 
-def _formats() -> Iterator[SceneFormat]:
-    for ending, look in LOOKS.items():
-        kind = "Figure" if isinstance(look, FigureLook) else "Film"
-        yield format_to_write(ending, f"{kind} ({ending.upper()})", _write_as(ending))
+def _title(ending: str) -> str:
+    kind = "Figure" if isinstance(LOOKS[ending], FigureLook) else "Film"
+    return f"{kind} ({ending.upper()})"
 
 
-PICTURES: Final = tuple(_formats())
+PICTURES: Final = tuple(
+    format_to_write(ending, _title(ending), partial(_write, ending)) for ending in LOOKS
+)

@@ -59,7 +59,7 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Turn the view north, or to the heading", tab.viewpoint.turn)
     key("Keys and mouse", tab.key_sheet.open)
     key("Clear selection", tab.escape, "escape")
-    key("Save to library", tab.library.star, "S")
+    key("Save to library", tab.library.save, "S")
     key("Next scenario", lambda: tab.dataset.go(+1), "pagedown")
     key("Previous scenario", lambda: tab.dataset.go(-1), "pageup")
 

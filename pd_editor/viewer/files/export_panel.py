@@ -46,7 +46,7 @@ class ExportPanel:
                 icon=viser.Icon.DOWNLOAD,
                 hint="Files of the format above, with recipe.json; a player, film or figure alone",
             )
-            self._star = gui.add_button(
+            self._save = gui.add_button(
                 "Save to library",
                 icon=viser.Icon.STAR,
                 color="gray",
@@ -71,7 +71,7 @@ class ExportPanel:
         self._pictures = PictureDownload(ui)
         ui.on_click(self._download, self.download)
         ui.on_change(self._format, self._format_chosen)
-        ui.on_click(self._star, self._model.star_requested.emit)
+        ui.on_click(self._save, self._model.save_requested.emit)
         ui.on_click(write, self._write)
         ui.on_click(edits, self._download_edits)
         ui.on_change(self._name, self._name_typed, merge_key="variant name")

@@ -4,13 +4,13 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Final
 
 import viser
 
 from pd_editor.base.errors import ExportError, InputError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.family import (
+    MOST_MEMBERS,
     VariedNumber,
     in_words,
     member,
@@ -28,8 +28,6 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
-MOST_IN_BROWSER: Final = 200
-
 
 class FamilyPanel:
     """Ranges, a number of variants, and a run that saves them to the library."""
@@ -38,20 +36,16 @@ class FamilyPanel:
         """Build it into the current tab."""
         self._ui, self._generators = ui, generators
         self._job: _FamilyJob | None = None
-        self._shown = ui.session.recipe()
+        self._shown: Recipe | None = None
         gui = ui.client.gui
         with gui.add_folder("Family"):
             self._known = FixedText(gui, 3)
-            known = numbers_in_words(self._shown)
-            self._known.show("", known or "No edits to vary yet.")
             self._vary = gui.add_text(
                 "Vary",
                 "",
                 hint="Ranges of these numbers, such as power=4..8, seed=1..99",
             )
-            self._num = gui.add_number(
-                "Variants", 10, min=1, max=MOST_IN_BROWSER, step=1
-            )
+            self._num = gui.add_number("Variants", 10, min=1, max=MOST_MEMBERS, step=1)
             self._make = gui.add_button(
                 "Make family",
                 icon=viser.Icon.COPY,
@@ -67,7 +61,8 @@ class FamilyPanel:
     def show(self) -> None:
         """Tell the numbers of the edits at hand."""
         recipe = self._ui.session.recipe()
-        if list(map(id, recipe.commands)) != list(map(id, self._shown.commands)):
+        commands = list(map(id, recipe.commands))
+        if self._shown is None or commands != list(map(id, self._shown.commands)):
             self._shown = recipe
             self._known.show("", numbers_in_words(recipe) or "No edits to vary yet.")
 
@@ -127,7 +122,9 @@ class _FamilyJob(BackgroundJob[int]):
         values: Sequence[Mapping[VariedNumber, float]],
         make: Callable[[str], ScenarioGenerator],
     ) -> None:
-        super().__init__("family", self._done, self._ended)
+        super().__init__(
+            "family", self._done, lambda error: ui.post(partial(panel.end, str(error)))
+        )
         self._ui, self._panel = ui, panel
         self._recipe, self._base = recipe, base
         self._values, self._make = values, make
@@ -135,7 +132,6 @@ class _FamilyJob(BackgroundJob[int]):
         self._failures: list[str] = []
 
     def _result(self) -> int:
-        count = 0
         for number, own in enumerate(self._values, start=1):
             self.check_cancelled()
             name = free_name(f"{self._recipe.result_id}-{number}", self._library.has)
@@ -144,21 +140,17 @@ class _FamilyJob(BackgroundJob[int]):
                 card = card_of(one.scenario, one.base, one.recipe)
                 self.check_cancelled()
                 self._library.add(card, one.files, thumbnail(one.scenario))
-                count += 1
             except PdEditorError as error:
                 self._failures.append(f"{in_words(own)}: {error}")
             words = f"{number} of {len(self._values)} variants"
             self._ui.post(partial(self._panel.tell, words), "family")
-        return count
+        return len(self._values) - len(self._failures)
 
     def _done(self, count: int) -> None:
-        words = f"{count} variants are in the library."
+        words = f"{count} of {len(self._values)} variants saved to the library."
         if self._failures:
             words += f" {len(self._failures)} failed: {self._failures[0]}"
         self._ui.post(partial(self._panel.end, words))
-
-    def _ended(self, error: PdEditorError) -> None:
-        self._ui.post(partial(self._panel.end, str(error)))
 
     def _fault(self) -> PdEditorError:
         return ExportError("The family failed by a fault of its own; see the log.")

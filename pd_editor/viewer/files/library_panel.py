@@ -96,7 +96,7 @@ class LibraryPanel:
         ui.on_click(self._untag, partial(self._change_tags, is_added=False))
         ui.on_click(self._remove, self._remove_chosen)
         ui.on_click(self._put_back, self._put_removed_back)
-        ui.model.star_requested.subscribe(self.star)
+        ui.model.save_requested.subscribe(self.save)
 
     @property
     def listed(self) -> list[str]:
@@ -109,7 +109,7 @@ class LibraryPanel:
         ticked = [one for one in self.listed if one in self._workspace.ticked]
         return ticked or self.listed
 
-    def star(self) -> None:
+    def save(self) -> None:
         """Save the current state to the library, or tell that it is there already.
 
         One of which something else is said by now is described anew.
@@ -119,7 +119,7 @@ class LibraryPanel:
             self._ui.notify("This state is in the library already")
             return
         is_update = self._workspace.saved_card() is not None
-        card = self._workspace.star()
+        card = self._workspace.save()
         self.refresh()
         self._ui.notify(
             f"{'Updated in the library' if is_update else 'Saved to library'}: {card.name}",

@@ -1,5 +1,6 @@
 """Films and figures of a scene for the browser, drawn beside the work."""
 
+from collections.abc import Callable
 from functools import partial
 
 import viser
@@ -28,9 +29,9 @@ class PictureDownload:
         """
         if self._notice is not None:
             raise InputError("Another picture is being drawn; wait until it is here.")
-        name = f"{scenario.scenario_id}.{ending}"
-        self._notice = self._ui.notify(f"Drawing {name}", stays=True)
-        self._job = _Drawing(self._ui, self, scenario, ending)
+        title = f"Drawing {scenario.scenario_id}.{ending}"
+        self._notice = self._ui.notify(title, stays=True)
+        self._job = _Drawing(self, self._ui.post, scenario, ending)
         self._job.start()
 
     def close(self) -> None:
@@ -63,26 +64,27 @@ class _Drawing(BackgroundJob[bytes]):
     """Draws a picture; all that it tells goes to the tab's own thread."""
 
     def __init__(
-        self, ui: UiContext, to: PictureDownload, scenario: Scenario, ending: str
+        self,
+        to: PictureDownload,
+        post: Callable[..., None],
+        scenario: Scenario,
+        ending: str,
     ) -> None:
         name = f"{scenario.scenario_id}.{ending}"
         super().__init__(
             f"draw-{ending}",
-            lambda content: ui.post(partial(to.send, name, content)),
-            lambda error: ui.post(partial(to.fail, error)),
+            lambda content: post(partial(to.send, name, content)),
+            lambda error: post(partial(to.fail, error)),
         )
-        self._ui, self._to = ui, to
-        self._scenario, self._ending = scenario, ending
+        self._tell = lambda *now: post(partial(to.tell, *now), merge_key="frames")
+        self._draw = partial(picture, scenario, ending, LOOKS[ending])
 
     def _result(self) -> bytes:
-        look = LOOKS[self._ending]
-        return picture(self._scenario, self._ending, look, self._tell)
+        return self._draw(self._drawn)
 
-    def _tell(self, done: int, count: int) -> None:
+    def _drawn(self, done: int, count: int) -> None:
         self.check_cancelled()
-        self._ui.post(partial(self._to.tell, done, count), merge_key="frames")
+        self._tell(done, count)
 
     def _fault(self) -> PdEditorError:
-        return ExportError(
-            "The picture failed by a fault of its own; the log has details."
-        )
+        return ExportError("The picture failed by a fault of its own; see the log.")

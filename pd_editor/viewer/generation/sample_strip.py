@@ -316,7 +316,7 @@ class SampleStrip:
                 self._compare(value)
             elif kind == "keep":
                 self._adopt(value)
-                self._model.star_requested.emit()
+                self._model.save_requested.emit()
 
     def _has(self, index: int) -> bool:
         return self._cards is not None and 0 <= index < len(self._cards.numbers)

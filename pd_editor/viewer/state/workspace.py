@@ -138,7 +138,7 @@ class Workspace:
         """Shows a title and a sentence to the user; set by the connected tab."""
         self.library = shelf.library
         self._given: dict[str, Scenario] = {}
-        """Exported or starred states by their names."""
+        """Exported or saved states by their names."""
         self.ticked: set[str] = set()
         """Scenarios that are selected in the library."""
         self.driven_plans: list[tuple[Command, DrivenPlans]] = []
@@ -496,7 +496,7 @@ class Workspace:
         self._given[name] = self.session.scenario
         self.session.mark_exported(ExportMark(name=name))
 
-    def star(self) -> LibraryCard:
+    def save(self) -> LibraryCard:
         """Add the current state to the library; one that is there is described anew.
 
         Raises:
@@ -504,7 +504,7 @@ class Workspace:
         """
         self.session.commit_gesture()
         former = self.saved_card()
-        recipe = self._recipe_to_star(former)
+        recipe = self._recipe_to_save(former)
         session = self.session
         card = card_of(session.scenario, session.base, recipe)
         if former is not None:
@@ -526,7 +526,7 @@ class Workspace:
         former = self.saved_card()
         if former is None:
             return False
-        said, row = self._recipe_to_star(former), former.row
+        said, row = self._recipe_to_save(former), former.row
         about = said.variant
         return (said.result_id, about.tags, about.note, set(about.ignored)) == (
             former.name,
@@ -543,7 +543,7 @@ class Workspace:
                 return entry
         return None
 
-    def _recipe_to_star(self, former: LibraryCard | None) -> Recipe:
+    def _recipe_to_save(self, former: LibraryCard | None) -> Recipe:
         """Recipe with a name that is unused, or that the former entry of the state has."""
         kept = "" if former is None else former.name
         return self._named_recipe(

@@ -101,7 +101,7 @@ class TabModel:
         """The scenario with a sample that is drawn instead of the session's."""
         self.sample_pointed = Signal[()]()
         self.pair_opened = Signal[()]()
-        self.star_requested = Signal[()]()
+        self.save_requested = Signal[()]()
         """The scenario is to be put into the library."""
         self.library_changed = Signal[()]()
 

@@ -35,7 +35,7 @@ from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import DriftGenerator
 
 
-def starred(library: Library, name: str, moment: float, note: str = "") -> None:
+def saved(library: Library, name: str, moment: float, note: str = "") -> None:
     session = EditorSession(two_agents_that_pass())
     session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
     session.describe(Variant(name=name, tags=("a",), note=note))
@@ -50,8 +50,8 @@ def test_entries_outlive_the_process_and_are_zipped_with_a_table(tmp_path: Path)
     """(D6): only one scenario could be downloaded, under the original's id."""
     library = Library(tmp_path / "library")
     assert library.cards() == []
-    starred(library, "second", 2.0, note="=cmd()")
-    starred(library, "first", 1.0)
+    saved(library, "second", 2.0, note="=cmd()")
+    saved(library, "first", 1.0)
     again = Library(tmp_path / "library")
     assert [entry.name for entry in again.cards()] == ["first", "second"]
     assert again.cards()[0].row.num_problems >= 1
@@ -73,9 +73,9 @@ def test_entries_outlive_the_process_and_are_zipped_with_a_table(tmp_path: Path)
 
 def test_nothing_is_replaced_and_what_is_removed_is_gone(tmp_path: Path):
     library = Library(tmp_path)
-    starred(library, "one", 1.0)
+    saved(library, "one", 1.0)
     with pytest.raises(ExportError, match="already holds files"):
-        starred(library, "one", 2.0)
+        saved(library, "one", 2.0)
     library.remove("one")
     library.remove("../elsewhere")
     assert library.cards() == []
@@ -85,10 +85,10 @@ def test_nothing_is_replaced_and_what_is_removed_is_gone(tmp_path: Path):
 
 def test_what_is_removed_can_be_put_back_for_a_day(tmp_path: Path):
     library = Library(tmp_path)
-    starred(library, "one", 1.0)
+    saved(library, "one", 1.0)
     (entry,) = library.cards()
     library.remove("one")
-    starred(library, "one", 2.0)
+    saved(library, "one", 2.0)
     with pytest.raises(ExportError, match="has this name by now"):
         library.put_back("one")
     library.remove("one")
@@ -108,7 +108,7 @@ def test_what_is_removed_can_be_put_back_for_a_day(tmp_path: Path):
 
 def test_what_is_half_written_or_damaged_is_not_listed(tmp_path: Path, caplog):
     library = Library(tmp_path)
-    starred(library, "one", 1.0)
+    saved(library, "one", 1.0)
     left = tmp_path / ".one.12345678.new"
     (tmp_path / "one").rename(left)
     assert Library(tmp_path).cards() == []
@@ -116,7 +116,7 @@ def test_what_is_half_written_or_damaged_is_not_listed(tmp_path: Path, caplog):
     os.utime(left, (0.0, 0.0))
     assert Library(tmp_path).cards() == []
     assert not left.exists()
-    starred(library, "two", 1.0)
+    saved(library, "two", 1.0)
     (tmp_path / "two" / "card.json").write_text('{"row": {')
     assert library.cards() == []
     assert "two in the library cannot be read" in caplog.text
@@ -204,7 +204,7 @@ def test_a_list_follows_what_others_change_at_once(tmp_path: Path):
     """What was read is kept only while nothing changes, however fast it changes."""
     mine, other = Library(tmp_path), Library(tmp_path)
     for number in range(20):
-        starred(other, f"s-{number}", float(number))
+        saved(other, f"s-{number}", float(number))
         assert len(mine.cards()) == number + 1
     time.sleep(0.2)
     before = mine.cards()
@@ -224,7 +224,7 @@ def test_a_list_follows_what_others_change_at_once(tmp_path: Path):
 def test_what_is_said_of_a_scenario_is_kept_or_refused(tags: list[str], note: str):
     with tempfile.TemporaryDirectory() as folder:
         library = Library(Path(folder))
-        starred(library, "one", 1.0)
+        saved(library, "one", 1.0)
         (before,) = library.cards()
         try:
             library.describe(
@@ -247,7 +247,7 @@ def there(folder: Path) -> list[str]:
 
 def test_a_full_or_read_only_disk_loses_nothing(tmp_path: Path, monkeypatch):
     library = Library(tmp_path)
-    starred(library, "one", 1.0)
+    saved(library, "one", 1.0)
     (before,) = library.cards()
 
     def full_disk(_path: Path, _data: bytes) -> int:
@@ -258,7 +258,7 @@ def test_a_full_or_read_only_disk_loses_nothing(tmp_path: Path, monkeypatch):
         with pytest.raises(ExportError, match="No space left on device"):
             library.describe(["one"], lambda variant: variant.tagged(("b",)))
         with pytest.raises(ExportError, match="No space left on device"):
-            starred(library, "two", 2.0)
+            saved(library, "two", 2.0)
     assert Library(tmp_path).cards() == [before]
     assert there(tmp_path) == ["one"]
 
@@ -268,7 +268,7 @@ def test_a_full_or_read_only_disk_loses_nothing(tmp_path: Path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(FileLock, "acquire", read_only)
         for change in (
-            lambda: starred(library, "two", 2.0),
+            lambda: saved(library, "two", 2.0),
             lambda: library.describe(["one"], lambda variant: variant.tagged(("b",))),
             lambda: library.remove("one"),
         ):
@@ -278,17 +278,17 @@ def test_a_full_or_read_only_disk_loses_nothing(tmp_path: Path, monkeypatch):
     file = tmp_path / "file"
     file.touch()
     with pytest.raises(ExportError, match="cannot be written"):
-        starred(Library(file), "one", 1.0)
+        saved(Library(file), "one", 1.0)
     assert Library(file).cards() == []
 
 
 def test_a_writer_waits_for_another_one(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(module, "PATIENCE_S", 0.05)
     library = Library(tmp_path)
-    starred(library, "one", 1.0)
+    saved(library, "one", 1.0)
     with (
         FileLock(tmp_path / ".lock"),
         pytest.raises(ExportError, match="another program has been writing"),
     ):
-        starred(library, "two", 2.0)
-    starred(library, "two", 2.0)
+        saved(library, "two", 2.0)
+    saved(library, "two", 2.0)

@@ -137,6 +137,14 @@ def test_an_original_is_drawn_above_the_warped_road():
         figure(scenario, "pdf", FigureLook(compares=True))
 
 
+@pytest.mark.parametrize("ending", ["pdf", "svg", "png"])
+def test_figures_tell_who_made_the_scene(ending: str):
+    scenario = short()
+    origin = replace(scenario.provenance, attribution="By A. Author")
+    content = figure(replace(scenario, provenance=origin), ending)
+    assert b"By A. Author" in content
+
+
 def test_names_are_drawn_as_text():
     scenario = short()
     plain, named = (

@@ -37,7 +37,7 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         tab.type("Vary", "power=2..8, speed_mps=1..2")
         tab.type("Variants", 3)
         tab.press("Make family")
-        until(lambda: "3 variants are in the library" in tab.text())
+        until(lambda: "3 of 3 variants saved to the library" in tab.text())
         cards = library.cards()
         assert len(cards) == 3
         found = {card.name: library.files(card.name) for card in cards}
@@ -63,7 +63,7 @@ def test_what_cannot_be_varied_is_told_and_nothing_is_saved(tmp_path: Path):
         assert "there are x_m, y_m, rotation_rad, power" in tab.refusal()
         tab.type("Vary", "power=50..60")
         tab.press("Make family")
-        until(lambda: "0 variants are in the library. 10 failed" in tab.text())
+        until(lambda: "0 of 10 variants saved to the library. 10 failed" in tab.text())
         assert "outside -10..10" in tab.text()
         assert library.cards() == []
 
@@ -86,4 +86,4 @@ def test_a_run_that_is_cancelled_keeps_what_is_saved(tmp_path: Path):
         # Another run begins at once.
         tab.type("Variants", 1)
         tab.press("Make family")
-        until(lambda: "1 variants are in the library" in tab.text())
+        until(lambda: "1 of 1 variants saved to the library" in tab.text())

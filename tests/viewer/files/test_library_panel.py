@@ -107,7 +107,7 @@ def test_a_star_of_another_tab_is_not_described_anew(tabs):
 
 
 def test_the_list_follows_what_other_tabs_do(tabs):
-    """A tab listed what another had removed, until it starred something itself."""
+    """A tab listed what another had removed, until it saved something itself."""
     one, other = tabs
     for speed in (3.0, 6.0):
         drive(one, speed)

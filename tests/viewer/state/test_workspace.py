@@ -138,13 +138,13 @@ def test_a_state_that_was_taken_out_of_the_library_is_unfinished(
 ):
     """A star keeps a state only as long as the library holds it."""
     shift(workspace, 1.0)
-    starred = workspace.star()
+    saved = workspace.save()
     workspace.open_reference(str(root / IDS[1]))
     shift(workspace, 1.0)
-    both_ways = workspace.star()
+    both_ways = workspace.save()
     workspace.exported_zip()
     assert workspace.shelf.unfinished() == []
-    workspace.library.remove(starred.name)
+    workspace.library.remove(saved.name)
     workspace.library.remove(both_ways.name)
     listed = workspace.shelf.unfinished()
     assert [work.scenario_id for work in listed] == [IDS[0]]
@@ -153,7 +153,7 @@ def test_a_state_that_was_taken_out_of_the_library_is_unfinished(
     assert [work.scenario_id for work in left] == [IDS[0]]
 
 
-@pytest.mark.parametrize("way", ["exported", "starred"])
+@pytest.mark.parametrize("way", ["exported", "saved"])
 def test_exported_work_goes_on_after_it_fell_out_of_memory(
     workspace: Workspace, root: Path, way: str
 ):
@@ -163,7 +163,7 @@ def test_exported_work_goes_on_after_it_fell_out_of_memory(
     if way == "exported":
         workspace.exported_zip()
     else:
-        starred = workspace.star()
+        saved = workspace.save()
     for name in IDS[1:]:
         workspace.open_reference(str(root / name))
         shift(workspace, 1.0)
@@ -180,9 +180,9 @@ def test_exported_work_goes_on_after_it_fell_out_of_memory(
     for name in IDS[2:]:
         workspace.open_reference(str(root / name))
         shift(workspace, 1.0)
-    if way == "starred":
+    if way == "saved":
         assert len(workspace.library.cards()) == 1
-        workspace.library.remove(starred.name)
+        workspace.library.remove(saved.name)
         listed = {w.scenario_id for w in workspace.shelf.unfinished()}
         assert IDS[0] in listed
         close(workspace)
@@ -315,13 +315,13 @@ def kill(workspace: Workspace) -> None:
         session.close()
 
 
-@pytest.mark.parametrize("way", ["exported", "starred", "edited since", "undone"])
+@pytest.mark.parametrize("way", ["exported", "saved", "edited since", "undone"])
 def test_exported_work_stays_exported_after_a_kill(root: Path, way: str):
     """Sessions that had been exported came back as unfinished."""
     first = run_of(root)
     shift(first, 1.0)
-    if way == "starred":
-        starred = first.star()
+    if way == "saved":
+        saved = first.save()
     else:
         first.exported_zip()
     if way == "edited since":
@@ -333,11 +333,11 @@ def test_exported_work_stays_exported_after_a_kill(root: Path, way: str):
     second = run_of(root, name=IDS[1])
     left = [work.scenario_id for work in second.shelf.unfinished()]
     assert left == ([IDS[0]] if way == "edited since" else [])
-    if way == "starred":
-        second.library.remove(starred.name)
+    if way == "saved":
+        second.library.remove(saved.name)
         assert [work.scenario_id for work in second.shelf.unfinished()] == [IDS[0]]
         second.open_reference(str(root / IDS[0]))
-        second.library.put_back(starred.name)
+        second.library.put_back(saved.name)
         assert second.is_saved(), "its entry is known again"
     close(second)
 
@@ -443,12 +443,12 @@ def overlap_ignored(workspace: Workspace) -> int:
 def test_a_problem_that_is_ignored_after_the_star_is_no_longer_counted(
     workspace: Workspace,
 ):
-    """The state counted as starred already, and the table kept the old number."""
+    """The state counted as saved already, and the table kept the old number."""
     workspace.session.apply(TransformAgents(agent_ids=("101",), dy_m=-3.5))
-    former = workspace.star()
+    former = workspace.save()
     left = overlap_ignored(workspace)
     assert not workspace.is_saved()
-    entry = workspace.star()
+    entry = workspace.save()
     assert workspace.is_saved()
     assert entry.row.num_problems == left == former.row.num_problems - 1
 
