@@ -108,9 +108,9 @@ class TabElements:
             self.generation = GenerationPanel(ui, generators, self.region, self.samples)
         with tabs.add_tab("Study"):
             self.study = StudyPanel(ui, generators.offers)
+            self.family = FamilyPanel(ui, generators)
         with tabs.add_tab("History"):
             self.history = HistoryPanel(ui, style)
-            self.family = FamilyPanel(ui, generators)
         with tabs.add_tab("View"):
             self.view = ViewPanel(ui, self.viewpoint, self.picture)
         self.chip = StatusChip(ui, self.timeline, self.viewpoint, self.export)

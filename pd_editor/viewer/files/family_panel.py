@@ -52,7 +52,7 @@ class FamilyPanel:
                 hint="The edits with other numbers, traffic generated anew, each saved to "
                 "the library (tab Scene) with its problems",
             )
-            self._cancel = gui.add_button("Cancel family", color="gray", visible=False)
+            self._cancel = gui.add_button("Cancel family", color="gray", disabled=True)
             self._told = FixedText(gui, 2)
         ui.on_click(self._make, self._start)
         ui.on_click(self._cancel, self._stop)
@@ -80,7 +80,7 @@ class FamilyPanel:
         """Show how a run ended."""
         self.tell(words)
         self._job = None
-        set_property(self._cancel, "visible", False)
+        set_property(self._cancel, "disabled", True)
         self._ui.model.library_changed.emit()
 
     def _start(self) -> None:
@@ -95,7 +95,7 @@ class FamilyPanel:
         numbers = varied_numbers(recipe, texts)
         values = list(members(numbers, int(self._num.value), int(time.time())))
         self._job = _FamilyJob(self._ui, self, recipe, session.base, values, self._made)
-        set_property(self._cancel, "visible", True)
+        set_property(self._cancel, "disabled", False)
         self.tell(f"0 of {len(values)} variants")
         self._job.start()
 
