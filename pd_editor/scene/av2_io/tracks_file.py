@@ -18,7 +18,7 @@ from pd_editor.scene.av2_io.recorded_units import (
     notes_on_velocities,
 )
 from pd_editor.scene.av2_io.track_table import TrackTable, is_readable, open_track_table
-from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.angles import wrap_outside
 from pd_editor.scene.scene_limits import (
     MAX_AGENTS,
     MAX_LENGTH_M,
@@ -302,8 +302,6 @@ def _agents(
     heading, notes = headings_in_radians(
         unfolded(heading), position, is_valid, axis.step_s
     )
-    outside = is_valid & ((heading <= -np.pi) | (heading > np.pi))
-    heading = np.where(outside, wrap_angle(heading), heading)
     agents = AgentTracks(
         ids=ids,
         kinds=kinds,
@@ -311,7 +309,7 @@ def _agents(
         size_m=size,
         has_known_size=has_known_size,
         position_m=position,
-        heading_rad=np.where(is_valid, heading, 0.0),
+        heading_rad=np.where(is_valid, wrap_outside(heading), 0.0),
         velocity_mps=unfolded(velocity),
         is_valid=is_valid,
         observed=unfolded(table.flags("observed")),

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.av2_io.tracks_file import ACTIVITY_NAMES, default_current_step
+from pd_editor.scene.geometry.angles import wrap_outside
 from pd_editor.scene.scenario import Scenario
 
 
@@ -35,7 +36,7 @@ def tracks_bytes(scenario: Scenario) -> bytes:
         "timestep": _values(step.astype(np.int64)),
         "position_x": _values(position[:, 0]),
         "position_y": _values(position[:, 1]),
-        "heading": _values(agents.heading_rad[row, step]),
+        "heading": _values(wrap_outside(agents.heading_rad[row, step])),
         "velocity_x": _values(velocity[:, 0]),
         "velocity_y": _values(velocity[:, 1]),
     }

@@ -9,6 +9,12 @@ def wrap_angle(angle_rad: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return -((np.pi - np.asarray(angle_rad, float)) % (2 * np.pi) - np.pi)
 
 
+def wrap_outside(angle_rad: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Map angles outside (-pi, pi] to it; the others keep all their bits."""
+    is_outside = (angle_rad <= -np.pi) | (angle_rad > np.pi)
+    return np.where(is_outside, wrap_angle(angle_rad), angle_rad)
+
+
 def heading_of(direction: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
     """Angle of direction vectors; 0 for the zero vector."""
     return np.arctan2(direction[..., 1], direction[..., 0])

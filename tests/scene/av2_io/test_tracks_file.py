@@ -1,7 +1,9 @@
+import io
 from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -435,3 +437,13 @@ def test_activities_are_written_where_any_is_known() -> None:
     order = [known.agents.row_of[name] for name in found.ids]
     assert found.activity.tolist() == activity[order].tolist()
     assert reread(scenario).agents.activity.tolist() == [0] * len(found.ids)
+
+
+def test_half_a_turn_in_single_precision_is_written_as_it_is_read():
+    scenario = scenario_of(seed=1, num_agents=3, num_steps=20)
+    heading = np.full_like(scenario.agents.heading_rad, np.float32(np.pi))
+    agents = replace(scenario.agents, heading_rad=heading)
+    written = tracks_bytes(replace(scenario, agents=agents))
+    found = pq.read_table(io.BytesIO(written))["heading"].to_numpy()
+    again = read(written).agents
+    np.testing.assert_array_equal(again.heading_rad[again.is_valid], found)
