@@ -16,11 +16,20 @@ from pd_editor.cli.options.arguments import FolderOption, Switch
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.cli.replay import open_base, read_recipe
-from pd_editor.editor.family import Member, in_words, member, members, varied_numbers
+from pd_editor.editor.family import (
+    Member,
+    adds_traffic,
+    in_words,
+    member,
+    members,
+    varied_numbers,
+)
 from pd_editor.editor.library.index_table import index_row
-from pd_editor.editor.scenario_store import export_into
-from pd_editor.generation.generators import make_generator
+from pd_editor.editor.recipe import replay
+from pd_editor.editor.scenario_store import check_free, export_into
+from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.formats.player import player_page
+from pd_editor.scene.generation import ScenarioGenerator
 
 
 def family(
@@ -46,8 +55,9 @@ def family(
 ) -> Outcome:
     """Apply a recipe many times with other numbers, and generate its traffic anew.
 
-    DIR/<name>-family.csv has the numbers and problems of each, DIR/<name>-family.html
-    plays them.
+    A recipe without generated traffic, or with guidance that was not run, gets traffic
+    of everybody at its end. DIR/<name>-family.csv has the numbers and problems of each,
+    DIR/<name>-family.html plays them.
 
     Args:
         recipe: A file recipe.json, or an exported folder.
@@ -60,42 +70,59 @@ def family(
         overwrite: Replace what an earlier run wrote.
     """
     parsed, where = read_recipe(Path(recipe))
-    numbers = varied_numbers(parsed, (vary,) if isinstance(vary, str) else vary)
-    values = list(members(numbers, num, seed))
     opened = open_base(parsed, where, base)
+    adds = adds_traffic(parsed, replay(parsed, opened))
+    texts = (vary,) if isinstance(vary, str) else vary
+    numbers = varied_numbers(parsed, texts, adds=adds)
+    values = list(members(numbers, num, seed))
+
+    def make(said: str) -> ScenarioGenerator:
+        return make_generator(model or said or DEFAULT_GENERATOR)
+
+    names = [f"{parsed.result_id}-{n:0{len(str(num))}d}" for n in range(1, num + 1)]
     whole = Path(out) / f"{parsed.result_id}-family"
     table = whole.with_name(f"{whole.name}.csv")
+    page = whole.with_name(f"{whole.name}.html")
     if os.path.exists(table) and not overwrite:
         raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
+    for name in names:
+        check_free(out, name, opened, overwrite=overwrite)
     made: list[tuple[Path, Member]] = []
     failures, line = [], ProgressLine()
-    for number, own in enumerate(values, start=1):
-        name = f"{parsed.result_id}-{number:0{len(str(num))}d}"
-        try:
-            one = member(
-                parsed, opened, own, name, lambda said: make_generator(model or said)
-            )
-            folder = export_into(
-                out, one.scenario, one.recipe, base=one.base, overwrite=overwrite
-            )
-            made.append((folder, one))
-        except PdEditorError as error:
-            failures.append(f"{name} ({in_words(own)}) failed: {error}")
-        line.show(f"{number} of {num} variants")
+    interrupt = None
+    try:
+        for number, (name, own) in enumerate(zip(names, values, strict=True), start=1):
+            try:
+                one = member(parsed, opened, own, name, make, adds=adds)
+                folder = export_into(
+                    out, one.scenario, one.recipe, base=one.base, overwrite=overwrite
+                )
+                made.append((folder, one))
+            except PdEditorError as error:
+                failures.append(f"{name} ({in_words(own)}) failed: {error}")
+            line.show(f"{number} of {num} variants")
+    except KeyboardInterrupt as error:
+        # What is made by then is told all the same.
+        interrupt = error
     line.clear()
     if not made:
-        raise ExportError(failures[0])
+        raise interrupt or ExportError(failures[0])
+    rows = [
+        [
+            one.recipe.result_id,
+            *one.values.values(),
+            index_row(one.scenario, one.base, one.recipe).num_problems,
+        ]
+        for _, one in made
+    ]
     head = ["name", *(one.name for one in numbers), "num_problems"]
-    rows = []
-    for _, one in made:
-        problems = index_row(one.scenario, one.base, one.recipe).num_problems
-        rows.append([one.recipe.result_id, *one.values.values(), problems])
     write_whole(table, _csv([head, *rows]))
-    page = whole.with_name(f"{whole.name}.html")
     scenes = tuple(
         replace(one.scenario, scenario_id=one.recipe.result_id) for _, one in made
     )
     write_whole(page, player_page(scenes))
+    if interrupt is not None:
+        raise interrupt
     return Outcome(
         folders=(*(folder for folder, _ in made), table, page),
         scenarios=scenes,

@@ -1,4 +1,8 @@
-"""A family: one recipe many times, with other numbers in its commands."""
+"""A family: one recipe many times, with other numbers in its commands.
+
+A recipe that generates no traffic, or none since guidance was set, gets traffic of
+everybody at its end, so that each variant shows what its numbers do.
+"""
 
 import re
 from collections import Counter
@@ -9,17 +13,29 @@ from typing import Any, Final
 import numpy as np
 
 from pd_editor.base.errors import RecipeError
-from pd_editor.editor.commands import command_from_json, command_to_json
-from pd_editor.editor.recipe import Recipe, regenerated, replay
+from pd_editor.editor.commands import (
+    ContinueScene,
+    ReplaceTraffic,
+    command_from_json,
+    command_to_json,
+    traffic_command,
+)
+from pd_editor.editor.edit_findings import unrun_terms
+from pd_editor.editor.recipe import Recipe, applied, regenerated, replay
 from pd_editor.editor.scenario_store import exported_files
-from pd_editor.scene.generation import ScenarioGenerator
+from pd_editor.scene.generation import (
+    GenerationRequest,
+    ScenarioGenerator,
+    run_to_end,
+)
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 
 MOST_MEMBERS: Final = 10_000
 _RANGE: Final = re.compile(r"([\w.-]+)=([-+\d.eE]+?)\.\.([-+\d.eE]+)")
 _MOST_TOLD: Final = 24
-_SAMPLED: Final = ("sample", "past")
-"""Fields of motion, which is sampled anew and not varied."""
+_SAMPLED: Final = ("sample", "past", "num_samples", "sample_index")
+"""Fields of motion, which is sampled anew and not varied, and of which sample it is."""
 _Path = tuple[str, ...]
 
 
@@ -39,14 +55,31 @@ class VariedNumber:
         return ".".join(_field(self.path))
 
 
-def varied_numbers(recipe: Recipe, texts: Sequence[str]) -> tuple[VariedNumber, ...]:
+def adds_traffic(recipe: Recipe, result: Scenario) -> bool:
+    """Whether variants get traffic at their end; ``result`` is what the recipe makes."""
+    goes_on = any(isinstance(one, ContinueScene) for one in recipe.commands)
+    is_generated = bool(recipe.generators) or goes_on
+    return not is_generated or bool(unrun_terms(result, recipe.commands))
+
+
+def varied_numbers(
+    recipe: Recipe, texts: Sequence[str], *, adds: bool = False
+) -> tuple[VariedNumber, ...]:
     """Read ranges such as ``power=4..8``, ``2.seed=1..99`` or ``point_m.0=-45..-35``.
 
+    With ``adds``, ``seed`` may be that of the traffic that variants get at their end.
+
     Raises:
-        RecipeError: a text is no range, or names no number or several.
+        RecipeError: there is no text, or one is no range, names no number or several, or
+            one that is named already.
     """
-    known = _numbers(recipe)
-    return tuple(_varied_number(text, known) for text in texts)
+    known = _numbers(recipe, adds)
+    found = {one.path: one for one in (_varied_number(text, known) for text in texts)}
+    if not texts:
+        raise RecipeError("A family needs a range, such as power=4..8.")
+    if len(found) < len(texts):
+        raise RecipeError("Two ranges are of the same number; expected one for each.")
+    return tuple(found.values())
 
 
 def members(
@@ -78,6 +111,8 @@ def varied(recipe: Recipe, values: Mapping[VariedNumber, float]) -> Recipe:
     for number, value in values.items():
         entry, *path = number.path
         place = int(entry) - 1
+        if place == len(commands):
+            continue
         data = command_to_json(commands[place])
         inner: Any = data
         for step in path[:-1]:
@@ -108,8 +143,12 @@ def member(
     values: Mapping[VariedNumber, float],
     name: str,
     make: Callable[[str], ScenarioGenerator],
+    *,
+    adds: bool = False,
 ) -> Member:
     """Make a variant with some numbers; ``make`` makes the generator of its traffic.
+
+    Of ``adds_traffic`` the generator is that of the recipe, or the one without a name.
 
     Raises:
         RecipeError: a command does not take its number, or does not apply.
@@ -122,6 +161,10 @@ def member(
         scenario, fresh, _ = regenerated(fresh, opened, make)
     else:
         scenario = replay(fresh, opened)
+    if adds:
+        command = _traffic(fresh, scenario, make, values)
+        fresh = replace(fresh, commands=(*fresh.commands, command))
+        scenario = applied(command, scenario, len(fresh.commands))
     return Member(
         scenario=scenario,
         base=opened.as_referred_to(recipe.base),
@@ -130,14 +173,31 @@ def member(
     )
 
 
+def _traffic(
+    recipe: Recipe,
+    scenario: Scenario,
+    make: Callable[[str], ScenarioGenerator],
+    values: Mapping[VariedNumber, float],
+) -> ReplaceTraffic:
+    """New trajectories of everybody."""
+    seeds = {one.path: int(value) for one, value in values.items()}
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=drivable_agent_ids(scenario),
+        seed=seeds.get(_added_seed(recipe), 0),
+    )
+    generator = make(next(iter(recipe.generators), ""))
+    return traffic_command(request, run_to_end(generator.generate(request)))
+
+
 def in_words(values: Mapping[VariedNumber, float]) -> str:
     """Numbers of a variant by their names."""
     return ", ".join(f"{one.name} {value:g}" for one, value in values.items())
 
 
-def numbers_in_words(recipe: Recipe) -> str:
+def numbers_in_words(recipe: Recipe, *, adds: bool = False) -> str:
     """Numbers that can be varied, by the names to use, with what they are now."""
-    known = _numbers(recipe)
+    known = _numbers(recipe, adds)
     names = _names(known)
     some = [f"{names[path]} {known[path]:g}" for path in list(known)[:_MOST_TOLD]]
     return ", ".join(some) + ", ..." * (len(known) > _MOST_TOLD)
@@ -170,7 +230,7 @@ def _fitting(asked: _Path, known: Collection[_Path]) -> list[_Path]:
     ]
 
 
-def _numbers(recipe: Recipe) -> dict[_Path, float]:
+def _numbers(recipe: Recipe, adds: bool) -> dict[_Path, float]:
     found: dict[_Path, float] = {}
 
     def walk(path: _Path, value: Any) -> None:
@@ -191,7 +251,14 @@ def _numbers(recipe: Recipe) -> dict[_Path, float]:
 
     for entry, command in enumerate(recipe.commands, start=1):
         walk((str(entry),), command)
+    if adds:
+        found[_added_seed(recipe)] = 0
     return found
+
+
+def _added_seed(recipe: Recipe) -> _Path:
+    """The seed of traffic at the end, which is no entry yet."""
+    return str(len(recipe.commands) + 1), "seed"
 
 
 def _varied_number(text: str, known: Mapping[_Path, float]) -> VariedNumber:

@@ -1,11 +1,17 @@
 """``pd-editor family``."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 import pd_editor
+from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
+from pd_editor.cli import family
 from pd_editor.cli.replay import read_recipe
-from pd_editor.editor.commands import ReplaceTraffic
+from pd_editor.editor.commands import AddGuidance, ReplaceTraffic
+from pd_editor.editor.scenario_store import open_scenario
 from tests.cli.shell import JUNCTION, Shell
 from tests.scene.formats.embedded_scenes import scenes_in
 
@@ -15,7 +21,9 @@ def test_a_recipe_becomes_a_family_of_bends(shell: Shell, tmp_path: Path):
         JUNCTION, kind="smooth-turn", power=5, out=tmp_path, name="bend"
     )
     out = tmp_path / "family"
-    asked = ("family", warped.folder, "--vary", "power=2..6", "--num", 3, "--out", out)
+    ranges = ("power=2..6", "seed=10..99")
+    asked = ("family", warped.folder, "--vary", *ranges, "--num", 3, "--out", out)
+    asked += ("--model", "lane-follower")
     result = shell.run(*asked)
     assert result.code == 0, result.err
     assert "3 of 3 variants" in result.out
@@ -33,7 +41,11 @@ def test_a_recipe_becomes_a_family_of_bends(shell: Shell, tmp_path: Path):
         assert term.power == float(row["power"])
         # The table of a library tells the same.
         assert int(row["num_problems"]) == problems[row["name"]]
-        assert recipe.variant.note == f"power {term.power:g}"
+        # Nothing was generated, so traffic comes at the end.
+        traffic = recipe.commands[-1]
+        assert isinstance(traffic, ReplaceTraffic)
+        assert traffic.seed == int(row["seed"])
+        assert recipe.variant.note == f"power {term.power:g}, seed {traffic.seed}"
     (page,) = out.glob("*.html")
     names = [one["name"] for one in scenes_in(page.read_bytes())]
     assert names == [row["name"] for row in rows] == ["bend-1", "bend-2", "bend-3"]
@@ -60,10 +72,50 @@ def test_generated_traffic_is_generated_anew(shell: Shell, tmp_path: Path):
     assert samples[0] != samples[1]
 
 
+def test_guidance_that_was_not_run_is_run(shell: Shell, tmp_path: Path):
+    driven = pd_editor.generate(
+        JUNCTION, model="lane-follower", out=tmp_path, name="driven"
+    )
+    recipe, _ = read_recipe(driven.folder)
+    agent = open_scenario(JUNCTION).focal_id
+    term = AddGuidance(term=TargetSpeed(agent_ids=(agent,), speed_mps=5.0))
+    path = tmp_path / "recipe.json"
+    path.write_text(replace(recipe, commands=(*recipe.commands, term)).to_text())
+    asked = ("family", path, "--vary", "speed_mps=2..9", "--num", 2)
+    result = shell.run(*asked, "--out", tmp_path / "out")
+    assert result.code == 0, result.err
+    for folder in (tmp_path / "out").glob("*-?"):
+        command = read_recipe(folder)[0].commands[-1]
+        assert isinstance(command, ReplaceTraffic)
+        assert agent in command.sample.ids
+
+
+def test_an_interrupted_run_tells_what_it_has_made(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    warped = pd_editor.warp(JUNCTION, kind="smooth-turn", power=5, out=tmp_path)
+    out = tmp_path / "family"
+    make = family.member
+
+    def twice(*about: object, **options: object) -> object:
+        if len(list(out.glob("*-?"))) == 2:
+            raise KeyboardInterrupt
+        return make(*about, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(family, "member", twice)
+    with pytest.raises(KeyboardInterrupt):
+        pd_editor.family(warped.folder, vary="power=2..4", num=4, out=out,
+                         model="lane-follower")  # fmt: skip
+    (table,) = out.glob("*.csv")
+    assert len(table.read_text().splitlines()) == 3
+    assert len(list(out.glob("*.html"))) == 1
+
+
 def test_members_that_fail_do_not_end_the_others(shell: Shell, tmp_path: Path):
     warped = pd_editor.warp(JUNCTION, kind="smooth-turn", power=5, out=tmp_path)
     out = tmp_path / "family"
-    asked = ("family", warped.folder, "--num", 4, "--out", out, "--vary")
+    asked = ("family", warped.folder, "--num", 4, "--out", out)
+    asked += ("--model", "lane-follower", "--vary")
     result = shell.run(*asked, "power=5..15")
     assert result.code == 0, result.err
     assert "2 of 4 variants" in result.out

@@ -85,11 +85,27 @@ def test_a_number_changes_where_it_is_named_and_nowhere_else():
             "no number of this name; there are x_m, y_m, rotation_rad, power",
         ),
         ("9.power=1..2", "no number of this name"),
+        ("4.seed=1..2", "no number of this name"),
     ],
 )
 def test_what_names_no_number_is_told(text: str, words: str):
     with pytest.raises(RecipeError, match=words):
         varied_numbers(recipe(), (text,))
+
+
+def test_no_range_and_two_of_one_number_are_told():
+    with pytest.raises(RecipeError, match="needs a range"):
+        varied_numbers(recipe(), ())
+    with pytest.raises(RecipeError, match="Two ranges are of the same number"):
+        varied_numbers(recipe(), ("power=1..2", "1.power=3..4"))
+
+
+def test_traffic_at_the_end_has_a_seed_of_its_own():
+    template = recipe()
+    assert numbers_in_words(template, adds=True).endswith(", seed 0")
+    numbers = varied_numbers(template, ("seed=5..5", "power=1..1"), adds=True)
+    (values,) = members(numbers, 1, 0)
+    assert len(varied(template, values).commands) == len(template.commands)
 
 
 def test_numbers_are_told_by_names_that_mean_them_alone():

@@ -11,7 +11,9 @@ from pd_editor.base.errors import ExportError, InputError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.family import (
     MOST_MEMBERS,
+    Member,
     VariedNumber,
+    adds_traffic,
     in_words,
     member,
     members,
@@ -24,7 +26,6 @@ from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.variant import free_name
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.generation import ScenarioGenerator
-from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
@@ -64,7 +65,8 @@ class FamilyPanel:
         commands = list(map(id, recipe.commands))
         if self._shown is None or commands != list(map(id, self._shown.commands)):
             self._shown = recipe
-            self._known.show("", numbers_in_words(recipe) or "No edits to vary yet.")
+            adds = adds_traffic(recipe, self._ui.session.scenario)
+            self._known.show("", f"Now: {numbers_in_words(recipe, adds=adds)}")
 
     def close(self) -> None:
         """End a run; what is saved stays."""
@@ -92,9 +94,12 @@ class FamilyPanel:
         texts = [one for one in re.split(r"[,\s]+", str(self._vary.value)) if one]
         if not texts:
             raise InputError("Vary: enter a range first, such as power=4..8.")
-        numbers = varied_numbers(recipe, texts)
+        self._told.show("", "")
+        adds = adds_traffic(recipe, session.scenario)
+        numbers = varied_numbers(recipe, texts, adds=adds)
         values = list(members(numbers, int(self._num.value), int(time.time())))
-        self._job = _FamilyJob(self._ui, self, recipe, session.base, values, self._made)
+        make = partial(member, recipe, session.base, make=self._made, adds=adds)
+        self._job = _FamilyJob(self._ui, self, recipe.result_id, values, make)
         set_property(self._cancel, "disabled", False)
         self.tell(f"0 of {len(values)} variants")
         self._job.start()
@@ -104,7 +109,8 @@ class FamilyPanel:
         self.end("Cancelled; what is saved stays.")
 
     def _made(self, name: str) -> ScenarioGenerator:
-        offer = self._generators.offers.get(name)
+        offers = self._generators.offers
+        offer = offers.get(name or next(iter(offers)))
         if offer is None:
             raise InputError(f"{name}: the editor has no generator of this name.")
         return offer.make()
@@ -117,29 +123,29 @@ class _FamilyJob(BackgroundJob[int]):
         self,
         ui: UiContext,
         panel: FamilyPanel,
-        recipe: Recipe,
-        base: Scenario,
+        name: str,
         values: Sequence[Mapping[VariedNumber, float]],
-        make: Callable[[str], ScenarioGenerator],
+        make: Callable[..., Member],
     ) -> None:
         super().__init__(
             "family", self._done, lambda error: ui.post(partial(panel.end, str(error)))
         )
         self._ui, self._panel = ui, panel
-        self._recipe, self._base = recipe, base
-        self._values, self._make = values, make
+        self._name, self._values, self._make = name, values, make
         self._library = ui.workspace.library
         self._failures: list[str] = []
+        self._num_clean = 0
 
     def _result(self) -> int:
         for number, own in enumerate(self._values, start=1):
             self.check_cancelled()
-            name = free_name(f"{self._recipe.result_id}-{number}", self._library.has)
+            name = free_name(f"{self._name}-{number}", self._library.has)
             try:
-                one = member(self._recipe, self._base, own, name, self._make)
+                one = self._make(values=own, name=name)
                 card = card_of(one.scenario, one.base, one.recipe)
                 self.check_cancelled()
                 self._library.add(card, one.files, thumbnail(one.scenario))
+                self._num_clean += not card.row.num_problems
             except PdEditorError as error:
                 self._failures.append(f"{in_words(own)}: {error}")
             words = f"{number} of {len(self._values)} variants"
@@ -147,7 +153,8 @@ class _FamilyJob(BackgroundJob[int]):
         return len(self._values) - len(self._failures)
 
     def _done(self, count: int) -> None:
-        words = f"{count} of {len(self._values)} variants saved to the library."
+        words = f"{count} of {len(self._values)} variants saved to the library, "
+        words += f"{self._num_clean} without problems."
         if self._failures:
             words += f" {len(self._failures)} failed: {self._failures[0]}"
         self._ui.post(partial(self._panel.end, words))

@@ -8,7 +8,7 @@ from typing import Final
 import viser
 
 from pd_editor.analysis.findings.finding import open_in_words
-from pd_editor.base.errors import InputError
+from pd_editor.base.errors import ExportError, InputError
 from pd_editor.editor.library.library import SORTS, LibraryCard
 from pd_editor.editor.variant import tags_from_text
 from pd_editor.experiments.scene_index.find import find_places
@@ -43,6 +43,8 @@ class LibraryPanel:
         self._library, self._run = ui.workspace.library, ui.workspace.shelf.index_run
         self._cards: list[LibraryCard] = []
         self._seen: tuple[int, int] | None = None
+        self._told = ""
+        """What the line has found."""
         self._indexed = -1
         """State of the library that was read for queries."""
         self._followed: LibraryCard | None = None
@@ -72,9 +74,14 @@ class LibraryPanel:
             self._tags = gui.add_text("Tags of these", "", hint="Separated by commas")
             self._tag = gui.add_button("Tag 0 scenarios", color="gray")
             self._untag = gui.add_button("Untag 0 scenarios", color="gray")
-            self._remove = gui.add_button("Remove 0 scenarios", color="gray")
+            self._remove = gui.add_button(
+                "Remove 0 scenarios", color="gray", hint="Those that are ticked"
+            )
             self._put_back = gui.add_button(
-                "Put back", color="gray", hint="What was removed last", visible=False
+                "Put back",
+                color="gray",
+                hint="All that was removed here",
+                visible=False,
             )
             self._pages = PicturePages[LibraryCard](
                 ui,
@@ -106,8 +113,11 @@ class LibraryPanel:
     @property
     def chosen(self) -> list[str]:
         """Those of them that are ticked; all of them if none is."""
-        ticked = [one for one in self.listed if one in self._workspace.ticked]
-        return ticked or self.listed
+        return self._ticked or self.listed
+
+    @property
+    def _ticked(self) -> list[str]:
+        return [one for one in self.listed if one in self._workspace.ticked]
 
     def save(self) -> None:
         """Save the current state to the library, or tell that it is there already.
@@ -151,12 +161,7 @@ class LibraryPanel:
         self._cards = sorted(cards, key=SORTS[_ORDERS[str(self._sort.value)]])
         # Of words that are found in texts, no query is expected.
         more = (wrong if not cards else "") if wrong else self._run.words
-        told = f"{_scenarios(len(cards))}; buttons are for all, or those you tick."
-        if line:
-            told = f"{len(cards)} found. {more}"
-        elif not cards:
-            told = "Empty: S saves the scenario at hand here."
-        self._count.show("", told)
+        self._told = f"{len(cards)} found. {more}" if line else ""
         self._show()
 
     def download(self) -> None:
@@ -198,13 +203,20 @@ class LibraryPanel:
 
     def _show(self) -> None:
         self._pages.show(self._cards)
-        chosen = _scenarios(len(self.chosen))
+        chosen, ticked = _scenarios(len(self.chosen)), len(self._ticked)
+        said = f"{ticked} ticked" if ticked else "buttons are for all of them"
+        if self._cards:
+            told = self._told or f"{_scenarios(len(self._cards))}; {said}."
+        else:
+            told = self._told or "Empty: S saves the scenario at hand here."
+        self._count.show("", told)
         set_property(self._download, "label", f"Download {chosen}")
         set_property(self._tag, "label", f"Tag {chosen}")
         set_property(self._untag, "label", f"Untag {chosen}")
-        set_property(self._remove, "label", f"Remove {chosen}")
-        for button in (self._download, self._tag, self._untag, self._remove):
+        set_property(self._remove, "label", f"Remove {_scenarios(ticked)}")
+        for button in (self._download, self._tag, self._untag):
             set_property(button, "disabled", not self._cards)
+        set_property(self._remove, "disabled", not ticked)
         set_property(self._open, "disabled", len(self.chosen) != 1)
         removed = self._workspace.removed
         set_property(self._put_back, "label", f"Put back {_scenarios(len(removed))}")
@@ -245,10 +257,13 @@ class LibraryPanel:
         self._ui.notify(f"{_scenarios(count)} changed")
 
     def _remove_chosen(self) -> None:
-        names = self.chosen
+        names = self._ticked
+        if not names:
+            raise InputError("Tick what to remove from the library first.")
         for name in names:
             self._library.remove(name)
-        self._workspace.removed = tuple(names)
+        removed = dict.fromkeys((*self._workspace.removed, *names))
+        self._workspace.removed = tuple(removed)
         self._changed()
         self._ui.notify(
             f"{_scenarios(len(names))} removed",
@@ -257,11 +272,16 @@ class LibraryPanel:
 
     def _put_removed_back(self) -> None:
         names, self._workspace.removed = self._workspace.removed, ()
-        try:
-            for name in names:
+        failures: list[ExportError] = []
+        for name in names:
+            try:
                 self._library.put_back(name)
-        finally:
-            self._changed()
+            except ExportError as error:
+                failures.append(error)
+        self._changed()
+        if failures:
+            raise failures[0]
+        self._ui.notify(f"{_scenarios(len(names))} put back")
 
     def _changed(self) -> None:
         self.refresh()

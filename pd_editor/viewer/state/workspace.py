@@ -144,7 +144,7 @@ class Workspace:
         self.driven_plans: list[tuple[Command, DrivenPlans]] = []
         """What policies planned in roll-outs, with the edits that applied these."""
         self.removed: tuple[str, ...] = ()
-        """Scenarios that were removed last from the library, and can be put back."""
+        """Scenarios that were removed from the library, and can be put back."""
         self.continuation: OpenedEdits | None = None
         """Edits that can be continued, if the open scenario is an export of the editor."""
         self.session = EditorSession(scenario, journal=shelf.new_journal())

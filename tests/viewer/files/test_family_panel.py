@@ -6,6 +6,7 @@ import numpy as np
 
 from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
 from pd_editor.editor.library.library import Library
+from pd_editor.editor.recipe import Recipe
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
@@ -30,7 +31,7 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         running_app(tmp_path / "state", "merge", library=library.root) as app,
         connected_tab(app) as tab,
     ):
-        assert "No edits to vary yet" in tab.text()
+        assert "Now: seed 0" in tab.text()
         warped(tab)
         assert "power 5, length_m 30" in tab.text()
         assert "speed_mps 3" in tab.text()
@@ -41,7 +42,9 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         cards = library.cards()
         assert len(cards) == 3
         found = {card.name: library.files(card.name) for card in cards}
-        assert all("recipe.json" in one for one in found.values())
+        # Traffic comes at the end, since the edits have none.
+        recipes = [Recipe.from_text(one["recipe.json"]) for one in found.values()]
+        assert all(one.generators for one in recipes)
         notes = sorted(card.row.note for card in cards)
         powers = np.array([float(one.split()[1].rstrip(",")) for one in notes])
         assert ((powers > 2) & (powers < 8)).all()
@@ -61,9 +64,17 @@ def test_what_cannot_be_varied_is_told_and_nothing_is_saved(tmp_path: Path):
         tab.type("Vary", "strength=1..2")
         tab.press("Make family")
         assert "there are x_m, y_m, rotation_rad, power" in tab.refusal()
+        tab.type("Vary", "power=1..2 power=2..3")
+        tab.press("Make family")
+        assert "Two ranges are of the same number" in tab.refusal()
         tab.type("Vary", "power=50..60")
         tab.press("Make family")
-        until(lambda: "0 of 10 variants saved to the library. 10 failed" in tab.text())
+        until(
+            lambda: (
+                "0 of 10 variants saved to the library, 0 without problems. 10 failed"
+                in tab.text()
+            )
+        )
         assert "outside -10..10" in tab.text()
         assert library.cards() == []
 

@@ -148,7 +148,17 @@ def test_what_was_removed_can_be_put_back(tabs):
         star(tab)
     before = tab.tab.workspace.library.cards()
     assert not tab.field("Put back 0 scenarios").visible
-    tab.press("Remove 2 scenarios")
+    # A second press on the same button must not remove all that is left.
+    assert tab.field("Remove 0 scenarios").disabled
+    tab.press(listed(tab)[0])
+    until(lambda: "Remove 1 scenario" in tab.inputs())
+    tab.press("Remove 1 scenario")
+    until(lambda: tab.field("Remove 0 scenarios").disabled)
+    assert "Put back 1 scenario" in tab.inputs()
+    row = next(one for one in tab.inputs()[listed(tab)[0]] if one.visible)
+    tab.enter(row, True)
+    until(lambda: "Remove 1 scenario" in tab.inputs())
+    tab.press("Remove 1 scenario")
     until(lambda: "Put back 2 scenarios" in tab.inputs())
     assert (listed(tab), tab.field("Download 0 scenarios").disabled) == ([], True)
     tab.press("Put back 2 scenarios")
