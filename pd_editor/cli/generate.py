@@ -306,6 +306,7 @@ def generate(
             *kept_remarks(base, wanted, driven),
             *traffic.notes,
             *(note for index in written for note in commands[index].notes),
+            *traffic.measures,
         ),
     )
 

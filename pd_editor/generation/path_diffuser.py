@@ -56,7 +56,7 @@ from pd_editor.generation.request_options import (
 )
 from pd_editor.generation.samples import (
     Sampled,
-    lane_notes,
+    lane_measures,
     placement_notes,
     request_notes,
     samples_of,
@@ -200,7 +200,8 @@ class PathDiffuser:
             model_sha256=model.sha256,
             seed=request.seed,
             elapsed_s=time.perf_counter() - began,
-            notes=(*found.notes, *found.yielding_notes(), *request_notes(request)),
+            notes=(*found.yielding_notes(), *found.notes, *request_notes(request)),
+            measures=found.measures,
             slowed_ids=found.slowed_ids if any(found.slowed_ids) else (),
             guidance=found.reports,
         )
@@ -388,7 +389,8 @@ class PathDiffuser:
         return Sampled(
             samples=tuple(sample for sample, _ in samples),
             slowed_ids=tuple(slowed for _, slowed in samples),
-            notes=lane_notes(sampled.lane_distance_m),
+            notes=(),
+            measures=lane_measures(sampled.lane_distance_m),
             reports=reports,
         )
 

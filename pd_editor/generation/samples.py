@@ -30,6 +30,7 @@ class Sampled:
     samples: tuple[TrafficSample, ...]
     slowed_ids: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
+    measures: tuple[str, ...] = ()
     reports: tuple[GuidanceReport, ...] = ()
 
     @classmethod
@@ -134,8 +135,8 @@ def request_notes(request: GenerationRequest) -> list[str]:
     return notes
 
 
-def lane_notes(distance_m: float | None) -> tuple[str, ...]:
-    """Note on the mean distance of guided agents to their nearest candidates."""
+def lane_measures(distance_m: float | None) -> tuple[str, ...]:
+    """Sentence on the mean distance of guided agents to their nearest candidates."""
     if distance_m is None:
         return ()
     return (f"Mean distance to the nearest path along lanes: {distance_m:.1f} m.",)

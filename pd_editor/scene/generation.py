@@ -319,6 +319,8 @@ class GeneratedTraffic:
     elapsed_s: float = 0.0
     notes: tuple[str, ...] = ()
     """Remarks for the user, such as agents that found no lane."""
+    measures: tuple[str, ...] = ()
+    """What was measured of it, in sentences; nothing that a user must know."""
     slowed_ids: tuple[tuple[str, ...], ...] = ()
     """Ids of the agents of each sample that were slowed to avoid a collision; empty if
     there are none in any sample."""

@@ -1,5 +1,6 @@
 """The run bar by real mouse: in sight everywhere, named, with progress, result and cancel."""
 
+import re
 import threading
 
 import numpy as np
@@ -124,6 +125,7 @@ def test_a_run_tells_its_progress_and_result_and_is_cancelled(editor, monkeypatc
     editor.until(lambda: session.entries, "a trajectory", 120)
     assert "seed 42" in session.entries[0].label
     expect(told).to_contain_text("1 agent in")
+    expect(told).to_have_text(re.compile(r"seed 42\. Mean distance to [^.]*\.\d m\.$"))
     expect(editor.run_bar.get_by_role("spinbutton", name="Seed")).to_have_value("43")
 
     # A refusal is told as well, until something else is selected.
@@ -136,3 +138,41 @@ def test_a_run_tells_its_progress_and_result_and_is_cancelled(editor, monkeypatc
     editor.select((session.scenario.focal_id,))
     expect(told).not_to_contain_text("Nothing is selected")
     assert len(session.entries) == 1
+
+
+LONG = "3 agents slowed down to avoid a collision: 4185, 4197, 4198."
+
+
+@pytest.mark.parametrize("width", [1000, 1280, 1440])
+def test_what_must_be_known_is_readable_at_every_width(editor, width):
+    """Of 933 px of words 117 px were shown, and buttons lost whom they are about."""
+    page, bar = editor.page, editor.run_bar
+    page.set_viewport_size({"width": width, "height": 720})
+    editor.settle()
+    places = [bar, *(button(editor, verb) for verb in ("regenerate", "resample"))]
+    still = [place.bounding_box() for place in places]
+    panel = editor.tab().elements.generation
+    said = f"{LONG} 28 agents in 0.4 s, seed 5. {'Mean distance to lanes: 0.8 m. ' * 6}"
+    panel.result.said = said
+    editor.tab().ui.post(panel.result.changed.emit)
+    told = bar.get_by_role("status", name="Last run")
+    expect(told).to_contain_text("Mean distance")
+    shown = told.evaluate(
+        "(one, end) => { const range = document.createRange();"
+        " range.setStart(one.firstChild, 0); range.setEnd(one.firstChild, end);"
+        " return range.getBoundingClientRect().right"
+        " <= one.getBoundingClientRect().right; }",
+        len(LONG),
+    )
+    assert shown
+    for place in places[1:]:
+        assert place.evaluate(
+            "one => [...one.children].every(e => e.scrollWidth <= e.clientWidth)"
+        )
+    assert [place.bounding_box() for place in places] == still
+    told.click()
+    whole = bar.locator(".pd-run-end").evaluate(
+        "one => getComputedStyle(one, '::after').content"
+    )
+    assert said.strip() in whole
+    editor.screenshot(f"run_bar_{width}")

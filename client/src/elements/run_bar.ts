@@ -37,7 +37,8 @@ define("run", (api) => {
 
   return (state) => {
     for (const [index, { label, target, isEnabled }] of state.verbs.entries()) {
-      verbs[index].replaceChildren(`${label} `, make("b", "", {}, target));
+      // The verb is cut before whom it is about.
+      verbs[index].replaceChildren(make("span", "", {}, `${label} `), make("b", "", {}, target));
       verbs[index].title = `${label} ${target} (${index ? "settings in the tab Drive" : "R"})`;
       verbs[index].disabled = !isEnabled;
     }

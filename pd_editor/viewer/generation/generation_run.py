@@ -145,10 +145,12 @@ class GenerationInput(RunInput):
         ui.workspace.guided_runs.keep(ui.session.scenario.agents, run)
         assert isinstance(command, ReplaceTraffic)
         count = len(result.samples[index].ids)
-        return (
+        # A bar has room for the beginning alone: what a user must know comes first.
+        done = (
             f"{count} agent{'s' if count != 1 else ''} in {took_s:.1f} s, seed"
-            f" {self.request.seed}. {' '.join((*result.notes, *command.notes))}"
+            f" {self.request.seed}."
         )
+        return " ".join((*result.notes, *command.notes, done, *result.measures))
 
 
 class GenerationRun:
@@ -302,10 +304,8 @@ class GenerationRun:
         run = GuidedRun(request=request, traffic=traffic, index=0)
         self._ui.workspace.guided_runs.keep(agents, run)
         count = len(request.agent_ids)
-        self._say(
-            f"{count} agent{'s' if count != 1 else ''} reacted to the edit."
-            f" {' '.join(traffic.notes)}"
-        )
+        done = f"{count} agent{'s' if count != 1 else ''} reacted to the edit."
+        self._say(" ".join((*traffic.notes, done, *traffic.measures)))
 
     def _use(self) -> Literal["here", "back"] | None:
         """How a waiting result can be applied; None without one, or if it cannot."""

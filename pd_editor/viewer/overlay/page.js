@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (60645191ebda3c94); not to be edited. */
+/* Built by .ci/client.py from client/ (ea8357f466ab565e); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2756,7 +2756,7 @@
     api.box.append(bar);
     return (state) => {
       for (const [index, { label, target, isEnabled }] of state.verbs.entries()) {
-        verbs[index].replaceChildren(`${label} `, make("b", "", {}, target));
+        verbs[index].replaceChildren(make("span", "", {}, `${label} `), make("b", "", {}, target));
         verbs[index].title = `${label} ${target} (${index ? "settings in the tab Drive" : "R"})`;
         verbs[index].disabled = !isEnabled;
       }

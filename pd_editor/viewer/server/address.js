@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (60645191ebda3c94); not to be edited. */
+/* Built by .ci/client.py from client/ (ea8357f466ab565e); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts
