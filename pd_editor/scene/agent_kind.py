@@ -26,6 +26,12 @@ class AgentKind(StrEnum):
         """Name for sentences."""
         return self.value.replace("_", " ")
 
+    @property
+    def label(self) -> str:
+        """Name in legends: kinds of one colour have one."""
+        others = (AgentKind.STATIC, AgentKind.BACKGROUND, AgentKind.UNKNOWN)
+        return "Other object" if self in others else self.in_words.capitalize()
+
 
 class AgentCategory(IntEnum):
     """How a benchmark uses a track; Argoverse 2's ``object_category``."""

@@ -1,13 +1,14 @@
 """Road and traffic seen from above, drawn to scale by matplotlib."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.geometry.oriented_box import Boxes
@@ -24,8 +25,12 @@ if TYPE_CHECKING:
 
 DPI: Final = 100
 """Pixels of a picture per inch, of which a point is the 72nd part."""
+FOCAL: Final = "Focal agent"
+"""Its name in legends."""
 TRAIL_S: Final = 3.0
 """How far the line ahead of an agent goes."""
+RIM_POINTS: Final = 0.8
+"""Width of the rim of the focal agent."""
 _ARROW_M: Final = (1.4, 0.45)
 """Length and half of the width of a lane's arrow."""
 _LEAST_POINTS: Final = 0.3
@@ -47,6 +52,12 @@ class Frame:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set_axis_off()
 
+    def onto(self, ground: "Frame") -> "Frame":
+        """The frame moved as little as lets it show no more beyond the ground than it must."""
+        room = np.maximum(ground.half_m - self.half_m, 0.0)
+        low, high = ground.middle_m - room, ground.middle_m + room
+        return replace(self, middle_m=np.clip(self.middle_m, low, high))
+
     def holds(self, line: Float[np.ndarray, "_ D"]) -> bool:
         """Whether the box about a line touches it."""
         gap = np.maximum(
@@ -66,6 +77,13 @@ class TopView:
     @cached_property
     def _layers(self) -> list[RoadLayer]:
         return list(road_layers(self.scenario.road_map))
+
+    def ground(self, place_m: Float[np.ndarray, "2"]) -> Frame:
+        """All of the road, and a place that need not be on it."""
+        lines = [one[:, :2] for layer in self._layers for one in layer.lines]
+        points = np.concatenate([place_m[None], *lines])
+        low, high = points.min(axis=0), points.max(axis=0)
+        return Frame(middle_m=(low + high) / 2, half_m=(high - low) / 2)
 
     def road(self, frame: Frame) -> Iterator["Artist"]:
         """What is seen of the road in a frame, from the ground up."""
@@ -132,7 +150,14 @@ class TopView:
             alpha=0.45,
             capstyle="round",
         )
-        yield PolyCollection(list(boxes.corners_m()), facecolors=colors)
+        corners = list(boxes.corners_m())
+        focal = agents.row_of.get(scenario.focal_id)
+        yield PolyCollection(  # A rim, so that the focal agent is told without colours.
+            [one for row, one in zip(rows, corners, strict=True) if row == focal],
+            edgecolors=parts_of_one(self.palette.glass),
+            linewidths=2 * RIM_POINTS,
+        )
+        yield PolyCollection(corners, facecolors=colors)
         is_long = boxes.size_m[:, 0] > 1.5 * boxes.size_m[:, 1]
         long = boxes[np.flatnonzero(is_long)]
         yield PolyCollection(
@@ -169,17 +194,16 @@ def roles_shown(
     scenario: Scenario, palette: Palette, rows: Sequence[int]
 ) -> Mapping[str, Rgb]:
     """Names and colours of the roles and kinds of some agents, for a legend."""
-    names = {scenario.focal_id: "focal agent", EGO_ID: "ego"}
+    names = {scenario.focal_id: FOCAL, EGO_ID: "Ego"}
     agents = scenario.agents
     found = {
-        names.get(agents.ids[row], agents.kinds[row].in_words): agent_color(
+        names.get(agents.ids[row], agents.kinds[row].label): agent_color(
             scenario, palette, row
         )
         for row in rows
     }
-    return dict(
-        sorted(found.items(), key=lambda one: (one[0] not in names.values(), one))
-    )
+    order = [*names.values(), *(kind.label for kind in AgentKind)]
+    return dict(sorted(found.items(), key=lambda one: order.index(one[0])))
 
 
 def middle_of(

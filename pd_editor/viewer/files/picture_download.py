@@ -1,12 +1,16 @@
 """Films and figures of a scene for the browser, drawn beside the work."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import viser
 
 from pd_editor.base.errors import ExportError, InputError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
+from pd_editor.editor.commands.command import shortened
+from pd_editor.scene.formats.figure import FigureLook
+from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS, picture
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -22,16 +26,20 @@ class PictureDownload:
         self._notice: viser.NotificationHandle | None = None
 
     def start(self, scenario: Scenario, ending: str) -> None:
-        """Begin to draw.
+        """Begin to draw, about the selected agent if there is one.
 
         Raises:
             InputError: another one is being drawn.
         """
         if self._notice is not None:
             raise InputError("Another picture is being drawn; wait until it is here.")
-        title = f"Drawing {scenario.scenario_id}.{ending}"
+        selection = self._ui.session.selection
+        follow = selection[0] if len(selection) == 1 else ""
+        whom = f"following {shortened(follow)}" if follow else "about the focal agent"
+        title = f"Drawing {scenario.scenario_id}.{ending}, {whom}"
         self._notice = self._ui.notify(title, stays=True)
-        self._job = _Drawing(self, self._ui.post, scenario, ending)
+        look = replace(LOOKS[ending], follow=follow)
+        self._job = _Drawing(self, self._ui.post, scenario, ending, look)
         self._job.start()
 
     def close(self) -> None:
@@ -69,6 +77,7 @@ class _Drawing(BackgroundJob[bytes]):
         post: Callable[..., None],
         scenario: Scenario,
         ending: str,
+        look: FilmLook | FigureLook,
     ) -> None:
         name = f"{scenario.scenario_id}.{ending}"
         super().__init__(
@@ -77,7 +86,7 @@ class _Drawing(BackgroundJob[bytes]):
             lambda error: post(partial(to.fail, error)),
         )
         self._tell = lambda *now: post(partial(to.tell, *now), merge_key="frames")
-        self._draw = partial(picture, scenario, ending, LOOKS[ending])
+        self._draw = partial(picture, scenario, ending, look)
 
     def _result(self) -> bytes:
         return self._draw(self._drawn)

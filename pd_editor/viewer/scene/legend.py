@@ -10,21 +10,10 @@ from pd_editor.scene.locks import Kept
 from pd_editor.scene.palette import Palette, Rgb
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState
+from pd_editor.scene.top_view import FOCAL
 from pd_editor.viewer.overlay.messages import LegendEntry, LegendState
 from pd_editor.viewer.overlay.overlay import Overlay
 
-_KIND_NAME: Final[dict[AgentKind, str]] = {
-    AgentKind.VEHICLE: "Vehicle",
-    AgentKind.BUS: "Bus",
-    AgentKind.MOTORCYCLIST: "Motorcyclist",
-    AgentKind.CYCLIST: "Cyclist",
-    AgentKind.PEDESTRIAN: "Pedestrian",
-    AgentKind.CONSTRUCTION: "Construction",
-    AgentKind.RIDERLESS_BICYCLE: "Riderless bicycle",
-    AgentKind.STATIC: "Other object",
-    AgentKind.BACKGROUND: "Other object",
-    AgentKind.UNKNOWN: "Other object",
-}
 _LOCKED: Final[dict[Kept, str]] = {
     "trajectory": "Locked trajectory",
     "beginning": "Locked beginning",
@@ -52,7 +41,7 @@ class Legend:
         agents = scenario.agents
         entries: list[LegendEntry] = []
         if scenario.focal_id in agents.row_of:
-            entries.append(_entry("Focal agent", "fill", _css(palette.focal)))
+            entries.append(_entry(FOCAL, "fill", _css(palette.focal)))
         if EGO_ID in agents.row_of:
             entries.append(_entry("Ego", "fill", _css(palette.ego)))
         entries += _kinds(scenario, palette)
@@ -96,7 +85,7 @@ class Legend:
 def _kinds(scenario: Scenario, palette: Palette) -> Iterator[LegendEntry]:
     """The kinds that are there; kinds with one name have one colour."""
     present = set(scenario.agents.kinds)
-    names = {name: kind for kind, name in _KIND_NAME.items() if kind in present}
+    names = {kind.label: kind for kind in AgentKind if kind in present}
     for name, kind in names.items():
         glyph = "shaded" if kind is AgentKind.BUS else "fill"
         yield _entry(name, glyph, _css(palette.kinds[kind]))

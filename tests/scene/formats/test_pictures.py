@@ -7,10 +7,13 @@ from dataclasses import replace
 import av
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from pd_editor.base.errors import ExportError
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.figure import FigureLook, figure
 from pd_editor.scene.formats.film import FilmLook, film
 from pd_editor.scene.formats.pictures import LOOKS, picture
@@ -21,6 +24,7 @@ from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.top_view import Frame, roles_shown
 
 SMALL = FilmLook(height_px=240)
 
@@ -103,6 +107,56 @@ def test_a_figure_is_as_wide_as_told_and_carries_its_fonts():
         assert height < width
         assert b"/Type3" not in pdf
         assert pdf == figure(scenario, "pdf", look)
+
+
+def of_all_kinds() -> Scenario:
+    """A scene with at least one agent of each kind that is not the focal one, at t = 0."""
+    scenario = open_scenario("signalised-junction")
+    agents = scenario.agents
+    kinds = tuple(([*AgentKind] * len(agents.ids))[: len(agents.ids)])
+    return replace(scenario, agents=replace(agents, kinds=kinds))
+
+
+def test_kinds_of_one_colour_have_one_entry_in_the_legend():
+    scenario = of_all_kinds()
+    names = roles_shown(scenario, LIGHT, range(len(scenario.agents.ids)))
+    assert list(names)[:2] == ["Focal agent", "Ego"]
+    assert "Other object" in names
+    assert len(set(names.values())) == len(names) == 10
+
+
+def test_the_legend_keeps_off_the_bar_of_the_scale():
+    """It ran over the bar and the edge of the sheet."""
+    few, many = (
+        np.array(Image.open(io.BytesIO(figure(one, "png", FigureLook(width_mm=88)))))
+        for one in (short(), of_all_kinds())
+    )
+    foot = many[55 * 300 * 10 // 254 + 60 :, :, :3].min(axis=-1) < 200
+    assert many.shape[0] > few.shape[0]
+    mm = many.shape[1] / 88
+    assert not foot[:, -round(mm) :].any()
+    ink = foot.any(axis=0)
+    bar = np.flatnonzero(foot[:, -round(3 * mm)])
+    begin = many.shape[1] - round(1.7 * mm) - round(15.0 * mm)
+    gaps = "".join("#" if one else " " for one in ink[: begin + 1])
+    assert len(bar) < 10
+    assert " " * round(mm) in gaps[-round(16 * mm) :]
+
+
+half = st.floats(1.0, 50.0)
+pairs = st.tuples(half, half).map(np.array)
+
+
+@given(place=pairs, half_m=pairs, ground=pairs)
+def test_a_frame_shows_no_more_beyond_the_map_than_it_must(place, half_m, ground):
+    """A third of the sheet was blank where the map ends."""
+    low = np.minimum(place, ground) - 1.0
+    high = np.maximum(place, ground) + 1.0
+    whole = Frame(middle_m=(low + high) / 2, half_m=(high - low) / 2)
+    moved = Frame(middle_m=place, half_m=half_m).onto(whole)
+    beyond = np.maximum(low - moved.middle_m + half_m, moved.middle_m + half_m - high)
+    assert (beyond <= np.maximum(half_m - whole.half_m, 0) + 1e-9).all()
+    assert (np.abs(moved.middle_m - place) <= half_m + 1e-9).all()
 
 
 def test_agents_of_a_figure_stand_where_they_are():

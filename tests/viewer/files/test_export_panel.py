@@ -136,6 +136,33 @@ def test_films_and_figures_are_drawn_beside_the_work(tmp_path: Path):
         assert b"ftyp" in content[:12]
 
 
+def test_a_figure_follows_the_agent_that_is_selected(tmp_path: Path):
+    """It stood on the focal agent whatever was selected."""
+    with (
+        running_app(tmp_path / "library", "merge") as app,
+        connected_tab(app) as tab,
+        mock.patch.object(tab.ui.client, "send_file_download") as send,
+        mock.patch.object(tab.ui, "notify", wraps=tab.ui.notify) as notify,
+    ):
+        scenario = tab.session.scenario
+        other = next(one for one in scenario.agents.ids if one != scenario.focal_id)
+        tab.type("Format", "Figure (SVG)")
+        for count, (selection, whom) in enumerate(
+            [
+                ((), "about the focal agent"),
+                ((other,), f"following {other}"),
+                ((other, scenario.focal_id), "about the focal agent"),
+            ],
+            start=1,
+        ):
+            tab.run(lambda ids=selection: tab.session.select(ids))
+            tab.press("Download SVG")
+            assert notify.call_args.args[0].endswith(f".svg, {whom}")
+            until(lambda count=count: send.call_count == count)
+        middle, followed, several = (call.args[1] for call in send.call_args_list)
+        assert middle == several != followed
+
+
 def test_films_are_neither_packed_nor_written(tmp_path: Path):
     with running_app(tmp_path / "library", "merge") as app, connected_tab(app) as tab:
         tab.type("Format", "Film (WEBM)")
