@@ -171,6 +171,7 @@ def test_what_must_be_known_is_readable_at_every_width(editor, width):
         )
     assert [place.bounding_box() for place in places] == still
     told.click()
+    page.mouse.move(400, 300)  # It stays without the mouse.
     whole = bar.locator(".pd-run-end").evaluate(
         "one => getComputedStyle(one, '::after').content"
     )
