@@ -166,7 +166,7 @@ def _lanes(net: SumoNet) -> tuple[tuple[Lane, ...], dict[str, int]]:
             line = with_end_normals(own, *ends)
         kerb, inner = (
             number.get(f"{lane.edge}_{lane.index + step}")
-            if not lane.is_internal
+            if not lane.is_internal or lane.edge in net.junction_edges
             else None
             for step in (-1, 1)
         )
@@ -230,7 +230,9 @@ def _phases(logic: Place) -> tuple[float, list[float], list[str]]:
     if not all(one > 0 for one in seconds):
         raise logic.error("has a phase that does not last; expected more than 0 s.")
     offset = logic.number("offset") if "offset" in logic.element.attrib else 0.0
-    return offset, seconds, [one.attribute("state") for one in found]
+    # A green that gives way is green.
+    states = [one.attribute("state").replace("g", "G") for one in found]
+    return offset, seconds, states
 
 
 def _reacts(logic: Place) -> bool:

@@ -127,7 +127,7 @@ class SumoNet:
     """Connections between lanes of normal edges, junctions left out."""
     drives_left: bool = False
     junction_edges: frozenset[str] = frozenset()
-    """Edges that are lanes through a junction, though not internal ones."""
+    """Edges that are lanes through a junction by their type: in networks made here."""
 
     @cached_property
     def lanes_of_edge(self) -> dict[str, list[SumoLane]]:
@@ -227,6 +227,7 @@ def sumo_net(root: Place) -> SumoNet:
         FormatError: it lacks edges, or is damaged.
     """
     normal, afoot = [], {"walkingarea": [], "crossing": []}
+    through: set[str] = set()
     lanes: dict[str, SumoLane] = {}
     for edge in root.children("edge"):
         name, function = edge.attribute("id"), edge.element.get("function") or ""
@@ -235,6 +236,8 @@ def sumo_net(root: Place) -> SumoNet:
             continue
         if not name.startswith(":"):
             normal.append(edge)
+        if edge.element.get("type") == JUNCTION:
+            through.add(name)
         edge.child("lane")
         for index, place in enumerate(edge.children("lane")):
             lane = _lane(place, name, index)
@@ -271,11 +274,7 @@ def sumo_net(root: Place) -> SumoNet:
             for start, _, end, direction in connections
             if end in lanes and not lanes[start].is_internal
         ),
-        junction_edges=frozenset(
-            edge.attribute("id")
-            for edge in normal
-            if edge.element.get("type") == JUNCTION
-        ),
+        junction_edges=frozenset(through),
         drives_left=root.element.get("lefthand") in ("true", "1"),
     )
 

@@ -1,19 +1,21 @@
 """Writes scenes as SUMO networks with floating-car data and routes."""
 
 import re
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections import defaultdict
+from collections.abc import Iterator
 from heapq import heappop, heappush
+from itertools import groupby
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
+from pd_editor.scene.formats.right_of_way import Way, meetings
 from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.formats.sumo_net import ALLOWED_ON, CROSSWALK, JUNCTION, PAVED
-from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
+from pd_editor.scene.geometry.angles import left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, resample
 from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.paths.lanes.route_choice import (
@@ -21,7 +23,7 @@ from pd_editor.scene.paths.lanes.route_choice import (
     ON_LANE_M,
     lane_kinds_of,
 )
-from pd_editor.scene.road_map import Lane
+from pd_editor.scene.road_map import Lane, RoadMap
 from pd_editor.scene.scenario import Scenario
 
 _CLASSES: Final = {
@@ -39,7 +41,10 @@ _MAX_UNSEEN: Final = 2
 _REFUSED: Final = re.compile(r"[^A-Za-z0-9_.-]")
 _LOSSES: Final = (
     "Boundaries of lanes: SUMO has one width a lane.",
-    "Lane markings, elevations, and right of way where lanes cross.",
+    "Lane markings, elevations.",
+    "Right of way of signs: straight on goes before turns, wider roads before narrower "
+    "ones, right before left. Lanes through a junction that fork, merge or end in it "
+    "have none.",
     "Speed limits: all lanes have the same, since scenes have none.",
     "Motion of routes: they begin as recorded, and SUMO drives them its own way; the "
     "floating-car data have the recorded motion.",
@@ -50,9 +55,9 @@ _LOSSES: Final = (
 def write(scenario: Scenario) -> WrittenScene:
     """Files of a network with every lane as it is, of the motion, and of routes.
 
-    A lane is a lane of an edge that it shares with its neighbours. Edges meet without
-    lanes through the junction, so that geometry and links are exact. Coordinates are
-    those of the city, times those since the first step.
+    A lane is a lane of an edge that it shares with its neighbours, an internal one
+    where it leads through a junction, so that geometry and links are exact. Coordinates
+    are those of the city, times those since the first step.
     """
     name, axis = scenario.scenario_id, scenario.time_axis
     network = _Network(scenario)
@@ -98,17 +103,14 @@ def write(scenario: Scenario) -> WrittenScene:
 
 
 class _Network:
-    """Edges of neighbouring lanes, and junctions of no size between them."""
+    """Edges of neighbouring lanes, and junctions between them.
+
+    Lanes through a junction are internal ones, if one lane leads to them and one from
+    them: SUMO knows who gives way on these.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         known, self._origin = scenario.road_map.lane_of, scenario.origin_city_m
-        self.groups = [[known[n] for n in g] for g in scenario.road_map.lane_groups]
-        self.place_of = {
-            lane.lane_id: (edge, index)
-            for edge, group in enumerate(self.groups)
-            for index, lane in enumerate(group)
-        }
-        self.name_of = {n: f"e{one}_{two}" for n, (one, two) in self.place_of.items()}
         self.after = {
             n: [known[m] for m in dict.fromkeys(lane.successors) if m in known]
             for n, lane in known.items()
@@ -116,14 +118,85 @@ class _Network:
         self._signals, self._step_s = scenario.signals, scenario.time_axis.step_s
         self.light_of = self._light_of()
         """Signal and index of the links that obey one, by their lanes."""
+        self._beside = self._lanes_beside(scenario.road_map)
+        self.groups: list[list[Lane]] = []
+        self.place_of: dict[int, tuple[int, int]] = {}
+        for inside in (False, True):
+            for ids in scenario.road_map.lane_groups:
+                for beside, run in groupby(ids, self._edges_beside):
+                    if (beside is not None) == inside:
+                        group = [known[n] for n in run]
+                        for index, lane in enumerate(group):
+                            self.place_of[lane.lane_id] = len(self.groups), index
+                        self.groups.append(group)
         speed = np.hypot(*scenario.agents.velocity_mps.reshape(-1, 2).T)
         self.speed_mps = float(max(_LEAST_SPEED_MPS, speed.max(initial=0.0) + 0.1))
+        self._ways = list(self._ways_through())
+        self._meet = meetings(self._ways)
+        self._waits = np.zeros_like(self._meet)
+        for row, other in np.argwhere(self._meet):
+            self._waits[row, other] = self._ways[row].waits_for(self._ways[other])
         self._parent = list(range(2 * len(self.groups)))
+        self._join()
+        self.name_of = {
+            n: f"{self.edge_name(one)}_{two}" for n, (one, two) in self.place_of.items()
+        }
+
+    def _lanes_beside(self, road_map: RoadMap) -> dict[int, tuple[int, int]]:
+        """Lanes before and after those that are to be internal."""
+        before: defaultdict[int, list[int]] = defaultdict(list)
         for number, following in self.after.items():
             for one in following:
-                end = self._junction(2 * self.place_of[number][0] + 1)
-                start = self._junction(2 * self.place_of[one.lane_id][0])
-                self._parent[end] = start
+                before[one.lane_id].append(number)
+        found: dict[int, tuple[int, int]] = {}
+        for number, lane in road_map.lane_of.items():
+            beside = {*before[number], *(one.lane_id for one in self.after[number])}
+            if (
+                lane.is_intersection
+                and len(before[number]) == len(self.after[number]) == 1
+                and len(beside - found.keys() - {number}) == 2
+                and (number, self.after[number][0].lane_id) not in self.light_of
+            ):
+                found[number] = before[number][0], self.after[number][0].lane_id
+        return found
+
+    def _edges_beside(self, number: int) -> tuple[int | None, ...] | None:
+        """Edges between which an internal lane is; None for others."""
+        beside = self._beside.get(number)
+        known = self.place_of
+        return beside and tuple(known[n][0] if n in known else None for n in beside)
+
+    def _ways_through(self) -> Iterator[Way]:
+        """Ways from lanes to the next ones, in the order of edges."""
+        for lane, num in ((one, len(group)) for group in self.groups for one in group):
+            following = self.after[lane.lane_id] if not self.is_inside(lane) else []
+            for one in following:
+                beyond = self._beside.get(one.lane_id, ())[1:]
+                yield Way(
+                    lanes=(lane.lane_id, one.lane_id, *beyond),
+                    line_m=(one if beyond else lane).centerline_m,
+                    num_lanes=num,
+                )
+
+    def is_inside(self, lane: Lane) -> bool:
+        """Whether it is an internal lane of a junction."""
+        return lane.lane_id in self._beside
+
+    def edge_name(self, edge: int) -> str:
+        """SUMO's id of an edge."""
+        if self.is_inside(self.groups[edge][0]):
+            return f":j{self._junction(2 * edge)}_{edge}"
+        return f"e{edge}"
+
+    def _join(self) -> None:
+        """Make one junction of the ends of lanes that meet, and of ways that do."""
+        ends = [2 * self.place_of[one.lanes[0]][0] + 1 for one in self._ways]
+        for one, end in zip(self._ways, ends, strict=True):
+            for lane in one.lanes[1:]:
+                start = self._junction(2 * self.place_of[lane][0])
+                self._parent[self._junction(end)] = start
+        for row, other in np.argwhere(self._meet).tolist():
+            self._parent[self._junction(ends[row])] = self._junction(ends[other])
 
     def _junction(self, end: int) -> int:
         """Junction of an edge's start (even numbers) or end (odd ones)."""
@@ -132,9 +205,9 @@ class _Network:
             end = self._parent[end]
         return end
 
-    def _light_of(self) -> dict[tuple[int, int], tuple[int, int]]:
+    def _light_of(self) -> dict[tuple[int, ...], tuple[int, int]]:
         links = [(n, one.lane_id) for n, after in self.after.items() for one in after]
-        found: dict[tuple[int, int], tuple[int, int]] = {}
+        found: dict[tuple[int, ...], tuple[int, int]] = {}
         for number, signal in enumerate(self._signals):
             sides = (signal.stop_share >= 0.5).tolist()
             # A lane's end is the start of those that follow it.
@@ -148,12 +221,20 @@ class _Network:
 
     def _lights(self) -> Iterator[str]:
         """Programmes of the signals that have links: their states, again and again."""
-        count = Counter(number for number, _ in self.light_of.values())
-        for number, links in count.items():
+        waits_of: defaultdict[int, list[bool]] = defaultdict(list)
+        waiting = {
+            one.lanes[:2]
+            for row, one in enumerate(self._ways)
+            if one.inside and self._waits[row].any()
+        }
+        for link, (number, _) in self.light_of.items():
+            waits_of[number].append(link in waiting)
+        for number, waits in waits_of.items():
             yield f'<tlLogic id="tl{number}" type="static" programID="0" offset="0">'
             for state, duration in self._signals[number].phases(self._step_s):
-                letters = WORDS[state][2] * links
-                yield f'<phase duration="{duration:.2f}" state="{letters}"/>'
+                letter = WORDS[state][2]
+                letters = (letter.replace("G", "g") if n else letter for n in waits)
+                yield f'<phase duration="{duration:.2f}" state="{"".join(letters)}"/>'
             yield "</tlLogic>"
 
     def length_m(self, edge: int) -> float:
@@ -191,34 +272,56 @@ class _Network:
             yield from self._edge(edge, group)
         yield from self._lights()
         ends: defaultdict[int, list[int]] = defaultdict(list)
-        for end in range(2 * len(self.groups)):
-            ends[self._junction(end)].append(end)
+        for edge, group in enumerate(self.groups):
+            for end in () if self.is_inside(group[0]) else (2 * edge, 2 * edge + 1):
+                ends[self._junction(end)].append(end)
+        rows: defaultdict[int, list[int]] = defaultdict(list)
+        for row, one in enumerate(self._ways):
+            rows[self._junction(2 * self.place_of[one.lanes[0]][0] + 1)].append(row)
         for junction, here in ends.items():
-            yield from self._junction_lines(junction, here)
-        for number, following in self.after.items():
-            for one in following:
-                (start, lane), (end, its_lane) = (
-                    self.place_of[n] for n in (number, one.lane_id)
-                )
-                light = self.light_of.get((number, one.lane_id))
-                told = 'state="M"'
-                if light is not None:
-                    told = f'tl="tl{light[0]}" linkIndex="{light[1]}" state="o"'
-                yield (
-                    f'<connection from="e{start}" to="e{end}" fromLane="{lane}" '
-                    f'toLane="{its_lane}" dir="s" {told}/>'
-                )
+            yield from self._junction_lines(junction, here, rows[junction])
+        for row in range(len(self._ways)):
+            yield from self._connections(row)
+
+    def _connections(self, row: int) -> Iterator[str]:
+        way = self._ways[row]
+        light = self.light_of.get(way.lanes[:2])
+        told = f'state="{self._state(row)}"'
+        if light is not None:
+            told = f'tl="tl{light[0]}" linkIndex="{light[1]}" state="o"'
+        for number in way.inside:
+            told += f' via="{self.name_of[number]}"'
+        end, its_lane = self.place_of[way.lanes[-1]]
+        for number in way.lanes[:-1]:
+            edge, lane = self.place_of[number]
+            yield (
+                f'<connection from="{self.edge_name(edge)}" to="e{end}" '
+                f'fromLane="{lane}" toLane="{its_lane}" dir="{way.direction}" {told}/>'
+            )
+            told = 'state="M"'
+
+    def _state(self, row: int) -> str:
+        """SUMO's letter: major, minor, equal (not all wait for ever), or in turn."""
+        way = self._ways[row]
+        waits_for = [self._ways[n] for n in np.flatnonzero(self._waits[row])]
+        if any(way.takes_turns_with(other) for other in waits_for):
+            return "Z"
+        if any(way.is_equal_to(other) for other in waits_for):
+            return "="
+        return "m" if waits_for else "M"
 
     def _edge(self, edge: int, group: list[Lane]) -> Iterator[str]:
         start, end = self._junction(2 * edge), self._junction(2 * edge + 1)
         kind = JUNCTION if any(one.is_intersection for one in group) else "road"
-        yield (
-            f'<edge id="e{edge}" from="j{start}" to="j{end}" priority="1" type="{kind}">'
-        )
+        told = f'from="j{start}" to="j{end}" priority="1"'
+        if self.is_inside(group[0]):
+            told = 'function="internal"'
+        name = self.edge_name(edge)
+        yield f'<edge id="{name}" {told} type="{kind}">'
         for index, lane in enumerate(group):
             across = resample(lane.left_m, 9) - resample(lane.right_m, 9)
             yield (
-                f'<lane id="e{edge}_{index}" index="{index}" '
+                f'<lane id="{name}_{index}" index="{index}" '
                 f'allow="{ALLOWED_ON[lane.kind]}" speed="{self.speed_mps:.2f}" '
                 f'length="{self.length_m(edge):.4f}" '
                 f'width="{np.median(np.hypot(*across.T)):.3f}" '
@@ -226,42 +329,36 @@ class _Network:
             )
         yield "</edge>"
 
-    def _junction_lines(self, junction: int, ends: list[int]) -> Iterator[str]:
+    def _junction_lines(
+        self, junction: int, ends: list[int], rows: list[int]
+    ) -> Iterator[str]:
         touching = [(lane, end % 2) for end in ends for lane in self.groups[end // 2]]
-        arriving = [lane for lane, arrives in touching if arrives]
-        links = [(lane, one) for lane in arriving for one in self.after[lane.lane_id]]
         points = [lane.centerline_m[-1 if last else 0] for lane, last in touching]
         place = np.mean(points, axis=0) + self._origin
-        names = " ".join(self.name_of[lane.lane_id] for lane in arriving)
-        obeys = any((a.lane_id, b.lane_id) in self.light_of for a, b in links)
-        kind = "traffic_light" if obeys else "priority" if links else "dead_end"
+        arriving = [self.name_of[lane.lane_id] for lane, arrives in touching if arrives]
+        ways = [self._ways[row] for row in rows]
+        # SUMO takes the n-th internal lane as that of the n-th way, which one without a
+        # lane has not: it is nobody's foe then, though others wait for it.
+        known = [n for one in ways for n in one.inside]
+        inside = [self.name_of[(*one.inside, *known)[0]] for one in ways if known]
+        obeys = any(one.lanes[:2] in self.light_of for one in ways)
+        kind = "traffic_light" if obeys else "priority" if rows else "dead_end"
         yield (
             f'<junction id="j{junction}" type="{kind}" '
-            f'x="{place[0]:.4f}" y="{place[1]:.4f}" incLanes="{names}" intLanes="" '
-            f'shape="{_shape(place[None])}">'
+            f'x="{place[0]:.4f}" y="{place[1]:.4f}" incLanes="{" ".join(arriving)}" '
+            f'intLanes="{" ".join(inside)}" shape="{_shape(place[None])}">'
         )
-        turns = [_turn(lane) for lane, _ in links]
-        for row, (lane, after) in enumerate(links):
-            # Of lanes that merge, the straightest has priority.
-            foes = [one is not lane and end is after for one, end in links]
-            gives = [
-                foe and (turns[n], n) < (turns[row], row) for n, foe in enumerate(foes)
-            ]
+        is_foe = [bool(one.inside) or not known for one in ways]
+        for index, row in enumerate(rows):
+            waits, foes = self._waits[row, rows], self._meet[row, rows] & is_foe
             yield (
-                f'<request index="{row}" response="{_bits(gives)}" '
+                f'<request index="{index}" response="{_bits(waits)}" '
                 f'foes="{_bits(foes)}" cont="0"/>'
             )
         yield "</junction>"
 
 
-def _turn(lane: Lane) -> float:
-    """By how much a lane turns in all."""
-    steps = np.diff(lane.centerline_m, axis=0)
-    turn = np.diff(heading_of(steps[[0, -1]]))
-    return float(np.abs(wrap_angle(turn))[0])
-
-
-def _bits(flags: Iterable[bool]) -> str:
+def _bits(flags: Bool[np.ndarray, "W"]) -> str:
     """Flags as SUMO has them: the last one first."""
     return "".join("1" if one else "0" for one in flags)[::-1]
 
@@ -359,7 +456,10 @@ def _route(
         return None
     vehicle_class = _CLASSES[agents.kinds[row]]
     places = [network.place_of[one] for one in match.lane_id.tolist()]
-    path = _path([edge for edge, _ in places], network.edges_after(vehicle_class))
+    after = network.edges_after(vehicle_class)
+    path = _path([edge for edge, _ in places], after)
+    if path and network.is_inside(network.groups[path[-1]][0]):
+        path += sorted(after[path[-1]])[:1]
     for n, (edge, index) in enumerate(places if path else ()):
         lane, rest = (
             network.groups[edge][index],
@@ -374,11 +474,15 @@ def _route(
             at = match.along_m[n] * length / arc_length(lane.centerline_m)[-1]
             at = min(at + agents.size_m[row, 0] / 2, length - 0.1)
             speed = np.hypot(*agents.velocity_mps[row, steps[n]])
+            # Between edges SUMO finds internal ones itself.
+            names = [network.edge_name(one) for one in rest]
+            names = [name for name in names if name[0] == "e" or name == names[0]]
             return int(steps[n]), (
                 f'<vehicle id="{_as_id(agents.ids[row])}" type="{type_id}" '
                 f'depart="{steps[n] * step_s:.2f}" departLane="{index}" '
-                f'departPos="{at:.2f}" departSpeed="{speed:.2f}">'
-                f'<route edges="{" ".join(f"e{one}" for one in rest)}"/></vehicle>'
+                f'departPos="{at:.2f}" departSpeed="{speed:.2f}" '
+                'insertionChecks="collision leaderGap followerGap">'
+                f'<route edges="{" ".join(names)}"/></vehicle>'
             )
     return None
 

@@ -3,12 +3,17 @@
 import csv
 import subprocess
 import zipfile
+from collections.abc import Mapping
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
+import shapely.affinity
 import sumolib
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.installed_files import demo_names
 from pd_editor.editor.scenario_store import open_scenario
@@ -16,7 +21,7 @@ from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.registry import writer
 from pd_editor.scene.formats.sumo_writer import write
-from pd_editor.scene.road_map import LaneKind
+from pd_editor.scene.road_map import Lane, LaneKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.signals import Signal
 from tests.scene.formats.agreement import Worst
@@ -52,7 +57,9 @@ def check(scenario: Scenario, folder: Path) -> Worst:
     net = sumolib.net.readNet(str(net_file), withInternal=True)
     lanes = [lane for edge in net.getEdges() for lane in edge.getLanes()]
     graph = {
-        lane.getID(): {one.getToLane().getID() for one in lane.getOutgoing()}
+        lane.getID(): {
+            one.getViaLaneID() or one.getToLane().getID() for one in lane.getOutgoing()
+        }
         for lane in lanes
     }
     assert graph == links_of(scenario, ids)
@@ -98,6 +105,98 @@ def same_agents(scenario: Scenario, back: Scenario, ids: dict[str, str]) -> Wors
         kind for kind, is_there in zip(one.kinds, there, strict=True) if is_there
     ]
     return worst
+
+
+def crossings(scenario: Scenario) -> list[tuple[tuple[Lane, Lane, Lane], ...]]:
+    """Pairs of lanes that cross in a junction, each with those before and after it."""
+    known = scenario.road_map.lane_of
+    before: dict[int, list[int]] = {}
+    for lane in known.values():
+        for after in set(lane.successors) & known.keys():
+            before.setdefault(after, []).append(lane.lane_id)
+    ways = []
+    for lane in known.values():
+        behind, ahead = before.get(lane.lane_id, []), {*lane.successors} & known.keys()
+        if lane.is_intersection and len(behind) == len(ahead) == 1:
+            ways.append((known[behind[0]], lane, known[min(ahead)]))
+    lines = [shapely.LineString(way[1].centerline_m) for way in ways]
+    return [
+        (ways[n], ways[m])
+        for n, m in shapely.STRtree(lines).query(np.array(lines, object), "crosses").T
+        if n < m and not {*ways[n]} & {*ways[m]}
+    ]
+
+
+def closest_m(
+    net_file: Path, ids: dict[str, str], ways: tuple[tuple[Lane, Lane, Lane], ...]
+) -> float:
+    """Least gap of two cars that would be where their lanes cross at the same time.
+
+    They drive 8 m/s at most. inf: their lanes are too short for it.
+    """
+    lines = [shapely.LineString(way[1].centerline_m) for way in ways]
+    point = shapely.get_geometry(lines[0].intersection(lines[1]), 0)
+    length = [shapely.LineString(way[0].centerline_m).length for way in ways]
+    place = [a + line.project(point) for a, line in zip(length, lines, strict=True)]
+    start = [one - min(place) + 5.0 for one in place]
+    brakes = min(a - b for a, b in zip(length, start, strict=True)) > 12.0
+    if not brakes or {one.kind for way in ways for one in way} != {LaneKind.VEHICLE}:
+        return np.inf
+    cars = []
+    for way, at in zip(ways, start, strict=True):
+        names = [ids[f"lane {one.lane_id}"] for one in way]
+        edges = [one.rpartition("_")[0] for one in names if one[0] != ":"]
+        cars.append(
+            f'<vehicle id="{len(cars)}" type="car" depart="0" departPos="{at}" '
+            f'departLane="{names[0].rpartition("_")[2]}" departSpeed="8">'
+            f'<route edges="{" ".join(edges)}"/></vehicle>'
+        )
+    routes, driven = (net_file.with_name(f"two.{one}.xml") for one in ("rou", "fcd"))
+    car = '<vType id="car" length="4" width="1.8" maxSpeed="8" sigma="0"/>'
+    routes.write_text(f"<routes>{car}{''.join(cars)}</routes>")
+    subprocess.run(
+        [str(sumo_tool("sumo")), "-n", str(net_file), "-r", str(routes), "--end", "40",
+         "--step-length", "0.1", "--fcd-output", str(driven), "--no-step-log"],
+        check=True, capture_output=True, timeout=120,
+    )  # fmt: skip
+    gaps = [np.inf]
+    for step in etree.parse(driven).iterfind("timestep"):
+        boxes = [car_box(one.attrib) for one in step]
+        gaps += [boxes[0].distance(boxes[1])] if len(boxes) == 2 else []
+    return min(gaps)
+
+
+def car_box(car: Mapping[str, str]) -> shapely.Polygon:
+    """Box of a car of 4 m, whose place is that of its front."""
+    x, y, angle = (float(car[key]) for key in ("x", "y", "angle"))
+    box = shapely.affinity.rotate(
+        shapely.box(-0.9, -4.0, 0.9, 0.0), -angle, origin=(0.0, 0.0)
+    )
+    return shapely.affinity.translate(box, x, y)
+
+
+def check_no_overlap(scenario: Scenario, folder: Path, at_most: int) -> int:
+    """Number of crossings where two cars drove; none of them touched."""
+    net_file, ids = written(scenario, folder)
+    gaps = (closest_m(net_file, ids, ways) for ways in crossings(scenario))
+    found = list(islice(filter(np.isfinite, gaps), at_most))
+    assert min(found, default=1.0) > 0.1, np.round(found, 2)
+    return len(found)
+
+
+@pytest.mark.parametrize("name", ["bus-stop", "winding-street"])
+def test_cars_on_lanes_that_cross_wait_for_each_other(tmp_path: Path, name: str):
+    """They drove through each other."""
+    assert check_no_overlap(open_scenario(name), tmp_path, 8) == 8
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_cars_on_lanes_that_cross_wait_in_real_scenes(
+    tmp_path: Path, av2_scenario_folders: list[Path]
+):
+    scenes = map(open_scenario, av2_scenario_folders)
+    assert sum(check_no_overlap(one, tmp_path, 12) for one in scenes) > 20
 
 
 @pytest.mark.parametrize("name", demo_names())
