@@ -199,7 +199,7 @@ def numbers_in_words(recipe: Recipe, *, adds: bool = False) -> str:
     """Numbers that can be varied, by the names to use, with what they are now."""
     known = _numbers(recipe, adds)
     names = _names(known)
-    some = [f"{names[path]} {known[path]:g}" for path in list(known)[:_MOST_TOLD]]
+    some = [f"{names[path]} {known[path]:.4g}" for path in list(known)[:_MOST_TOLD]]
     return ", ".join(some) + ", ..." * (len(known) > _MOST_TOLD)
 
 

@@ -254,7 +254,7 @@ class LibraryPanel:
             self.chosen, lambda variant: variant.tagged(given, taken)
         )
         self.refresh()
-        self._ui.notify(f"{_scenarios(count)} changed")
+        self._ui.notify(f"{_scenarios(count)} {'' if is_added else 'un'}tagged")
 
     def _remove_chosen(self) -> None:
         names = self._ticked
