@@ -188,8 +188,8 @@ def _original(scenario: Scenario) -> Scenario:
     applied = scenario.applied_warp
     if applied is None:
         raise ExportError(
-            f"{scenario.scenario_id} has no original to compare with: its road is not "
-            "warped by its recipe."
+            f"{scenario.scenario_id} has no original to compare with; expected the "
+            "recipe.json of a scene whose road it warps."
         )
     return replace(
         scenario,
