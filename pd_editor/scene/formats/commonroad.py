@@ -138,6 +138,8 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
             left, right = left[:: ways[0]], right[:: ways[1]]
         if ways != (1, 1) and not types & _NO_LANES:
             mended.append(number)
+        center = (left + right) / 2 if len(left) == len(right) else midline(left, right)
+        left, right, center = map(_distinct, (left, right, center))
         if "crosswalk" in types:
             crosswalks.append(Crosswalk(crosswalk_id=number, edge1=left, edge2=right))
         if types & _NO_LANES:
@@ -150,7 +152,8 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
                     LaneKind.VEHICLE,
                 ),
                 is_intersection="intersection" in types or number in in_junction,
-                centerline=midline(left, right),
+                # Midway between points of the same number, as in commonroad-io.
+                centerline=center,
                 left=left,
                 right=right,
                 left_mark=marks[0],
@@ -181,13 +184,15 @@ def _bound(place: Place, name: str) -> Float[np.ndarray, "N 3"]:
     bound = place.child(name)
     points = np.array([_point(one) for one in bound.children("point")], float)
     points = points.reshape(-1, 3)
-    keeps = np.append(
-        True, np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 1e-6
-    )
-    points = points[keeps[: len(points)]]
-    if len(points) < 2:
+    if len(_distinct(points)) < 2:
         raise bound.error("has fewer than two different points.")
     return points
+
+
+def _distinct(points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
+    """Points without those that are where the one before is."""
+    steps = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
+    return points[np.append(True, steps > 1e-6)[: len(points)]]
 
 
 def _point(place: Place) -> tuple[float, float, float]:

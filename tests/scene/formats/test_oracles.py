@@ -102,3 +102,36 @@ def test_metadrive_replays_what_is_in_the_scene(
 ):
     told = list(scenes(av2_scenario_folders[::40]))
     check_metadrive(told, tmp_path, oracle("metadrive"))
+
+
+@pytest.mark.real_data
+def test_commonroad_io_reads_the_same_in_real_files(
+    format_files: Path, oracle: Callable[[str], Oracle]
+):
+    paths = sorted((format_files / "commonroad").glob("*.xml"))
+    answers = oracle("commonroad").ask(
+        "commonroad_scenario.py", [str(one) for one in paths]
+    )
+    num_compared = 0
+    for path, read in zip(paths, answers, strict=True):
+        scene = open_scenario(path)
+        lane_of = {str(one): one for one in scene.road_map.lane_of}
+        assert read["lanes"].keys() == lane_of.keys(), path.name
+        if not read["tracks"]:
+            continue
+        # Ours begin before the file's first state, where it has little of a past.
+        first = round(-scene.time_axis.start_timestamp_ns / 1e8)
+        tracks = {
+            name: track | {"states": [[s[0] + first, *s[1:]] for s in track["states"]]}
+            for name, track in read["tracks"].items()
+        }
+        agent_of = {name: name for name in tracks}
+        found = agreement(scene, read | {"tracks": tracks}, agent_of, lane_of)
+        assert found.lanes_agree, path.name
+        assert found.center_m < 0.05, path.name
+        assert found.position_m < 1e-3, path.name
+        assert found.heading_deg < 0.1, path.name
+        assert found.speed_mps < 0.05, path.name
+        assert found.size_m < 1e-3, path.name
+        num_compared += found.num_states
+    assert num_compared > 10_000
