@@ -203,7 +203,7 @@ def test_path_stop_line_and_agents_are_drawn_and_picked(steered):
     for tool, kind in (("Yield to", YieldTo), ("Threaten", Threaten)):
         steered.tool(tool)
         steered.banner(tool)
-        steered.click(steered.ahead(0.0, 25.0))
+        steered.click(steered.ahead(0.0, 20.0))
         page.get_by_text("No other agent is there").first.wait_for()
         assert editor.tab().elements.steering.mode.is_active
         editor.close_notifications()
