@@ -120,8 +120,17 @@ class PathDiffuser:
         folder's, whose settings apply. What is not the folder's is named in provenance.
 
         Raises:
-            GenerationError: a GPU is requested, and there is none.
+            GenerationError: a GPU is requested, and there is none; or a model is none.
         """
+        for argument, given, kind in (
+            ("initial_state_model", initial_state_model, InitialStateDenoiser),
+            ("trajectory_model", trajectory_model, TrajectoryModel),
+        ):
+            if given is not None and not isinstance(given, kind):
+                raise GenerationError(
+                    f"{argument} is of type {type(given).__name__}; expected one with all "
+                    f"members of {kind.__name__}."
+                )
         self._folder, self._sampler = Path(folder), sampler
         models = (initial_state_model, cast("nn.Module | None", trajectory_model))
         names = (INITIAL_STATES.name, TRAJECTORIES.name)

@@ -118,6 +118,14 @@ def test_what_is_not_of_the_folder_stands_in_provenance(
     assert len({one.model_sha256 for one in found.values()}) == 3
 
 
+def test_models_that_are_none_are_told(tmp_path: Path):
+    layer: Any = torch.nn.Linear(2, 2)
+    with pytest.raises(GenerationError, match="initial_state_model is of type Linear"):
+        PathDiffuser(tmp_path, initial_state_model=layer)
+    with pytest.raises(GenerationError, match="all members of TrajectoryModel"):
+        PathDiffuser(tmp_path, trajectory_model=layer)
+
+
 def test_scenarios_of_one_seed_get_different_random_numbers(
     diffuser: PathDiffuser, scenario: Scenario
 ) -> None:

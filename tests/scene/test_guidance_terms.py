@@ -1,6 +1,7 @@
 """Values of guidance terms: bounds, motions of the plane, removal of agents."""
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from pd_editor.analysis.guidance.kinds.speed import (
     TargetSpeed,
 )
 from pd_editor.base.errors import EditError
-from pd_editor.scene.guidance_terms import terms_without
+from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without
 
 GOAL = GoalPoint(agent_id="7", point_m=(3.0, 4.0))
 PATH = FollowPath(agent_id="7", points_m=((0.0, 0.0), (5.0, 0.0)))
@@ -24,8 +25,14 @@ LINE = StopAtLine(agent_id="7", line_m=((0.0, -2.0), (0.0, 2.0)))
 
 
 def test_each_kind_has_a_name_of_its_own():
-    assert len(KINDS) == 12
     assert all(name == kind.value.kind for name, kind in KINDS.items())
+
+
+def test_points_of_terms_move_with_the_road():
+    for kind in KINDS.values():
+        names = {one.name for one in fields(kind.value)}
+        if names & {"point_m", "points_m", "line_m"}:
+            assert kind.value.moved is not GuidanceTerm.moved, kind.value
 
 
 def test_names_are_nouns_that_sentences_can_hold():

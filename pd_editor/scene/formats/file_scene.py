@@ -63,10 +63,18 @@ class FileTrack:
     position_m: Float[np.ndarray, "N 2"]
     """Centres of the box."""
     heading_rad: Float[np.ndarray, "N"]
+    """NaN: that of the motion."""
     velocity_mps: Float[np.ndarray, "N 2"] | None = None
     """None: that of the positions."""
     longest_gap_s: float = 0.0
     """1.5 of the file's steps: states further apart have nothing between them."""
+
+    def __post_init__(self) -> None:
+        if len(self.heading_rad) == len(self.time_s) == len(self.position_m):
+            heading = headings_on_the_way(
+                self.time_s, self.position_m, np.asarray(self.heading_rad, float)
+            )
+            object.__setattr__(self, "heading_rad", heading)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,9 +225,19 @@ class FileScene:
                     f"its track {one.track_id[:40]!r} comes twice, or has no usable id."
                 )
             seen.add(name)
+            numbers = [*map(len, (one.time_s, one.position_m, one.heading_rad))]
+            if len(set(numbers)) > 1 or not numbers[0]:
+                times, places, headings = numbers
+                raise wrong(
+                    f"its track {name} has {times} times, {places} positions and "
+                    f"{headings} headings; expected as many of each, at least one."
+                )
             states = np.column_stack([one.time_s, one.position_m, one.heading_rad])
             if not (np.abs(states) <= MAX_COORDINATE_M).all():
-                raise wrong(f"its track {name} has states without a place or a time.")
+                raise wrong(
+                    f"its track {name} has states without a place or a time, or beyond "
+                    f"{MAX_COORDINATE_M:.0e} m or s; count times from the recording's begin."
+                )
             if not (np.diff(one.time_s) > 0).all():
                 raise wrong(f"its track {name} has times that do not increase.")
         excess = road_excess(lines)

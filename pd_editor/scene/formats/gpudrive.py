@@ -14,7 +14,6 @@ from pd_editor.scene.formats.file_scene import (
     NO_HEADINGS,
     FileScene,
     FileTrack,
-    headings_on_the_way,
 )
 from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import (
@@ -157,7 +156,7 @@ def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
         size_m=size if min(size) > 0 else None,
         time_s=time_s,
         position_m=position[is_valid],
-        heading_rad=headings_on_the_way(time_s, position[is_valid], told),
+        heading_rad=told,
         velocity_mps=_table(one["velocity"])[is_valid] if "velocity" in one else None,
     )
 

@@ -12,7 +12,6 @@ from pd_editor.scene.formats.file_scene import (
     NO_HEADINGS,
     FileScene,
     FileTrack,
-    headings_on_the_way,
 )
 from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import ending_of, stem_of
@@ -156,7 +155,7 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         size_m=(sizes[0], sizes[1]) if min(sizes) > 0 else None,
         time_s=time_s[is_valid],
         position_m=position[is_valid],
-        heading_rad=headings_on_the_way(time_s[is_valid], position[is_valid], told),
+        heading_rad=told,
         velocity_mps=np.array(state["velocity"], float)[:number, :2][is_valid]
         if "velocity" in state
         else None,

@@ -11,8 +11,10 @@ import pytest
 from pd_editor.base.errors import ExportError, FormatError, InputError
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.evaluation.evaluation import scenes_of
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats import dataset, registry
 from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex
+from pd_editor.scene.formats.file_scene import FileScene, FileTrack
 from pd_editor.scene.formats.recorded_map import CenterLane, lanes_of
 from pd_editor.scene.formats.registry import ENTRY_POINTS, formats, writer
 from tests.cli.shell import Shell
@@ -288,3 +290,44 @@ def test_a_scene_that_cannot_be_read_counts_as_seen(
     assert len(scenes_of((folder.parent,)).scenes) == 1
     assert "1 scenes in" in caplog.text
     assert reason in caplog.text
+
+
+def track(**changes: object) -> FileTrack:
+    """An agent that drives to the north, and tells no heading."""
+    values: dict[str, object] = {
+        "track_id": "a",
+        "kind": AgentKind.VEHICLE,
+        "size_m": None,
+        "time_s": np.arange(3) / 10,
+        "position_m": np.array([(0.0, 0.0), (0.0, 1.0), (0.0, 2.0)]),
+        "heading_rad": np.full(3, np.nan),
+    }
+    return FileTrack(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_headings_that_are_not_told_are_those_of_the_motion():
+    np.testing.assert_allclose(track().heading_rad, np.pi / 2)
+    told = track(heading_rad=np.array([0.0, np.nan, np.nan])).heading_rad
+    np.testing.assert_allclose(told, [0.0, np.pi / 2, np.pi / 2])
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {
+                "time_s": np.zeros(0),
+                "position_m": np.zeros((0, 2)),
+                "heading_rad": np.zeros(0),
+            },
+            "has 0 times, 0 positions and 0 headings",
+        ),
+        ({"time_s": 1e9 + np.arange(3) / 10}, "count times from the recording's begin"),
+    ],
+)
+def test_tracks_that_do_not_fit_are_told(changes: dict[str, object], told: str):
+    line = np.array([(0.0, -50.0), (0.0, 50.0)])
+    lanes = lanes_of([CenterLane(key="1", line=line)])
+    scene = FileScene(path=Path("x"), name="x", lanes=lanes, tracks=(track(**changes),))
+    with pytest.raises(FormatError, match=told):
+        scene.scenario(b"")
