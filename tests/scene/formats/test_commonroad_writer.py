@@ -15,7 +15,7 @@ from pd_editor.scene.formats.commonroad_writer import IDS_NAME, write
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from tests.scene.formats.agreement import Worst
 
-CENTERS_M = 0.45
+CENTERS_M = 0.4
 """Centre lines of Argoverse 2 are drawn by hand; those of CommonRoad are midway."""
 
 

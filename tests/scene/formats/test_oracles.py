@@ -18,7 +18,7 @@ from tests.oracles.environment import Oracle
 from tests.scene.formats.agreement import agreement
 
 pytestmark = [pytest.mark.slow, pytest.mark.oracle]
-CENTER_M = 0.45
+CENTER_M = 0.4
 """Centre lines of Argoverse 2 are drawn by hand; CommonRoad's are midway of the bounds."""
 
 ANCHOR = RigidMotion(x_m=-20.0, y_m=0.0, rotation_rad=0.4)
