@@ -43,11 +43,17 @@ def one_line(text: str, max_characters: int = _SHOWN_CHARACTERS) -> str:
     return f"{text[:half]} ... {text[-half:]}"
 
 
-def nearest_or_all(name: str, known: Iterable[str]) -> str:
-    """What a user may have meant by an unknown name, for the end of a sentence."""
+def nearest_or_all(name: str, known: Iterable[str], most: int = 30) -> str:
+    """What a user may have meant by an unknown name, for the end of a sentence.
+
+    Without a near name those that are known are listed, ``most`` of them.
+    """
     names = list(dict.fromkeys(known))
     lower = {one.lower(): one for one in reversed(names)}
     near = difflib.get_close_matches(name.lower(), lower, n=1)
     if near:
         return f"the nearest is {lower[near[0]]}"
-    return f"expected one of {', '.join(names)}"
+    if not names:
+        return "there is none"
+    more = f" and {len(names) - most} more" * (len(names) > most)
+    return f"expected one of {', '.join(names[:most])}{more}"

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from pd_editor.base.errors import InputError
+from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
@@ -37,6 +37,7 @@ from pd_editor.experiments.closed_loop.roll_out import (
 from pd_editor.experiments.closed_loop.scores import drive_scores
 from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.work_engine import EngineName
+from pd_editor.experiments.work_engine.work_engine import failure_of
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.generation import ScenarioGenerator
@@ -46,8 +47,17 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 def _with_report(
     outcome: Outcome, scenes: tuple[str, ...], options: Mapping[str, Any]
 ) -> Outcome:
-    """Write the report of all drives, if there are policies."""
-    if not outcome.records:
+    """Tell which drives failed; write the report of all drives, if there are policies."""
+    failures = {
+        **outcome.failures,
+        **{
+            f"{one.scene}, {one.policy}": failure_of(GenerationError(one.ended))
+            for one in outcome.records
+            if one.has_failed
+        },
+    }
+    outcome = replace(outcome, failures=failures)
+    if not outcome.records or not options.get("policies"):
         return outcome
     out, words = Path(options["out"]), ["pd-editor", "drive", *scenes]
     for name, value in options.items():
@@ -55,9 +65,9 @@ def _with_report(
         values = value if isinstance(value, tuple) else (value,)
         shown = () if isinstance(value, bool) else map(str, values)
         words += [option, *shown] if value not in (None, "", ()) else []
-    failures = {name: one.reason for name, one in outcome.failures.items()}
+    reasons = {name: one.reason for name, one in failures.items()}
     seed = int(options.get("seed", 0))
-    report = drive_report(outcome.records, failures, shlex.join(words), seed)
+    report = drive_report(outcome.records, reasons, shlex.join(words), seed)
     write_whole(out / "report.md", markdown_of(report).encode())
     write_whole(out / "report.html", html_of(report, ()).encode())
     told = f"{out / 'report.html'} compares the policies."
@@ -103,7 +113,7 @@ def drive(
         also: Further agents, each driven by a policy in every roll-out, such as bus-0165=idm.
         seconds: Length of a roll-out.
         replan: Seconds between two generations of the traffic, 0.5 to 3.
-        enter: Vehicles enter for those that leave the map.
+        enter: No vehicles enter for those that leave the map.
         seed: Random seed.
         model: What generates the traffic.
         name: Name of the result, to which the policy's is added.
@@ -133,11 +143,11 @@ def drive(
     )
     made = [run.of(one, label, name) for one, label in zip(names, labels, strict=True)]
     made = made or [run.of("", "roll-out", name)]
-    drives = tuple(drive for *_, drive in made if drive is not None)
+    drives = tuple(drive for *_, drive in made)
     return Outcome(
         folders=tuple(folder for folder, *_ in made),
         scenarios=tuple(one for _, one, _ in made if one is not None),
-        remarks=tuple(one.in_words for one in drives),
+        remarks=tuple(one.in_words for one in drives if names or one.ended),
         records=drives,
     )
 
@@ -156,8 +166,8 @@ class _Run:
 
     def of(
         self, policy: str, label: str, name: str
-    ) -> tuple[Path, Scenario | None, Drive | None]:
-        """Roll out and write, if an earlier run of equal settings has not."""
+    ) -> tuple[Path, Scenario | None, Drive]:
+        """Roll out and write, unless a run of equal settings has, and did not fail."""
         request, opened = self.request, self.request.scenario
         given = f"{name or short_id(opened.scenario_id)} {label} s{request.seed}"
         called = name_from_text(given)
@@ -171,8 +181,8 @@ class _Run:
             "enter": request.keeps_density,
             "model": self.model,
         }
-        done = None if self.overwrite else _finished(record, known)
-        if done is not None:
+        done = _finished(record, known)
+        if done is not None and not (self.overwrite or done.has_failed):
             return self.out / done.folder, None, done
         named = {self.ego: policy, **self.also} if policy else self.also
         driven = {agent: policy_of(one) for agent, one in named.items()}
@@ -182,15 +192,18 @@ class _Run:
         session = EditorSession(opened)
         session.describe(described(called))
         session.apply(rolled.command)
-        folder = write_session(self.out, session, overwrite=self.overwrite)
-        if not policy:
-            return folder, session.scenario, None
+        may_replace = self.overwrite or done is not None
+        folder = write_session(self.out, session, overwrite=may_replace)
+        is_scored = bool(policy) and not rolled.failed
         drive = Drive(
             scene=opened.scenario_id,
             policy=label,
             folder=folder.name,
-            ended="".join(f" {one}: {why}" for one, why in rolled.ended.items()),
-            scores=drive_scores(rolled.scenario, self.ego, route_of(opened, self.ego)),
+            ended=" ".join(rolled.ended.values()),
+            has_failed=bool(rolled.failed),
+            scores=drive_scores(rolled.scenario, self.ego, route_of(opened, self.ego))
+            if is_scored
+            else None,
         )
         text = json.dumps({**known, "drive": drive.to_json()}, indent=2)
         write_whole(record, f"{text}\n".encode())

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.base.errors import EditError
+from pd_editor.base.plain_text import nearest_or_all
 from pd_editor.scene.agent_kind import GROUP_KINDS, AgentGroup, AgentKind
 from pd_editor.scene.geometry.oriented_box import BoxStates
 
@@ -41,7 +42,9 @@ class AgentStates(BoxStates):
         try:
             return np.array([self.row_of[agent_id] for agent_id in agent_ids], int)
         except KeyError as error:
-            raise EditError(f"There is no agent {error.args[0]!r} here.") from error
+            name = error.args[0]
+            near = nearest_or_all(str(name), self.ids)
+            raise EditError(f"There is no agent {name!r} here; {near}.") from error
 
     def speed_mps(self) -> Float[np.ndarray, "A T"]:
         """Speed of each agent at each step."""

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.prediction import AgentHistory
 from pd_editor.scene.road_map import RoadMap
@@ -21,6 +20,10 @@ LEAST_PLAN_S: Final = 0.5
 """Shortest plan: the time between two questions to a policy."""
 _MOST_JUMP_MPS: Final = 4.0
 """Largest change of velocity in a step; recorded tracks are noisy, and none has more."""
+
+
+class PlanEndError(GenerationError):
+    """A policy plans no further, as one that replays what was recorded."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,6 +88,7 @@ def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
     """The answer of a policy as states, those of controls by a kinematic bicycle.
 
     Raises:
+        PlanEndError: it has no steps.
         GenerationError: it is no plan, too short, holds NaN, or cannot be driven.
     """
     fields = ("position_m", "heading_rad")
@@ -94,7 +98,7 @@ def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
     step_s = observation.step_s
     least = round(LEAST_PLAN_S / step_s)
     if arrays[0].ndim and not len(arrays[0]):
-        raise GenerationError(f"The policy {name} has no further plan.")
+        raise PlanEndError(f"The policy {name} has no further plan.")
     for field, values in zip(fields, arrays, strict=True):
         shape = (len(arrays[0]) if arrays[0].ndim else 0,)
         shape += (2,) if field == "position_m" else ()
@@ -103,7 +107,12 @@ def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
                 f"The policy {name} returned {field} of type {values.dtype} with the "
                 f"shape {values.shape}; expected numbers for F = {least} or more steps."
             )
-        check_finite(field, values[None], observation.ego.ids, ("step",))
+        if not np.isfinite(values).all():
+            step, *_ = np.argwhere(~np.isfinite(values))[0].tolist()
+            raise GenerationError(
+                f"The policy {name} returned {field} with {values[step]} at step {step}; "
+                "expected finite numbers."
+            )
     if fields[0] == "position_m":
         plan = Plan(position_m=arrays[0].astype(float), heading_rad=arrays[1] * 1.0)
     else:

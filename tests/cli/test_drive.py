@@ -12,7 +12,7 @@ from pd_editor.scene.policy import Controls
 class Coasts:
     name = "coasts"
     def reset(self, scene, ego_id, route_m, seed):
-        self.asked = 0
+        pass
     def plan(self, observation):
         return Controls(acceleration_mps2=np.full(20, -0.2), curvature_1pm=np.zeros(20))
 """
@@ -33,7 +33,7 @@ def test_policies_drive_and_are_scored(shell: Shell, tmp_path: Path, monkeypatch
     assert " m in 3.0 s, " in idm
     assert coasts.startswith("coasts: ")
     report = (tmp_path / "out" / "report.md").read_text()
-    assert "| idm | 1 | " in report
+    assert "| idm | 1 | 0 | " in report
     assert f"`pd-editor edit {Path(folders[1]).name}`" in report
     (one, _) = map(Path, folders)
     opened = open_scenario(one)
@@ -53,7 +53,7 @@ def test_what_is_no_policy_is_refused(shell: Shell, tmp_path: Path):
     assert "expected an object with a name" in shell.refused(
         "drive", JUNCTION, "--policies", "math:pi", *out
     )
-    assert "There is no agent 'nobody'" in shell.refused(
+    assert "There is no agent 'nobody' here; expected one of " in shell.refused(
         "drive", JUNCTION, "--policies", "idm", "--ego", "nobody", *out
     )
     assert not list(tmp_path.iterdir())
@@ -113,3 +113,44 @@ def test_further_agents_are_driven(shell: Shell, tmp_path: Path):
         "pd_editor.experiments.closed_loop.policies:IdmOnRoute",
         *options,
     )
+
+
+def test_a_drive_that_fails_has_no_score_and_is_made_again(
+    shell: Shell, tmp_path: Path, monkeypatch
+):
+    """It was scored as if it had driven, and the shell said that all was well."""
+    monkeypatch.chdir(tmp_path)
+    policy, out = tmp_path / "mine" / "policy.py", tmp_path / "out"
+    policy.parent.mkdir()
+    making = "\ndef make_policy(folder):\n    return Coasts()\n"
+    fails = "if observation.time_s > 1: raise ValueError('lost')\n        return "
+    policy.write_text(POLICY.replace("return ", fails) + making)
+    words = (
+        "drive",
+        JUNCTION,
+        "--policies",
+        "idm",
+        "mine",
+        "--seconds",
+        3,
+        "--out",
+        out,
+    )
+    words += ("--model", "lane-follower")
+    result = shell.run(*words)
+    told = "AV at 1.5 s: The policy coasts failed (ValueError: lost in policy.py"
+    assert result.code == 2
+    assert f"{JUNCTION}, coasts: {told}" in result.err
+    assert f"coasts: failed. {told}" in result.out
+    report = (out / "report.md").read_text()
+    assert "| idm | 1 | 0 | " in report
+    assert "| coasts | 1 | 1 | 0.0 | - |" in report
+    assert f"| coasts | {JUNCTION} | failed | failed. {told}" in report
+    assert f"| {JUNCTION}, coasts | {told}" in report
+    kept = (out / "signalised-junction-idm-s0" / "recipe.json").stat().st_mtime_ns
+    policy.write_text(POLICY + making)
+    again = shell.run(*words)
+    assert (again.code, again.err) == (0, "")
+    assert "| coasts | 1 | 0 | " in (out / "report.md").read_text()
+    now = (out / "signalised-junction-idm-s0" / "recipe.json").stat().st_mtime_ns
+    assert now == kept

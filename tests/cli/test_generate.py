@@ -129,7 +129,7 @@ def test_one_agent_may_be_named_without_a_list(tmp_path: Path):
         ("--samples 0", "The number of samples is 0; expected 1 to 1000."),
         ("--seed -1", "The seed is -1; expected 0 to"),
         ("--model crystal-ball", "There is no generator 'crystal-ball'"),
-        ("--agents missing", "There is no agent 'missing' here."),
+        ("--agents missing", "There is no agent 'missing' here; expected one of "),
         ("--num-agents 3 --model lane-follower", "lane-follower adds no agents"),
         ("--num-agents three", "neither a number, nor KIND=NUMBER"),
         ("--num-agents dragon=3", "a kind out of bus, cyclist, motorcyclist"),
@@ -328,7 +328,7 @@ def test_activities_are_known_to_the_model_and_kept(
     for options, sentence in (
         ((parked, "--waiting", parked), "named by --parked and by --waiting"),
         ((moving,), "cannot be parked at"),
-        (("missing",), "There is no agent 'missing' here."),
+        (("missing",), "There is no agent 'missing' here; expected one of "),
     ):
         out = ("--model", "placing", "--out", tmp_path / "other")
         assert sentence in shell.refused(

@@ -112,7 +112,10 @@ def test_power_zero_changes_nothing(tmp_path: Path):
         ("--power 1 --exponent 1", "Exponent 1 is outside 2..8."),
         ("--power 1 --friction 0", "Friction coefficient 0 is outside 0.01..2."),
         ("--power 1 --friction inf", "must be a finite number"),
-        ("--power 1 --anchor missing", "There is no agent 'missing' here."),
+        (
+            "--power 1 --anchor missing",
+            "There is no agent 'missing' here; expected one of ",
+        ),
         ("--power 1 --anchor 1,2", "Anchor '1,2' is no pose"),
         ("--power 1 --anchor 1,2,x", "Anchor '1,2,x' is no pose"),
         ("--power 1 --anchor -1,2,nan", "Anchor '-1,2,nan' is no pose"),

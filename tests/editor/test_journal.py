@@ -269,7 +269,7 @@ def test_another_base_is_refused(tmp_path: Path):
                 "command": "DeleteAgents",
                 "agent_ids": ["ghost"],
             },
-            "Line 3 of the journal: There is no agent 'ghost' here.",
+            "Line 3 of the journal: There is no agent 'ghost' here; expected one of 100, 101, 102",
         ),
     ],
 )

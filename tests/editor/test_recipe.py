@@ -125,7 +125,7 @@ def test_replay_names_the_entry_that_fails():
     with pytest.raises(RecipeError) as caught:
         replay(recipe, BASE)
     assert str(caught.value) == (
-        "Entry 2 (Delete agent ghost): There is no agent 'ghost' here."
+        "Entry 2 (Delete agent ghost): There is no agent 'ghost' here; expected one of 100, 101, 102, 103, 104, 105."
     )
 
 

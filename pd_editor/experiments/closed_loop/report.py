@@ -1,5 +1,6 @@
 """Report of policies over many scenes: means with intervals, who failed where."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -39,13 +40,17 @@ class Drive:
     folder: str
     """Name of the result's folder."""
     ended: str
-    """Why driven agents were not driven to the end."""
-    scores: DriveScores
+    """When and why driven agents were not driven to the end."""
+    has_failed: bool
+    """Whether a policy failed."""
+    scores: DriveScores | None
+    """None if a policy failed, or none drove the ego."""
 
     @property
     def in_words(self) -> str:
         """One line."""
-        return f"{self.policy}: {self.scores.in_words}.{self.ended}"
+        how = f"{self.scores.in_words}." if self.scores else "failed." * self.has_failed
+        return f"{self.policy}: {' '.join(filter(None, (how, self.ended)))}"
 
     def to_json(self) -> dict[str, Any]:
         """Values for a file."""
@@ -58,11 +63,15 @@ class Drive:
         Raises:
             TypeError: there are other values than these.
         """
-        return cls(**{**values, "scores": DriveScores(**values["scores"])})
+        scores = values["scores"]
+        return cls(**{**values, "scores": DriveScores(**scores) if scores else None})
 
 
 def policy_values(drives: Sequence[Drive]) -> dict[str, Float[np.ndarray, "P N"]]:
-    """Scores of P policies in N scenes, in the order of the drives; NaN where there is none."""
+    """Scores of P policies in N scenes, in the order of the drives; NaN where there is none.
+
+    A drive that failed has the score 0 and no other value.
+    """
     policies, scenes = (
         list(dict.fromkeys(getattr(one, what) for one in drives))
         for what in ("policy", "scene")
@@ -70,9 +79,10 @@ def policy_values(drives: Sequence[Drive]) -> dict[str, Float[np.ndarray, "P N"]
     names = ["score", *(one.name for one in fields(DriveScores))]
     values = {name: np.full((len(policies), len(scenes)), np.nan) for name in names}
     for column, scene in enumerate(scenes):
-        own = [one for one in drives if one.scene == scene]
-        rows = [policies.index(one.policy) for one in own]
-        scores = [one.scores for one in own]
+        own = {policies.index(one.policy): one for one in drives if one.scene == scene}
+        values["score"][list(own), column] = 0.0
+        driven = {row: one.scores for row, one in own.items() if one.scores is not None}
+        rows, scores = list(driven), list(driven.values())
         values["score"][rows, column] = nuplan_scores(scores)
         for name in names[1:]:
             values[name][rows, column] = [float(getattr(one, name)) for one in scores]
@@ -82,30 +92,32 @@ def policy_values(drives: Sequence[Drive]) -> dict[str, Float[np.ndarray, "P N"]
 def drive_report(
     drives: Sequence[Drive], failures: Mapping[str, str], command: str, seed: int
 ) -> Report:
-    """The report of all drives, and of scenes that failed."""
+    """The report of all drives, and of what failed, by scene or scene and policy."""
     values = policy_values(drives)
     policies = list(dict.fromkeys(one.policy for one in drives))
-    there = np.isfinite(values["score"])
-    weights = scene_weights(there.shape[1], seed)
+    there = {name: np.isfinite(values[name]) for name, *_ in _SHOWN}
+    num_failed = Counter(one.policy for one in drives if one.has_failed)
+    weights = scene_weights(there["score"].shape[1], seed)
     means = {
-        name: mean_over_scenes(np.nan_to_num(values[name]), there * 1.0, weights)
-        for name, *_ in _SHOWN
+        name: mean_over_scenes(np.nan_to_num(values[name]), is_there * 1.0, weights)
+        for name, is_there in there.items()
     }
     table = ReportTable(
         title="Policies",
-        header=("policy", "scenes", *(title for _, title, _ in _SHOWN)),
+        header=("policy", "scenes", "failed", *(title for _, title, _ in _SHOWN)),
         rows=tuple(
             (
                 policy,
-                str(there[row].sum()),
+                str(there["score"][row].sum()),
+                str(num_failed[policy]),
                 *(cell(means[name], (row,), unit) for name, _, unit in _SHOWN),
             )
             for row, policy in enumerate(policies)
         ),
         note="Means over scenes with 95 % intervals by resampling scenes; bounds: share of scenes "
         "in which each is kept. The score is nuPlan's aggregate, where progress counts "
-        "beside that of the policy which comes furthest in the scene. Scenes carry no speed "
-        "limits, so none is scored.",
+        "beside that of the policy which comes furthest in the scene; a drive that failed has "
+        "the score 0 and counts nowhere else. Scenes carry no speed limits, so none is scored.",
     )
     return Report(
         title="Closed loop",
@@ -130,9 +142,10 @@ def _gallery(
     for one in drives:
         at = policies.index(one.policy), scenes.index(one.scene)
         score = float(values["score"][at])
-        how = f"{one.scores.in_words}.{one.ended}"
+        how = one.in_words.removeprefix(f"{one.policy}: ")
+        shown = "failed" if one.has_failed else f"{100 * score:.0f}"
         edit = f"`pd-editor edit {Path(one.folder)}`"
-        rows.append((score, (one.policy, one.scene, f"{100 * score:.0f}", how, edit)))
+        rows.append((score, (one.policy, one.scene, shown, how, edit)))
     rows.sort(key=lambda row: row[0])
     return ReportTable(
         title="Every drive, to open in the editor",
@@ -147,7 +160,7 @@ def _failures(failures: Mapping[str, str]) -> tuple[ReportTable, ...]:
         return ()
     return (
         ReportTable(
-            title="Scenes without a result",
+            title="Scenes and drives without a score",
             header=("scene", "why"),
             rows=tuple(failures.items()),
         ),

@@ -30,15 +30,19 @@ from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.paths.candidate_grid import Role, Start, plan_paths
 from pd_editor.scene.paths.driving_paths import velocity_of
 from pd_editor.scene.paths.lasting_tracks import lasting
-from pd_editor.scene.policy import LEAST_PLAN_S, Observation, Policy, checked_plan
+from pd_editor.scene.policy import (
+    LEAST_PLAN_S,
+    Observation,
+    PlanEndError,
+    Policy,
+    checked_plan,
+)
 from pd_editor.scene.prediction import history
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STATES, MAX_STEPS
 from pd_editor.scene.traffic_sample import TrafficSample
 
 MAX_DURATION_S: Final = 90.0
-LEFT_MAP: Final = "It left the mapped road."
-"""Why a drive ends that nothing is wrong with."""
 _NEW_NOISE_S: Final = 4.0
 """Time after which the noise of an agent is independent of what it was."""
 _ROUTE_S: Final = 12.0
@@ -100,7 +104,9 @@ class RollOut:
     """The edit that makes the scene go on so."""
     scenario: Scenario
     ended: Mapping[str, str]
-    """Why a driven agent is not driven to the end."""
+    """Who was not driven to the end, when and why, by the id of the agent."""
+    failed: frozenset[str]
+    """Agents whose policies failed; the others left the map, or had no further plan."""
     num_entered: int
     plans_m: Mapping[str, Mapping[int, Float[np.ndarray, "F 2"]]]
     """Where each driven agent was to go, by the step at which its policy planned it."""
@@ -212,6 +218,7 @@ class Rolling:
             command=command,
             scenario=command.apply(request.scenario),
             ended=self.drivers.ended,
+            failed=frozenset(self.drivers.failed),
             num_entered=self.num_entered,
             plans_m=self.drivers.plans_m,
         )
@@ -265,6 +272,7 @@ class _Drivers:
     first_step: int
     answer_s: float | None
     ended: dict[str, str] = field(default_factory=dict)
+    failed: set[str] = field(default_factory=set)
     plans_m: dict[str, dict[int, Float[np.ndarray, "F 2"]]] = field(
         default_factory=dict
     )
@@ -286,7 +294,7 @@ class _Drivers:
             try:
                 drivers.asked_in_time(reset, policy, " could not be reset")
             except GenerationError as error:
-                drivers.ended[name] = str(error)
+                drivers.end(name, world, error)
             else:
                 drivers.policies[name] = policy
         return drivers
@@ -301,8 +309,7 @@ class _Drivers:
                 answer = self.asked_in_time(ask, policy, " failed")
                 plan = checked_plan(answer, seen, policy.name)
             except GenerationError as error:
-                self.ended[name] = str(error)
-                del self.policies[name]
+                self.end(name, world, error)
                 world = world.without([name])
                 continue
             position = np.concatenate([seen.ego.position_m[:, -1], plan.position_m])
@@ -329,8 +336,20 @@ class _Drivers:
         agents = world.scenario.agents
         for name in list(self.policies):
             if not agents.is_valid[agents.row_of[name], world.step]:
-                del self.policies[name]
-                self.ended[name] = LEFT_MAP
+                self.end(name, world)
+
+    def end(
+        self, name: str, world: World, error: GenerationError | None = None
+    ) -> None:
+        """End the drive of an agent, which left the map unless there is an error."""
+        self.policies.pop(name, None)
+        seconds = (world.step - self.first_step) * world.scenario.time_axis.step_s
+        if error is None:
+            self.ended[name] = f"{name} left the mapped road at {seconds:.1f} s."
+            return
+        self.ended[name] = f"{name} at {seconds:.1f} s: {error}"
+        if not isinstance(error, PlanEndError):
+            self.failed.add(name)
 
     def asked_in_time(
         self, ask: Callable[[], object], policy: Policy, failed: str

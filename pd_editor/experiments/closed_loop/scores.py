@@ -60,9 +60,12 @@ class DriveScores:
         }
         missed = [name for name, is_kept in kept.items() if not is_kept]
         how = f"missed: {', '.join(missed)}" if missed else "all bounds kept"
+        collisions = (
+            f"{self.num_collisions} collision{'s' * (self.num_collisions != 1)}"
+        )
         return (
             f"{self.ego_progress_along_route_m:.0f} m in {self.driven_s:.1f} s, "
-            f"{self.num_collisions} collisions; {how}"
+            f"{collisions}; {how}"
         )
 
 

@@ -17,7 +17,6 @@ from pd_editor.experiments.closed_loop.policies import (
     policy_of,
 )
 from pd_editor.experiments.closed_loop.roll_out import (
-    LEFT_MAP,
     RollOut,
     RollOutRequest,
     roll_out,
@@ -85,8 +84,7 @@ class RollOutInput(RunInput):
         rolled, report = result
         ui.workspace.driven_plans.append((rolled.command, rolled.plans_m))
         title = f"{self.duration_s:g} s rolled out"
-        has_failed = any(why != LEFT_MAP for why in rolled.ended.values())
-        ui.notify(title, report, "warning" if has_failed else "success")
+        ui.notify(title, report, "warning" if rolled.failed else "success")
         return f"{title} in {took_s:.1f} s, seed {self.seed}: {report}"
 
     def _report(self, rolled: RollOut) -> str:
@@ -96,8 +94,9 @@ class RollOutInput(RunInput):
         num_left = int((there.any(axis=1) & ~there[:, -1]).sum())
         parts = [f"{rolled.num_entered} entered, {num_left} left."]
         for name in self.driven_ids:
-            scores = drive_scores(rolled.scenario, name, route_of(self.base, name))
-            parts.append(f"{self.policy} ({name}): {scores.in_words}.")
+            if name not in rolled.failed:
+                scores = drive_scores(rolled.scenario, name, route_of(self.base, name))
+                parts.append(f"{self.policy} ({name}): {scores.in_words}.")
             parts.append(rolled.ended.get(name, ""))
         return " ".join(filter(None, parts))
 

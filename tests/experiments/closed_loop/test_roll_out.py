@@ -129,7 +129,8 @@ def test_an_agent_that_leaves_by_the_end_of_the_road_was_never_off_it(junction):
     """Its front counted as off the drivable area."""
     policy = {"AV": policy_of("idm")}
     found = rolled(junction, duration_s=12.0, replan_s=3.0, policies=policy)
-    assert found.ended["AV"] == "It left the mapped road."
+    assert found.ended["AV"] == "AV left the mapped road at 8.5 s."
+    assert not found.failed
     scores = drive_scores(found.scenario, "AV", route_of(junction, "AV"))
     assert scores.drivable_area_compliance
     aside = found.scenario.agents.position_m.copy()
@@ -149,7 +150,7 @@ def test_an_agent_that_leaves_by_the_end_of_the_road_was_never_off_it(junction):
         (Controls(acceleration_mps2=np.zeros(2), curvature_1pm=np.zeros(2)), "F = 5"),
         (
             Controls(acceleration_mps2=np.full(9, np.nan), curvature_1pm=np.zeros(9)),
-            "acceleration_mps2",
+            "The policy odd returned acceleration_mps2 with nan at step 0; expected",
         ),
         (
             Plan(position_m=np.full((9, 2), 300.0), heading_rad=np.zeros(9)),
@@ -179,7 +180,10 @@ def test_a_policy_that_fails_ends_its_own_drive_alone(junction, answer, message)
             return answer
 
     found = rolled(junction, duration_s=1.5, policies={"AV": Odd()})
+    assert found.ended["AV"].startswith("AV at 1.0 s: The policy odd")
     assert message in found.ended["AV"]
+    # Who replays a log has no plan beyond it.
+    assert found.failed == (set() if "no further plan" in message else {"AV"})
     agents, now = found.scenario.agents, junction.current_step
     there = agents.is_valid[agents.row_of["AV"], now:]
     assert there[:10].all()
@@ -208,7 +212,7 @@ def test_a_policy_that_hangs_ends_its_own_drive_alone(junction, hangs_in, is_mai
         thread.start()
         thread.join()
     (one,) = found
-    told = "The policy hangs: It gave no answer within 0.05 s."
+    told = "AV at 0.0 s: The policy hangs: It gave no answer within 0.05 s."
     assert one.ended == {"AV": told}
     agents, now = one.scenario.agents, junction.current_step
     assert not agents.is_valid[agents.row_of["AV"], now + 1 :].any()
@@ -317,7 +321,7 @@ def test_an_agent_without_a_lane_gets_a_route_of_its_own(place):
     assert len(route) > 1
     for name in ("idm", "constant-velocity"):
         found = rolled(scene, duration_s=1.0, policies={ego: policy_of(name)})
-        assert set(found.ended.values()) <= {"It left the mapped road."}
+        assert not found.failed
         assert drive_scores(found.scenario, ego, route).driven_s > 0
 
 
