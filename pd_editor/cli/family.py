@@ -19,14 +19,18 @@ from pd_editor.cli.replay import open_base, read_recipe
 from pd_editor.editor.family import (
     Member,
     adds_traffic,
-    in_words,
     member,
     members,
-    varied_numbers,
+    values_of,
 )
 from pd_editor.editor.library.index_table import index_row
 from pd_editor.editor.recipe import replay
 from pd_editor.editor.scenario_store import check_free, export_into
+from pd_editor.editor.varied_numbers import (
+    values_in_words,
+    varied_numbers,
+    varied_values,
+)
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.formats.player import player_page
 from pd_editor.scene.generation import ScenarioGenerator
@@ -99,7 +103,9 @@ def family(
                 )
                 made.append((folder, one))
             except PdEditorError as error:
-                failures.append(f"{name} ({in_words(own)}) failed: {error}")
+                failures.append(
+                    f"{name} ({values_in_words(values_of(own))}) failed: {error}"
+                )
             line.show(f"{number} of {num} variants")
     except KeyboardInterrupt as error:
         # What is made by then is told all the same.
@@ -110,7 +116,7 @@ def family(
     rows = [
         [
             one.recipe.result_id,
-            *one.values.values(),
+            *varied_values(one.recipe).values(),
             index_row(one.scenario, one.base, one.recipe).num_problems,
         ]
         for _, one in made

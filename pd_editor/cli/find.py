@@ -22,6 +22,7 @@ class Found:
     scenes: tuple[FoundScene, ...]
     is_json: bool = False
     failures: Mapping[str, WorkFailure] = field(default_factory=dict)
+    noun: str = "scene"
 
     def __str__(self) -> str:
         """A line per event, or per scene without one; or JSON."""
@@ -29,7 +30,7 @@ class Found:
             return json_text.dumps([asdict(one) for one in self.scenes], indent=1)
         count = len(self.scenes)
         lines = [line for one in self.scenes for line in _lines(one)]
-        return "\n".join([*lines, f"{count} scene{'s' * (count != 1)}."])
+        return "\n".join([*lines, f"{count} {self.noun}{'s' * (count != 1)}."])
 
 
 def find(

@@ -80,7 +80,8 @@ class Listed:
         """A table, or JSON."""
         if self.is_json:
             return json_text.dumps([asdict(one) for one in self.cards], indent=1)
-        head = "name", "base", "city", "edits", "problems", "date", "tags", "note"
+        head = "name", "base", "city", "edits", "problems", "date"
+        head += "family", "values", "tags", "note"
         columns = zip(head, *map(_cells, self.cards), strict=True)
         filled = [
             [f"{one:<{max(map(len, column))}}" for one in column] for column in columns
@@ -150,7 +151,7 @@ def find(
 
     Args:
         folder: Library.
-        query: Such as 'cut-in by bus and density > 20'; see pd-editor find --help.
+        query: Such as 'cut-in by bus and density > 20', as pd-editor find has it; or of cards: name, base, parent, author, problems, and the values of families as list shows them, such as 'parent = bend and power > 5'.
         workers: Scenes that are read at a time, each in a process of its own.
         json: Print JSON, with all facts.
     """
@@ -158,11 +159,13 @@ def find(
     writer = IndexWriter(
         index_place(library.root, state_folder()), map(str, library.scenes())
     )
-    find_scenes(writer.index(), query)  # A wrong query is told before scenes are read.
+    facts = library.facts()
+    # A wrong query is told before scenes are read.
+    find_scenes(writer.index().beside(facts), query)
     with _engine(workers) as engine:
-        failures = writer.read_missing(engine, work_shown("scenes"))
-    found = find_scenes(writer.index(), query)
-    return Found(scenes=found, is_json=json, failures=failures)
+        failures = writer.read_missing(engine, work_shown("scenarios"))
+    found = find_scenes(writer.index().beside(facts), query)
+    return Found(scenes=found, is_json=json, failures=failures, noun="scenario")
 
 
 def tag(
@@ -274,7 +277,7 @@ def list(
 
     Args:
         folder: Library.
-        words: Only those whose name, base, city, edits, problems, tags, note or author have these words.
+        words: Only those whose name, base, family, values, city, edits, problems, tags, note or author have these words.
         tag: Only those with these tags.
         sort: Dates and numbers begin with the greatest.
         json: Print JSON, with all that the cards tell.
@@ -359,6 +362,8 @@ def _cells(card: LibraryCard) -> tuple[str, ...]:
         str(len(row.edits)),
         str(row.num_problems),
         f"{moment(card.saved_at):%Y-%m-%d %H:%M}",
+        row.parent if row.values else "",
+        row.values_told,
         ", ".join(row.tags),
         row.note,
     )

@@ -110,7 +110,7 @@ class Recipe:
             RecipeError: it has more commands or bytes than are read again.
         """
         variant = to_json(self.variant)
-        for name in ("is_proposed", "ignored"):
+        for name in ("is_proposed", "ignored", "parent", "varied"):
             # Of no meaning to most recipes, and unknown to earlier versions.
             if not variant[name]:
                 del variant[name]

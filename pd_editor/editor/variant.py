@@ -37,6 +37,10 @@ class Variant:
     result; it holds until the next edit."""
     ignored: tuple[IgnoredKey, ...] = ()
     """Findings that do not count."""
+    parent: str = ""
+    """Name of the scenario whose family it is of; empty: of none."""
+    varied: tuple[str, ...] = ()
+    """Paths in the recipe, from the number of the entry, of the numbers that make it."""
 
     def __post_init__(self) -> None:
         if self.name and _NAME.fullmatch(self.name) is None:

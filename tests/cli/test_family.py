@@ -10,7 +10,7 @@ import pd_editor
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.cli import family
 from pd_editor.cli.replay import read_recipe
-from pd_editor.editor.commands import AddGuidance, ReplaceTraffic
+from pd_editor.editor.commands import AddGuidance, ReplaceTraffic, SetAgentSpeed
 from pd_editor.editor.scenario_store import open_scenario
 from tests.cli.shell import JUNCTION, Shell
 from tests.scene.formats.embedded_scenes import scenes_in
@@ -33,6 +33,7 @@ def test_a_recipe_becomes_a_family_of_bends(shell: Shell, tmp_path: Path):
     library.add(tmp_path / "kept", out)
     cards = library.list(tmp_path / "kept").cards
     problems = {one.name: one.row.num_problems for one in cards}
+    told = {}
     powers = sorted(float(row["power"]) for row in rows)
     assert [2 + 4 * n / 3 <= one <= 2 + 4 * (n + 1) / 3 for n, one in enumerate(powers)]
     for row in rows:
@@ -45,7 +46,30 @@ def test_a_recipe_becomes_a_family_of_bends(shell: Shell, tmp_path: Path):
         traffic = recipe.commands[-1]
         assert isinstance(traffic, ReplaceTraffic)
         assert traffic.seed == int(row["seed"])
-        assert recipe.variant.note == f"power {term.power:g}, seed {traffic.seed}"
+        told[row["name"]] = {"power": term.power, "seed": traffic.seed}
+    # They stay what they are when a note is written.
+    library.tag(tmp_path / "kept", "bend-*", note="for the figure")
+    cards = library.list(tmp_path / "kept").cards
+    assert {one.name: dict(one.row.values) for one in cards} == told
+    assert {one.row.parent for one in cards} == {"bend"}
+    assert cards[0].row.lineage.startswith("variant of bend: power ")
+    assert "seed=" in str(library.list(tmp_path / "kept", ("variant of bend",)))
+    library.check(tmp_path / "kept")
+    found = library.find(tmp_path / "kept", "parent = bend and power > 4 and speed > 0")
+    large = {name for name, one in told.items() if one["power"] > 4}
+    assert {Path(one.path).name for one in found.scenes} == large
+    assert (
+        str(found).splitlines()[-1]
+        == f"{len(large)} scenario{'s' * (len(large) != 1)}."
+    )
+    assert "nearest is power" in shell.refused(
+        "library", "find", tmp_path / "kept", "powr > 4"
+    )
+    library.export(tmp_path / "kept", "bend-*", out=tmp_path / "share")
+    index = csv.DictReader((tmp_path / "share" / "index.csv").read_text().splitlines())
+    assert {(one["parent"], one["values"]) for one in index} == {
+        ("bend", f"power={one['power']:g}; seed={one['seed']}") for one in told.values()
+    }
     (page,) = out.glob("*.html")
     names = [one["name"] for one in scenes_in(page.read_bytes())]
     assert names == [row["name"] for row in rows] == ["bend-1", "bend-2", "bend-3"]
@@ -85,9 +109,45 @@ def test_guidance_that_was_not_run_is_run(shell: Shell, tmp_path: Path):
     result = shell.run(*asked, "--out", tmp_path / "out")
     assert result.code == 0, result.err
     for folder in (tmp_path / "out").glob("*-?"):
-        command = read_recipe(folder)[0].commands[-1]
+        # The traffic that the new one replaces is not made.
+        guidance, command = read_recipe(folder)[0].commands
+        assert isinstance(guidance, AddGuidance)
         assert isinstance(command, ReplaceTraffic)
         assert agent in command.sample.ids
+        assert (
+            "equal"
+            in shell.run(
+                "replay", folder, "--regenerate", "--out", tmp_path / "again"
+            ).out
+        )
+
+
+def test_of_traffic_that_is_made_again_the_last_seed_is_varied(
+    shell: Shell, tmp_path: Path
+):
+    driven = pd_editor.generate(
+        JUNCTION, model="lane-follower", out=tmp_path, name="driven", seed=3
+    )
+    recipe, _ = read_recipe(driven.folder)
+    (first,) = recipe.commands
+    assert isinstance(first, ReplaceTraffic)
+    path = tmp_path / "recipe.json"
+    again = replace(first, seed=4)
+    path.write_text(replace(recipe, commands=(first, again)).to_text())
+    result = shell.run(
+        "family", path, "--vary", "seed=10..99", "--out", tmp_path / "out", "--num", 1
+    )
+    assert result.code == 0, result.err
+    (command,) = read_recipe(tmp_path / "out" / "driven-1")[0].commands
+    assert isinstance(command, ReplaceTraffic)
+    assert command.seed >= 10
+    # A change of motion in between may depend on the first.
+    stops = SetAgentSpeed(agent_ids=first.sample.ids[:1], speed_mps=1.0)
+    path.write_text(replace(recipe, commands=(first, stops, again)).to_text())
+    told = shell.refused(
+        "family", path, "--vary", "seed=10..99", "--out", tmp_path / "more"
+    )
+    assert "there are 1.seed, 3.seed" in told
 
 
 def test_an_interrupted_run_tells_what_it_has_made(

@@ -52,6 +52,8 @@ def test_a_library_is_listed_sorted_and_filtered(folder: Path, shell: Shell):
         "edits",
         "problems",
         "date",
+        "family",
+        "values",
         "tags",
         "note",
     ]
@@ -63,7 +65,7 @@ def test_a_library_is_listed_sorted_and_filtered(folder: Path, shell: Shell):
     assert row.startswith("bent")
     assert shell.run("library", "list", folder, "--tag", "none").lines[-1][0] == "0"
     cards = json.loads(shell.run("library", "list", folder, "bent", "--json").out)
-    assert cards[0]["parent"] == "merge"
+    assert cards[0]["row"]["parent"] == "merge"
     assert cards[0]["author"] == "A. Author"
     assert cards[0]["format"] == "Argoverse 2"
 
@@ -99,18 +101,18 @@ def test_tags_are_in_the_card_and_in_the_recipe(folder: Path, shell: Shell):
 
 def test_what_happens_in_them_is_found(folder: Path, shell: Shell):
     found = shell.run("library", "find", folder, "crossing")
-    assert found.lines[-1] == "1 scene."
+    assert found.lines[-1] == "1 scenario."
     assert found.lines[0].startswith(str(folder / "crosswalk"))
     # A tag changes nothing of it, so that nothing is read again.
     before = (folder / "scenes.index.parquet").read_bytes()
     shell.run("library", "tag", folder, "*", "--add", "more")
     again = shell.run("library", "find", folder, "agents > 0")
-    assert again.lines[-1] == "2 scenes."
+    assert again.lines[-1] == "2 scenarios."
     assert (folder / "scenes.index.parquet").read_bytes() == before
     # The index is made again from the folders.
     (folder / "scenes.index.parquet").unlink()
     shutil.rmtree(folder / "bent")
-    assert shell.run("library", "find", folder, "agents > 0").lines[-1] == "1 scene."
+    assert shell.run("library", "find", folder, "agents > 0").lines[-1] == "1 scenario."
     assert "is not known" in shell.refused("library", "find", folder, "cutin")
 
 

@@ -11,13 +11,15 @@ from pd_editor.analysis.guidance.kinds.course import FollowPath
 from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands import AddGuidance, SetAgentSpeed, SetRoadWarp
 from pd_editor.editor.commands.json_values import to_json
-from pd_editor.editor.family import (
-    members,
+from pd_editor.editor.family import members
+from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.varied_numbers import (
     numbers_in_words,
+    values_in_words,
     varied,
     varied_numbers,
+    varied_values,
 )
-from pd_editor.editor.recipe import Recipe
 from pd_editor.scene.base_reference import BaseReference
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
@@ -25,7 +27,7 @@ from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 
 def recipe() -> Recipe:
     """A warp, then two changes of speed."""
-    anchor = RigidMotion(x_m=1.0, y_m=2.0, rotation_rad=0.5)
+    anchor = RigidMotion(x_m=1.0, y_m=2.0, rotation_rad=float(np.radians(30.0)))
     term = WarpTerm(kind="smooth-turn", power=5.0, length_m=10.0)
     return Recipe(
         base=BaseReference(scenario_id="a", source="demo:a", content_sha256=""),
@@ -82,7 +84,7 @@ def test_a_number_changes_where_it_is_named_and_nowhere_else():
         ),
         (
             "seed=1..2",
-            "no number of this name; there are x_m, y_m, rotation_rad, power",
+            "no number of this name; there are x_m, y_m, rotation_deg, power",
         ),
         ("9.power=1..2", "no number of this name"),
         ("4.seed=1..2", "no number of this name"),
@@ -131,3 +133,24 @@ def test_values_that_a_command_refuses_are_told():
         varied(recipe(), values)
     with pytest.raises(RecipeError, match="1 to 10000 members, not 0"):
         list(members(numbers, 0, 0))
+
+
+@given(st.floats(-90, 90))
+def test_angles_are_degrees_to_users_and_radians_in_recipes(angle_deg: float):
+    (number,) = varied_numbers(recipe(), (f"rotation_deg={angle_deg:.2f}..90",))
+    made = varied(recipe(), {number: angle_deg})
+    assert isinstance(made.commands[0], SetRoadWarp)
+    assert made.commands[0].warp is not None
+    rotation_rad = made.commands[0].warp.anchor.rotation_rad
+    np.testing.assert_allclose(np.degrees(rotation_rad), angle_deg, atol=1e-12)
+    variant = replace(made.variant, varied=(".".join(number.path), "2.speed_mps"))
+    values = varied_values(replace(made, variant=variant))
+    np.testing.assert_allclose(values.pop("rotation_deg"), angle_deg, atol=1e-6)
+    assert values == {"speed_mps": 3.0}
+
+
+def test_values_are_told_with_their_units():
+    values = {"power": 4.0, "gap_m": 8.0, "2.speed_mps": 3.0, "rotation_deg": 20.0}
+    told = "power 4, gap 8 m, 2.speed 3 m/s, rotation 20°"
+    assert values_in_words(values) == told
+    assert values_in_words({"point_m.0": 1.5, "seed": 3}) == "point.0 1.5 m, seed 3"

@@ -11,6 +11,7 @@ from pd_editor.analysis.findings.finding import IgnoredKey
 from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.edit_findings import edit_findings, guidance_in_words
 from pd_editor.editor.recipe import Recipe
+from pd_editor.editor.varied_numbers import values_in_words, varied_values
 from pd_editor.scene.scenario import Scenario
 
 INDEX_NAME: Final = "index.csv"
@@ -18,6 +19,8 @@ _COLUMNS: Final = (
     "id",
     "name",
     "base_id",
+    "parent",
+    "values",
     "city",
     "num_edits",
     "edits",
@@ -52,6 +55,21 @@ class IndexRow:
     note: str = ""
     ignored: tuple[IgnoredKey, ...] = ()
     """Problems that are not counted."""
+    parent: str = ""
+    """Name of the scenario whose family it is of, or that was opened to be edited."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Numbers that tell it from others of its family, by their names."""
+
+    @property
+    def lineage(self) -> str:
+        """Of which scenario it is a variant, and by which numbers; empty: of none."""
+        values = values_in_words(self.values)
+        return f"variant of {self.parent}: {values}" if values else ""
+
+    @property
+    def values_told(self) -> str:
+        """The numbers for tables, by the names that queries use."""
+        return "; ".join(f"{name}={value:g}" for name, value in self.values.items())
 
     @property
     def num_problems(self) -> int:
@@ -78,6 +96,8 @@ def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
         tags=recipe.variant.tags,
         note=recipe.variant.note,
         ignored=ignored,
+        parent=recipe.variant.parent or recipe.base.scenario_id,
+        values=varied_values(recipe),
     )
 
 
@@ -92,6 +112,8 @@ def index_csv(rows: Iterable[IndexRow]) -> bytes:
             row.scenario_id,
             row.scenario_id,
             row.base_id,
+            row.parent,
+            row.values_told,
             row.city,
             str(len(row.edits)),
             "; ".join(row.edits),

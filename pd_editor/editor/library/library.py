@@ -35,6 +35,7 @@ from pd_editor.editor.scenario_store import (
     open_scenario,
 )
 from pd_editor.editor.variant import Variant
+from pd_editor.editor.varied_numbers import varied_values
 from pd_editor.scene.exporters.bundle import (
     RECIPE_NAME,
     replace_folder,
@@ -69,8 +70,6 @@ class LibraryCard:
     saved_at: float = field(default_factory=time.time)
     """Time at which it was kept, in seconds since 1970."""
     author: str = ""
-    parent: str = ""
-    """Id of the scenario that was edited."""
     format: str = ""
     """Title of the format of the files that it comes from."""
     attribution: str = ""
@@ -87,7 +86,21 @@ class LibraryCard:
         """All words by which it is found, in small letters."""
         row = self.row
         told = (self.name, row.base_id, row.city, *row.edits, *row.problems, *row.tags)
-        return "\n".join((*told, row.note, self.author, self.format)).lower()
+        more = row.note, row.lineage, self.author, self.format
+        return "\n".join((*told, *more)).lower()
+
+    @property
+    def facts(self) -> dict[str, float | str]:
+        """What queries ask of it besides what happens in it."""
+        row = self.row
+        return {
+            **row.values,
+            "name": self.name,
+            "base": row.base_id,
+            "parent": row.parent,
+            "author": self.author,
+            "problems": row.num_problems,
+        }
 
     def has(self, words: Collection[str]) -> bool:
         """Whether each of some words is in its texts."""
@@ -113,7 +126,6 @@ def card_of(
     return LibraryCard(
         row=index_row(scenario, base, recipe),
         author=author,
-        parent=recipe.base.scenario_id,
         format=origin.file_format or ARGOVERSE2.title,
         attribution=origin.attribution or "",
         num_agents=len(scenario.agents),
@@ -354,6 +366,10 @@ class Library:
         folders = {one: self.files(one, format_name) for one in there}
         return zip_folders(folders, {INDEX_NAME: self.table(there)})
 
+    def facts(self) -> dict[str, dict[str, float | str]]:
+        """What queries ask of each scenario besides what happens in it."""
+        return {one.name: one.facts for one in self.cards()}
+
     def table(self, names: Collection[str]) -> bytes:
         """CSV table of some scenarios, the oldest first."""
         return index_csv(one.row for one in self.cards() if one.name in names)
@@ -377,11 +393,13 @@ class Library:
         scenario, row, about = open_scenario(place), card.row, recipe.variant
         if (recipe.result_id, scenario.scenario_id) != (name, name):
             raise InputError(f"its files are of {one_line(scenario.scenario_id, 80)}.")
-        if (row.tags, row.note, row.edits, row.base_id, card.num_agents) != (
+        told = row.tags, row.note, row.edits, row.base_id, row.values, card.num_agents
+        if told != (
             about.tags,
             about.note,
             tuple(command.label for command in recipe.commands),
             recipe.base.root.scenario_id,
+            varied_values(recipe),
             len(scenario.agents),
         ):
             raise InputError(f"its {CARD_NAME} tells other things than its files.")

@@ -4,13 +4,17 @@ Arrow and NumPy are there anyway, and need no copy of the index in a database.
 """
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool, Int
+
+from pd_editor.analysis.manoeuvres import FACTS
+from pd_editor.experiments.scene_index.index_file import SCHEMA
 
 COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
     "=": operator.eq,
@@ -41,11 +45,30 @@ class EventTable:
             scene=lists.value_parent_indices().to_numpy(),
         )
 
+    @cached_property
+    def facts(self) -> Mapping[str, type[float] | type[str]]:
+        """Facts of scenes by name: those of every index, and those told beside it."""
+        told = self.table.schema.names[len(SCHEMA) :]
+        kinds = {one: self.table.schema.field(one).type for one in told}
+        return {
+            **FACTS,
+            **{
+                name: str if one == pa.string() else float
+                for name, one in kinds.items()
+            },
+        }
+
+    @property
+    def is_read(self) -> Bool[np.ndarray, "S"]:
+        """Scenes of which the content is known."""
+        return ~_is_in(self.table.column("stamp").combine_chunks(), ("",))
+
     def having(self, fact: str, sign: str, value: float | str) -> Bool[np.ndarray, "S"]:
         """Scenes with a fact that compares so."""
         column = self.table.column(fact)
         if isinstance(value, float):
-            return np.asarray(COMPARISONS[sign](column.to_numpy(), value), bool)
+            own = column.to_numpy()
+            return np.asarray(COMPARISONS[sign](own, value), bool) & ~np.isnan(own)
         return _is_in(column.combine_chunks(), (str(value),)) == (sign == "=")
 
     def events(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from pd_editor.analysis.manoeuvres import FACTS, SceneEvent
+from pd_editor.analysis.manoeuvres import SceneEvent
 from pd_editor.experiments.scene_index.event_table import EventTable
 from pd_editor.experiments.scene_index.index_file import SceneIndex
 from pd_editor.experiments.scene_index.query import answer
@@ -48,12 +48,14 @@ def find_scenes(index: str | Path | SceneIndex, query: str) -> tuple[FoundScene,
     values = [columns.event[name].take(pa.array(shown)).to_pylist() for name in _SHOWN]
     for row, *told in zip(columns.scene[shown].tolist(), *values, strict=True):
         events[row].append(SceneEvent(**dict(zip(_SHOWN, told, strict=True))))
-    head = index.table.select(["path", "scenario_id", *FACTS]).take(pa.array(rows))
+    head = index.table.select(["path", "scenario_id", *columns.facts]).take(
+        pa.array(rows)
+    )
     return tuple(
         FoundScene(
             path=index.place_of(one.pop("path")),
             scenario_id=one.pop("scenario_id"),
-            facts=one,
+            facts={name: fact for name, fact in one.items() if fact is not None},
             events=tuple(sorted(events[row], key=lambda event: event.begin_s)),
         )
         for row, one in zip(rows.tolist(), head.to_pylist(), strict=True)

@@ -75,6 +75,28 @@ class SceneIndex:
             )
         return cls(folder=file.parent, table=table)
 
+    def beside(self, told: Mapping[str, Mapping[str, float | str]]) -> "SceneIndex":
+        """With facts from elsewhere of scenes by the last part of their paths.
+
+        Scenes that are not in the index get a row without content.
+        """
+        kinds = {name: type(one) for own in told.values() for name, one in own.items()}
+        kinds = {name: one for name, one in kinds.items() if name not in SCHEMA.names}
+        there = set(map(os.path.basename, self.table.column("path").to_pylist()))
+        new = [one for one in told if one not in there]
+        empty: dict[Any, Any] = {pa.string(): "", pa.float64(): None}
+        rows = {one.name: [empty.get(one.type, [])] * len(new) for one in SCHEMA}
+        more = pa.table({**rows, "path": new}, schema=SCHEMA)
+        table = pa.concat_tables([self.table, more])
+        names = map(os.path.basename, table.column("path").to_pylist())
+        owns = [told.get(one, {}) for one in names]
+        for name, kind in kinds.items():
+            is_text = kind is str
+            column = [one.get(name, "" if is_text else None) for one in owns]
+            own = pa.array(column, pa.string() if is_text else pa.float64())
+            table = table.append_column(name, own)
+        return SceneIndex(folder=self.folder, table=table)
+
     def place_of(self, path: str) -> str:
         """A scene's path, as another command takes it."""
         return os.path.join(self.folder, path)

@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -46,6 +46,9 @@ def answer(text: str, table: EventTable) -> Answer:
     found = parser.any_of()
     if parser.peek():
         raise parser.wrong("expected and, or, by, with, or the end")
+    if parser.asks_content:
+        # Of what was not read yet, nothing holds, its opposite included.
+        return replace(found, scenes=found.scenes & table.is_read)
     return found
 
 
@@ -55,6 +58,8 @@ class _Parser:
     def __init__(self, words: list[tuple[str, int]], table: EventTable) -> None:
         self._words, self._table = words, table
         self._next = self._depth = 0
+        self.asks_content = False
+        """Whether a condition is about what happens in scenes."""
 
     def peek(self) -> str:
         """The next word in small letters; empty at the end."""
@@ -104,14 +109,15 @@ class _Parser:
         return found
 
     def _condition(self) -> Answer:
-        name = self.peek()
-        if name in FACTS:
+        name, facts = self.peek(), self._table.facts
+        self.asks_content |= name in FACTS or name not in facts
+        if name in facts:
             self._next += 1
             sign = self._word(name, COMPARISONS)
-            if FACTS[name] is str and sign not in ("=", "!="):
+            if facts[name] is str and sign not in ("=", "!="):
                 self._next -= 1
                 raise self.wrong(f"{name} is a text; expected = or !=")
-            value = self._number() if FACTS[name] is float else self._text()
+            value = self._number() if facts[name] is float else self._text()
             scenes = self._table.having(name, sign, value)
             none = self._table.events((), "", "")
             return Answer(scenes=scenes, events=none)
@@ -119,7 +125,7 @@ class _Parser:
         is_quantity = bool(compares) and compares[0][0] in COMPARISONS
         kinds = tuple(EVENT_KINDS)
         if not (name in _QUANTITIES and (is_quantity or name not in EVENT_WORDS)):
-            known = {**EVENT_WORDS, **FACTS, **dict.fromkeys(sorted(_QUANTITIES))}
+            known = {**EVENT_WORDS, **facts, **dict.fromkeys(sorted(_QUANTITIES))}
             kinds = EVENT_WORDS.get(name, ())
             if not kinds:
                 raise self.wrong(f"is not known; {nearest_or_all(name, known)}")

@@ -12,18 +12,21 @@ from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.family import (
     MOST_MEMBERS,
     Member,
-    VariedNumber,
     adds_traffic,
-    in_words,
     member,
     members,
-    numbers_in_words,
-    varied_numbers,
+    values_of,
 )
 from pd_editor.editor.library.library import card_of
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.variant import free_name
+from pd_editor.editor.varied_numbers import (
+    VariedNumber,
+    numbers_in_words,
+    values_in_words,
+    varied_numbers,
+)
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.generation import ScenarioGenerator
 from pd_editor.viewer.tab.panel_style import FixedText
@@ -147,7 +150,7 @@ class _FamilyJob(BackgroundJob[int]):
                 self._library.add(card, one.files, thumbnail(one.scenario))
                 self._num_clean += not card.row.num_problems
             except PdEditorError as error:
-                self._failures.append(f"{in_words(own)}: {error}")
+                self._failures.append(f"{values_in_words(values_of(own))}: {error}")
             words = f"{number} of {len(self._values)} variants"
             self._ui.post(partial(self._panel.tell, words), "family")
         return len(self._values) - len(self._failures)

@@ -57,7 +57,7 @@ class LibraryPanel:
                 "Find",
                 "",
                 hint="Words of names, tags, notes, cities and edits; or what happens,"
-                " such as: cut-in and density > 5",
+                " such as: cut-in and density > 5; or of families: power > 5 and parent = name",
             )
             self._sort = gui.add_dropdown("Sort", tuple(_ORDERS))
             self._count = FixedText(gui, 2)
@@ -152,7 +152,8 @@ class LibraryPanel:
         line, wrong = str(self._line.value).strip(), ""
         if line:
             try:
-                found = set(map(os.path.basename, find_places(self._run.index, line)))
+                index = self._run.index.beside(self._library.facts())
+                found = set(map(os.path.basename, find_places(index, line)))
                 self._index()
             except InputError as error:
                 found, wrong = set[str](), str(error)
@@ -233,7 +234,9 @@ class LibraryPanel:
         problems = f"{count} problem{'s' * (count != 1)}" if count else ""
         edits = "; ".join(row.edits) or "without edits"
         return PictureRow(
-            label=" · ".join(filter(None, [card.name, problems, *row.tags])),
+            label=" · ".join(
+                filter(None, [card.name, row.lineage, problems, *row.tags])
+            ),
             hint=f"{row.note} {edits}".strip(),
             icon=viser.Icon.SQUARE_CHECK if is_ticked else viser.Icon.SQUARE,
             drawn=card,

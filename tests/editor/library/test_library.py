@@ -162,7 +162,7 @@ def test_asked_and_achieved_are_in_the_table():
 
 
 def test_a_table_of_nothing_has_its_head():
-    assert index_csv([]).startswith(b"id,name,base_id,city")
+    assert index_csv([]).startswith(b"id,name,base_id,parent,values,city")
 
 
 def test_a_thumbnail_shows_the_state(tmp_path: Path):

@@ -42,7 +42,7 @@ def made_rows(count: int) -> list[dict[str, Any]]:
             {
                 **facts,
                 "path": str(number),
-                "stamp": "",
+                "stamp": "read",
                 "scenario_id": str(number),
                 "city": city,
                 "events": events,
@@ -154,3 +154,27 @@ def test_a_wrong_word_is_named_with_its_place_and_the_nearest(
         find_scenes(INDEX, query)
     for word in words:
         assert word in str(error.value)
+
+
+def test_facts_told_beside_an_index_are_asked_with_it():
+    """Scenes that were not read yet are found by these alone."""
+    told = {str(n): {"power": n / 10, "parent": "Bend"} for n in range(290, 310)}
+    index = INDEX.beside({**told, "0": {"parent": "other"}})
+
+    def found(query: str) -> list[str]:
+        return [one.scenario_id or one.path for one in find_scenes(index, query)]
+
+    assert found("power > 29.95") == [f"/{n}" for n in range(300, 310)]
+    assert found("parent = bend and power <= 29.1") == ["290", "291"]
+    assert found("parent = other or power = 29") == ["0", "290"]
+    read = [str(n) for n in range(290, 300)]
+    assert found("parent = bend and (agents >= 0 or not agents >= 0)") == read
+    # Of what has no such value, nothing holds.
+    assert len(found("power != 29")) == 19
+    with pytest.raises(InputError, match="the nearest is power"):
+        find_scenes(index, "powr > 2")
+    with pytest.raises(InputError, match="parent is a text"):
+        find_scenes(index, "parent > 2")
+    assert find_scenes(INDEX.beside({}), "agents >= 0") == find_scenes(
+        INDEX, "agents >= 0"
+    )

@@ -45,8 +45,7 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         # Traffic comes at the end, since the edits have none.
         recipes = [Recipe.from_text(one["recipe.json"]) for one in found.values()]
         assert all(one.generators for one in recipes)
-        notes = sorted(card.row.note for card in cards)
-        powers = np.array([float(one.split()[1].rstrip(",")) for one in notes])
+        powers = np.array([card.row.values["power"] for card in cards])
         assert ((powers > 2) & (powers < 8)).all()
         assert (np.diff(np.sort(powers)) > 0).all()
         until(lambda: "3 scenarios; buttons" in tab.text())
@@ -63,7 +62,7 @@ def test_what_cannot_be_varied_is_told_and_nothing_is_saved(tmp_path: Path):
         assert "enter a range first" in tab.refusal()
         tab.type("Vary", "strength=1..2")
         tab.press("Make family")
-        assert "there are x_m, y_m, rotation_rad, power" in tab.refusal()
+        assert "there are x_m, y_m, rotation_deg, power" in tab.refusal()
         tab.type("Vary", "power=1..2 power=2..3")
         tab.press("Make family")
         assert "Two ranges are of the same number" in tab.refusal()
