@@ -116,8 +116,16 @@ class Journal:
         self._append(entry)
 
     def moved_to(self, position: int, time_s: float) -> None:
-        """Record a move along the history."""
+        """Record a move along the branch in force."""
         self._append({"do": "go", "time_s": time_s, "position": position})
+
+    def switched_to(self, number: int, time_s: float) -> None:
+        """Record a move to an edit of another branch: one of the commits, from 1 on."""
+        self._append({"do": "go", "time_s": time_s, "commit": number})
+
+    def dropped(self, numbers: frozenset[int], time_s: float) -> None:
+        """Record the last commits of all branches that are not offered any more."""
+        self._append({"do": "drop", "time_s": time_s, "commits": sorted(numbers)})
 
     def described(self, variant: Variant, time_s: float) -> None:
         """Record name, tags and note; before the first edit they wait for it."""

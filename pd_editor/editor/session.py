@@ -30,9 +30,25 @@ class SessionState:
     position: int
     """Number of commands in force."""
     num_entries: int
-    """Number of commands in the history, undone ones included."""
+    """Number of commands on the branch in force, undone ones included."""
+    tip: int
+    """Number of the last of them among all edits; 0 without any."""
     is_previewing: bool
     """Whether the scenario is the preview of an unfinished gesture."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Branch:
+    """A state after which nothing was edited, or the opened scenario."""
+
+    number: int
+    """Of its last edit among all edits of the session; 0 for the opened scenario."""
+    scenario: Scenario
+    entries: tuple[HistoryEntry, ...]
+    num_own: int
+    """Number of its edits that are not on the branch in force."""
+    name: str
+    """Name that the user gave; empty: none."""
 
 
 Listener = Callable[[SessionState, SessionState], None]
@@ -53,7 +69,15 @@ class EditRecorder(Protocol):
         ...
 
     def moved_to(self, position: int, time_s: float) -> None:
-        """Record a move along the history to a position."""
+        """Record a move along the branch in force to a position."""
+        ...
+
+    def switched_to(self, number: int, time_s: float) -> None:
+        """Record a move to an edit of another branch, by number."""
+        ...
+
+    def dropped(self, numbers: frozenset[int], time_s: float) -> None:
+        """Record the last edits of all branches that are not offered any more."""
         ...
 
     def described(self, variant: Variant, time_s: float) -> None:
@@ -110,7 +134,10 @@ class EditorSession:
         self._listeners: list[Listener] = []
         self._base = scenario
         self._now = Snapshot(scenario=scenario, selection=())
-        self._history = History(max_undo)
+        self._history = History(self._now, max_undo)
+        self._variants: dict[int, Variant] = {}
+        """What is said of branches that are not in force, by their last edits."""
+        self._dropped = frozenset[int]()
         self._original: tuple[tuple[object, ...], Scenario] | None = None
         self._gesture_start: Snapshot | None = None
         self._previewed: Command | None = None
@@ -161,7 +188,8 @@ class EditorSession:
             scenario=self._now.scenario,
             selection=self._now.selection,
             position=self._history.position,
-            num_entries=len(self._history),
+            num_entries=len(self._history.tree.path),
+            tip=self._history.tree.tip,
             is_previewing=self._previewed is not None,
         )
 
@@ -199,8 +227,45 @@ class EditorSession:
 
     @property
     def entries(self) -> tuple[HistoryEntry, ...]:
-        """Committed commands, the oldest first, undone ones included."""
+        """Commands of the branch in force, the oldest first, undone ones included."""
         return self._history.entries
+
+    @property
+    def all_entries(self) -> tuple[HistoryEntry, ...]:
+        """Commands of all branches, in the order in which they were committed."""
+        return tuple(self._history.made)
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """The opened scenario and the branches that can be switched to, the oldest first."""
+        history, tree = self._history, self._history.tree
+        in_force = set(tree.path)
+        variants = self._variants | {tree.tip: self._variant}
+        branches: list[Branch] = []
+        for tip in (0, *tree.tips):
+            state = history.state_of(tip)
+            if state is None or (tip in self._dropped and tip != tree.tip):
+                continue
+            edits = tree.edits_to(tip)
+            branch = Branch(
+                number=tip,
+                scenario=state.scenario,
+                entries=tuple(history.made[one - 1] for one in edits),
+                num_own=len(set(edits) - in_force),
+                name=variants[tip].name if tip in variants else "",
+            )
+            branches.append(branch)
+        return tuple(branches)
+
+    @property
+    def present(self) -> int:
+        """Number of the last edit in force among all edits; 0 without any."""
+        return self._history.tree.present
+
+    @property
+    def dropped(self) -> frozenset[int]:
+        """Last edits of branches that are not offered any more, by number."""
+        return self._dropped
 
     @property
     def commands_in_force(self) -> tuple[Command, ...]:
@@ -222,7 +287,7 @@ class EditorSession:
     @property
     def can_redo(self) -> bool:
         """Whether an edit can be redone."""
-        return self._history.position < len(self._history)
+        return self._history.position < len(self._history.tree.path)
 
     @property
     def journal_problem(self) -> str | None:
@@ -276,7 +341,8 @@ class EditorSession:
         other.commit_gesture()
         before = self.state
         parts = ("_base", "_now", "_history", "_journal", "_variant", "_clock")
-        for name in (*parts, "_replayed", "_exports", "lost_edits"):
+        parts += ("_variants", "_dropped", "_replayed", "_exports", "lost_edits")
+        for name in parts:
             mine, theirs = getattr(self, name), getattr(other, name)
             setattr(self, name, theirs)
             setattr(other, name, mine)
@@ -360,14 +426,50 @@ class EditorSession:
             EditError: there is no such position, or it is too long ago.
         """
         self.commit_gesture()
-        before = self.state
-        snapshot = self._history.go_to(position)
+        self.go_to(self._history.number_at(position))
+
+    def go_to(self, number: int) -> None:
+        """Restore the state after an edit of any branch; 0 is the opened scenario.
+
+        What follows the edit can be redone then; of several, the newest.
+
+        Raises:
+            EditError: there is no such edit, or it is too long ago.
+        """
+        self.commit_gesture()
+        before, tree = self.state, self._history.tree
+        snapshot = self._history.go_to(number)
         if snapshot is None:
             return
         self._now = snapshot
-        if self._journal is not None:
-            self._journal.moved_to(position, self._clock())
+        is_other = tree.tip != before.tip
+        if is_other:
+            self._variants[before.tip] = self._variant
+            self._variant = self._variants.get(tree.tip, self._variant)
+        if self._journal is not None and is_other:
+            self._journal.switched_to(number, self._clock())
+        elif self._journal is not None:
+            self._journal.moved_to(tree.position, self._clock())
         self._show(snapshot, before)
+
+    def drop_branches(self, numbers: Iterable[int]) -> None:
+        """Set which branches are not offered any more, by their last edits.
+
+        They are kept with the others, so that they can be offered again.
+
+        Raises:
+            EditError: one of them is no branch, or it is the one in force.
+        """
+        dropped, tree = frozenset(numbers), self._history.tree
+        if dropped == self._dropped:
+            return
+        if wrong := dropped - set(tree.tips):
+            raise EditError(f"There is no branch {min(wrong)}.")
+        if tree.tip in dropped - self._dropped:
+            raise EditError("The branch in force cannot be dropped; switch first.")
+        self._dropped = dropped
+        if self._journal is not None:
+            self._journal.dropped(dropped, self._clock())
 
     def select(self, agent_ids: Iterable[str]) -> None:
         """Select exactly these agents; an unfinished gesture is committed first.
@@ -454,6 +556,11 @@ class EditorSession:
     def _commit(
         self, command: Command, start: Snapshot, after: Snapshot, before: SessionState
     ) -> None:
+        made = self._history.made_before(command)
+        if made is not None and after.scenario is not start.scenario:
+            # A sample that was used before, for one: its branch is there already.
+            self.go_to(made)
+            return
         if after.scenario is not start.scenario:
             moment = self._clock()
             entry = HistoryEntry(
@@ -466,6 +573,8 @@ class EditorSession:
             # Before the entry and the slow journal: a reader in another thread that
             # sees the entry sees its scenario as well.
             self._now = after
+            if self.can_redo:
+                self._variants[before.tip] = self._variant
             self._history.push(entry)
             if self._journal is not None:
                 self._journal.committed(command, start.selection, moment)

@@ -15,6 +15,7 @@ from pd_editor.base.errors import PdEditorError, RecipeError
 from pd_editor.base.regular_file import read_regular
 from pd_editor.editor.commands import command_from_json
 from pd_editor.editor.commands.json_values import from_json
+from pd_editor.editor.history import EditTree
 from pd_editor.editor.journal import (
     BASE_FILES_SUFFIX,
     JOURNAL_FORMAT,
@@ -41,7 +42,7 @@ from pd_editor.scene.scenario import Scenario
 __all__ = ["Journal", "UnfinishedWork", "find_unfinished", "restore"]
 
 _logger: Final = logging.getLogger(__name__)
-_DOINGS: Final = ("commit", "go", "describe", "export")
+_DOINGS: Final = ("commit", "go", "drop", "describe", "export")
 _NO_COMMITS: Final = tuple(f'{{"do": "{one}"'.encode() for one in _DOINGS[1:])
 """How lines begin that commit nothing, also if the rest of them is damaged."""
 _MAX_DAMAGED: Final = 1000
@@ -195,20 +196,17 @@ def _replay(
     """Replay a journal, and return why lines of it are lost."""
     session.describe(header.variant)
     lost: list[RecipeError] = []
-    positions = [0]
-    """Position of the session after so many commits of the journal."""
-    now = 0
+    tree, numbers = EditTree(), [0]
+    """Commits of the journal, and the last edit of the session after each."""
     for entry in entries:
         clock.recorded_s = entry.time_s
         try:
-            _redo(session, entry, positions)
+            entry.follow(tree)
+            _redo(session, entry, tree, numbers)
         except RecipeError as error:
             lost.append(error)
-        else:
-            now = now if entry.position is None else entry.position
         if entry.is_commit:
-            now += 1
-            positions[now:] = [session.state.position]
+            numbers.append(session.present)
     clock.recorded_s = None
     return lost
 
@@ -227,7 +225,11 @@ class _Entry:
     number: int
     time_s: float
     position: int | None = None
-    """Position that the history was moved to; None for a commit."""
+    """Position that the branch in force was moved to."""
+    commit: int | None = None
+    """Commit of another branch that was moved to."""
+    dropped: frozenset[int] | None = None
+    """Last commits of all branches that were dropped."""
     selection: tuple[str, ...] = ()
     command: dict[str, Any] | None = None
     variant: Variant | None = None
@@ -239,7 +241,24 @@ class _Entry:
     @property
     def is_remark(self) -> bool:
         """Whether it changes nothing of the scenario."""
-        return not self.is_commit and self.position is None
+        return not self.is_commit and self.position is None and self.commit is None
+
+    def follow(self, tree: EditTree) -> None:
+        """Take part in a tree of the journal's commits, damaged ones included.
+
+        Raises:
+            RecipeError: it moves to what is not there.
+        """
+        if self.is_commit:
+            tree.add()
+        elif self.position is not None and 0 <= self.position <= len(tree.path):
+            tree.position = self.position
+        elif self.commit is not None and 0 <= self.commit <= len(tree):
+            tree.go_to(self.commit)
+        elif not self.is_remark:
+            raise RecipeError(
+                f"Line {self.number} of the journal: There is no such step."
+            )
 
 
 @dataclass
@@ -253,7 +272,9 @@ class _ReplayClock:
         return self.live() if self.recorded_s is None else self.recorded_s
 
 
-def _redo(session: EditorSession, entry: _Entry, positions: list[int]) -> None:
+def _redo(
+    session: EditorSession, entry: _Entry, tree: EditTree, numbers: list[int]
+) -> None:
     where = f"Line {entry.number} of the journal"
     try:
         if entry.problem is not None:
@@ -264,9 +285,12 @@ def _redo(session: EditorSession, entry: _Entry, positions: list[int]) -> None:
         if entry.mark is not None:
             session.mark_exported(entry.mark)
             return
-        if entry.position is not None:
-            there = dict(enumerate(positions))
-            session.jump_to(there.get(entry.position, entry.position))
+        if entry.dropped is not None:
+            known = dict(enumerate(numbers))
+            session.drop_branches(known.get(one, -1) for one in entry.dropped)
+            return
+        if not entry.is_commit:
+            session.go_to(numbers[tree.present])
             return
         there = session.scenario.agents.row_of
         session.select(name for name in entry.selection if name in there)
@@ -326,9 +350,15 @@ def _entry(number: int, line: bytes) -> _Entry:
     if not isinstance(data, dict) or data.get("do") not in _DOINGS:
         raise RecipeError(f"{where} is no commit, move, description or export.")
     time_s = from_json(float, data.get("time_s"), f"{where}: its time")
+    if data["do"] == "go" and "commit" in data:
+        commit = from_json(int, data["commit"], f"{where}: its commit")
+        return _Entry(number=number, time_s=time_s, commit=commit)
     if data["do"] == "go":
         position = from_json(int, data.get("position"), f"{where}: its position")
         return _Entry(number=number, time_s=time_s, position=position)
+    if data["do"] == "drop":
+        commits = from_json(tuple[int, ...], data.get("commits"), f"{where}: commits")
+        return _Entry(number=number, time_s=time_s, dropped=frozenset(commits))
     if data["do"] == "describe":
         variant = variant_from_json(data.get("variant"))
         return _Entry(number=number, time_s=time_s, variant=variant)
@@ -348,17 +378,14 @@ def _entry(number: int, line: bytes) -> _Entry:
 
 def _final_state(entries: list[_Entry]) -> tuple[int, tuple[ExportMark, ...]]:
     """Number of edits in force at the end, and the exports of that state."""
-    position, is_whole = 0, [True]
+    tree, is_whole = EditTree(), [True]
     exports: dict[int, list[ExportMark]] = {}
     for entry in entries:
+        with contextlib.suppress(RecipeError):
+            entry.follow(tree)
         if entry.mark is not None:
-            exports.setdefault(position, []).append(entry.mark)
-        elif entry.position is not None:
-            position = entry.position
+            exports.setdefault(tree.present, []).append(entry.mark)
         elif entry.is_commit:
-            position += 1
-            is_whole[position:] = [entry.problem is None]
-            # Undone states from here on are gone for good.
-            exports = {at: marks for at, marks in exports.items() if at < position}
-    num_edits = sum(is_whole[1 : position + 1])
-    return num_edits, tuple(exports.get(position, ()))
+            is_whole.append(entry.problem is None)
+    num_edits = sum(is_whole[one] for one in tree.edits_to(tree.present))
+    return num_edits, tuple(exports.get(tree.present, ()))

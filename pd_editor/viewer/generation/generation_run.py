@@ -281,10 +281,10 @@ class GenerationRun:
         base = self._generated[0].base
         self._waits = False
         if use == "back":
-            position = self._position_of(base)
-            assert position is not None
+            number = self._edit_of(base)
+            assert number is not None
             self._ui.commit_gesture()
-            self._ui.session.jump_to(position)
+            self._ui.session.go_to(number)
         self._apply(0)
 
     def forget(self) -> None:
@@ -314,17 +314,19 @@ class GenerationRun:
         base, now = self._generated[0].base, self._ui.session.scenario
         if now.road_map is base.road_map and _same_states(base, now):
             return "here"
-        return None if self._position_of(base) is None else "back"
+        return None if self._edit_of(base) is None else "back"
 
-    def _position_of(self, scenario: Scenario) -> int | None:
-        """Number of edits in force when the session had a scenario.
+    def _edit_of(self, scenario: Scenario) -> int | None:
+        """Number of the edit after which the session had a scenario.
 
         None if it never had, or if that state cannot be restored any more.
         """
-        for index, entry in enumerate(self._ui.session.entries):
-            for snapshot, position in ((entry.before, index), (entry.after, index + 1)):
-                if snapshot is not None and snapshot.scenario is scenario:
-                    return position
+        session = self._ui.session
+        if scenario is session.base:
+            return 0
+        for number, entry in enumerate(session.all_entries, start=1):
+            if entry.after is not None and entry.after.scenario is scenario:
+                return number
         return None
 
     def _samples(self) -> tuple[TrafficSample, ...]:

@@ -354,7 +354,7 @@ class Workspace:
 
     def _exchange(self, taken: EditorSession) -> None:
         """Switch to a session; the open one is shelved."""
-        self.guided_runs.read_again(taken.entries)
+        self.guided_runs.read_again(taken.all_entries)
         self.session.exchange(taken)
         left = taken
         # States that were read from a journal keep their names.
