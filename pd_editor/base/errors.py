@@ -5,7 +5,8 @@ PdEditorError
 │   ├── ScenarioFileError   tracks (parquet)
 │   ├── MapFileError        map (JSON)
 │   ├── FormatError         scene of another format than Argoverse 2
-│   │   └── LargeMapError   larger than scenes may be, but a part of it can be opened
+│   │   └── LargeSceneError  larger or longer than scenes may be; a part can be opened
+│   │       └── LargeMapError    its map is: a window can be drawn on it
 │   └── ArchiveError        zip upload
 ├── EditError               an edit is not valid for its scenario
 │   └── LockedAgentError    it would change what a lock keeps
@@ -49,13 +50,17 @@ class FormatError(InputError):
     """A scene file of a format other than Argoverse 2 cannot be used."""
 
 
-class LargeMapError(FormatError):
-    """A scene is larger than scenes may be; a part of its map can be opened."""
+class LargeSceneError(FormatError):
+    """A scene is larger or longer than scenes may be; a part of it can be opened."""
 
     def __init__(self, message: str, scene: Any, data: bytes) -> None:
         """Make the error; ``scene`` is the ``FileScene``, ``data`` are the file's bytes."""
         super().__init__(message)
         self.scene, self.data = scene, data
+
+
+class LargeMapError(LargeSceneError):
+    """A scene is larger than scenes may be; a part of its map can be opened."""
 
 
 class ArchiveError(InputError):

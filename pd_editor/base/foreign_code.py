@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from pd_editor.base.errors import GenerationError, LargeMapError, PdEditorError
+from pd_editor.base.errors import GenerationError, LargeSceneError, PdEditorError
 
 Value = TypeVar("Value")
 
@@ -40,8 +40,8 @@ def asked(
     with _unchanged_process() as was_interrupted:
         try:
             return ask()
-        except LargeMapError:
-            raise  # A part of the map can be opened.
+        except LargeSceneError:
+            raise  # A part can be opened.
         except PdEditorError as error:
             told = str(error)
             is_placed = told.startswith(f"{place}:")

@@ -67,8 +67,12 @@ def convert(
     session.describe(described(name))
     folder = write_session(out, session, overwrite=overwrite, format_name=to)
     losses = (folder / LOSSES_NAME).exists()
+    told = session.base.provenance.notes
     return Outcome(
         folders=(folder,),
         scenarios=(session.scenario,),
-        remarks=(f"{folder / LOSSES_NAME} tells what {to} cannot say.",) * losses,
+        remarks=(
+            *told,
+            *(f"{folder / LOSSES_NAME} tells what {to} cannot say.",) * losses,
+        ),
     )

@@ -16,7 +16,7 @@ import numpy as np
 from pd_editor.base.errors import (
     ExportError,
     InputError,
-    LargeMapError,
+    LargeSceneError,
     PdEditorError,
     RecipeError,
 )
@@ -47,7 +47,7 @@ from pd_editor.scene.map_window import window_of
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_cut import cut_scenario
+from pd_editor.scene.time_cut import cut_scenario, origin_of_cut
 
 LOSSES_NAME: Final = "losses.txt"
 """File of an export that tells what its format cannot say."""
@@ -83,7 +83,8 @@ def open_scenario(
 
     Raises:
         InputError: there is no such demo or folder, or it cannot be read.
-        LargeMapError: it is larger than scenes may be; a part of it can be opened.
+        LargeSceneError: it is larger or longer than scenes may be, and no part that is
+            small enough was asked for.
     """
     window = window_of(around, radius_m)
     cut = SceneCut(current_s=current_s, until_s=until_s, window=window)
@@ -96,25 +97,39 @@ def open_part(reference: str | Path, cut: SceneCut) -> Scenario:
 
 
 def cut_when_read(read: Callable[[], Scenario], cut: SceneCut) -> Scenario:
-    """Read a scenario and cut it, also one that is too large as a whole.
+    """Read a scenario and cut it, also one that is too large or long as a whole.
 
     Raises:
         InputError: it cannot be read, or cut.
-        LargeMapError: what would be left is larger than scenes may be.
+        LargeSceneError: what would be left is larger or longer than scenes may be.
     """
     try:
         opened = read()
-    except LargeMapError as error:
-        if cut.window is None:
+    except LargeSceneError as error:
+        if cut == SceneCut():
             raise
-        part = error.scene.within(cut.window)
+        return _part_of_large(error, cut)
+    return opened if cut == SceneCut() else cut_scenario(opened, cut)
+
+
+def _part_of_large(error: LargeSceneError, cut: SceneCut) -> Scenario:
+    """What a cut leaves of a scene that is too large or long as a whole."""
+    part, times = error.scene, (cut.current_s or 0.0, cut.until_s or 0.0)
+    if has_times := bool(part.tracks) and any(times):
+        part = part.during(cut)
+    if cut.window is not None:
+        part = part.within(cut.window)
         if not part.lanes:
             raise InputError(
                 f"There is no lane within {cut.window.radius_m:g} m of "
                 f"{cut.window.x_m:g}, {cut.window.y_m:g}: {error}"
             ) from error
-        opened = part.scenario(error.data)
-    return opened if cut == SceneCut() else cut_scenario(opened, cut)
+    opened = part.scenario(error.data)
+    if not has_times:
+        return cut_scenario(opened, cut)
+    opened = cut_scenario(opened, SceneCut(window=cut.window))
+    origin = origin_of_cut(opened.provenance, cut, *times)
+    return dataclasses.replace(opened, provenance=origin)
 
 
 def lanes_of_file(read: Callable[[], Scenario]) -> tuple[Lane, ...]:
@@ -125,7 +140,7 @@ def lanes_of_file(read: Callable[[], Scenario]) -> tuple[Lane, ...]:
     """
     try:
         opened = read()
-    except LargeMapError as error:
+    except LargeSceneError as error:
         return error.scene.lanes
     origin = opened.origin_city_m
     return opened.road_map.moved(lambda points: points + origin).lanes
@@ -142,11 +157,11 @@ def read_once(run: str) -> Iterator[None]:
 
 
 @functools.lru_cache(maxsize=1)
-def _read_in_run(run: str, reference: str) -> Scenario | LargeMapError:
+def _read_in_run(run: str, reference: str) -> Scenario | LargeSceneError:
     del run
     try:
         return _read(reference)
-    except LargeMapError as error:
+    except LargeSceneError as error:
         return error
 
 
@@ -162,7 +177,7 @@ def open_base(base: BaseReference, source: str | Path = "") -> Scenario:
 def _opened(reference: str | Path) -> Scenario:
     run = _RUN.get()
     found = _read_in_run(run, str(reference)) if run else _read(str(reference))
-    if isinstance(found, LargeMapError):
+    if isinstance(found, LargeSceneError):
         raise found
     return found
 

@@ -10,7 +10,7 @@ import numpy as np
 from pd_editor.base.errors import InputError
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.map_window import within_window
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import Provenance, Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
 FUTURE_S: Final = TimeAxis().num_future_steps * TimeAxis().step_s
@@ -44,21 +44,8 @@ def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
         # The part of the map alone, unless times are cut below.
         origin = replace(scenario.provenance, cut=SceneCut(window=cut.window))
         scenario = replace(scenario, provenance=origin)
-    for name, value in (("current", cut.current_s), ("until", cut.until_s)):
-        if value is not None and not 0 < value < math.inf:
-            raise InputError(f"--{name} is {value:g}; expected seconds above 0.")
     axis = scenario.time_axis
-    now, last = axis.current_step, axis.num_steps - 1
-    if cut.current_s is not None:
-        now = max(math.ceil(cut.current_s / axis.step_s - _MORE), 1) - 1
-    if cut.until_s is not None:
-        last = now + math.floor(cut.until_s / axis.step_s + _MORE)
-    if now > axis.num_steps - 1 or (cut.until_s is not None and now >= last):
-        raise InputError(
-            f"The recording has {axis.num_steps} steps of {axis.step_s:g} s; expected"
-            " a current step (--current) and a later one (--until) among them."
-        )
-    last = min(last, axis.num_steps - 1)
+    now, last = steps_of_cut(axis, cut)
     if (now, last) == (axis.current_step, axis.num_steps - 1):
         return scenario
     steps = slice(last + 1)
@@ -70,9 +57,6 @@ def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
     span = axis.end_timestamp_ns - axis.start_timestamp_ns
     share = last / max(axis.num_steps - 1, 1)
     end = axis.start_timestamp_ns + type(span)(span * share)
-    origin = scenario.provenance
-    # Edits of the cut recording do not fit the whole one.
-    digest = hashlib.sha256(f"{origin.content_sha256} {now} {last}".encode())
     return replace(
         scenario,
         agents=agents,
@@ -82,5 +66,35 @@ def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
         time_axis=replace(
             axis, num_steps=last + 1, current_step=now, end_timestamp_ns=end
         ),
-        provenance=replace(origin, cut=cut, content_sha256=digest.hexdigest()),
+        provenance=origin_of_cut(scenario.provenance, cut, now, last),
     )
+
+
+def steps_of_cut(axis: TimeAxis, cut: SceneCut) -> tuple[int, int]:
+    """Current and last step that a cut leaves of a recording.
+
+    Raises:
+        InputError: the recording is shorter, or a number is not positive.
+    """
+    for name, value in (("current", cut.current_s), ("until", cut.until_s)):
+        if value is not None and not 0 < value < math.inf:
+            raise InputError(f"--{name} is {value:g}; expected seconds above 0.")
+    now, last = axis.current_step, axis.num_steps - 1
+    if cut.current_s is not None:
+        now = max(math.ceil(cut.current_s / axis.step_s - _MORE), 1) - 1
+    if cut.until_s is not None:
+        last = now + math.floor(cut.until_s / axis.step_s + _MORE)
+    if now > axis.num_steps - 1 or (cut.until_s is not None and now >= last):
+        raise InputError(
+            f"The recording has {axis.num_steps} steps of {axis.step_s:g} s; expected"
+            " a current step (--current) and a later one (--until) among them."
+        )
+    return now, min(last, axis.num_steps - 1)
+
+
+def origin_of_cut(origin: Provenance, cut: SceneCut, *numbers: float) -> Provenance:
+    """Where a part of a recording is from; the numbers tell it from other parts."""
+    # Edits of the cut recording do not fit the whole one.
+    text = " ".join(map(str, (origin.content_sha256, *numbers)))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return replace(origin, cut=cut, content_sha256=digest)

@@ -64,7 +64,9 @@ def test_scenes_of_a_folder_are_converted_and_open_again(
     assert "done before" in result.out
     back = tmp_path / "back"
     result = shell.run("convert", out / "roundabout", "--to", "av2", "--out", back)
-    assert (result.code, result.lines) == (0, [str(back / "roundabout")])
+    folder, told = result.lines
+    assert (result.code, folder) == (0, str(back / "roundabout"))
+    assert told.startswith("AV is the start of planning problem")
     assert not (back / "roundabout" / LOSSES_NAME).exists()
 
 

@@ -13,11 +13,11 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from pd_editor.base.errors import FormatError, LargeMapError
+from pd_editor.base.errors import FormatError, LargeMapError, LargeSceneError
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, one_line
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.base_reference import MapWindow
+from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.formats.file_signal import ON_GRID_S, FileSignal, sampled_signals
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
@@ -36,6 +36,7 @@ from pd_editor.scene.scene_limits import (
 )
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
+from pd_editor.scene.time_cut import steps_of_cut
 
 _STEP_S: Final = TimeAxis().step_s
 MOST_ID_CHARACTERS: Final = 100
@@ -91,6 +92,10 @@ class FileScene:
     signals: tuple[FileSignal, ...] = ()
     current_s: float | None = None
     """Time of the current step; None: ``usual_now_s`` of the tracks."""
+    axis: TimeAxis | None = None
+    """Steps to open; None: those of the tracks, and at least Argoverse 2's."""
+    is_part: bool = False
+    """Whether it is a part of a larger one, so that nobody need be there any more."""
     ego_id: str = ""
     """Track of the recording vehicle, which becomes ``AV``; empty: there is none."""
     focal_id: str = ""
@@ -107,7 +112,7 @@ class FileScene:
 
         Raises:
             FormatError: it has no lane.
-            LargeMapError: it is larger than scenes may be.
+            LargeSceneError: it is larger or longer than scenes may be.
         """
         self._check(data)
         axis = self._time_axis()
@@ -163,6 +168,35 @@ class FileScene:
             more_paved=[one for one in self.more_paved if one.intersects(square)],
             tracks=tuple(filter(is_inside, self.tracks)),
             current_s=self._now_s(),
+            is_part=True,
+        )
+
+    def during(self, cut: SceneCut) -> "FileScene":
+        """The tracks from the usual past to the last step that a cut keeps.
+
+        Raises:
+            InputError: the recording is shorter, or a number is not positive.
+        """
+        (first_s, last_s), now_s = self._ends_s(), self._now_s()
+        before, after = (
+            max(int(one / _STEP_S + ON_GRID_S), 0)
+            for one in (now_s - first_s, last_s - now_s)
+        )
+        axis = _axis(now_s, before, after)
+        now, last = steps_of_cut(axis, cut)
+        first = max(now - TimeAxis().current_step, 0)
+        now_s += (now - before) * _STEP_S
+        begin_s, end_s = (now_s + (one - now) * _STEP_S for one in (first, last))
+        return replace(
+            self,
+            tracks=tuple(
+                one
+                for one in self.tracks
+                if one.time_s[0] <= end_s and one.time_s[-1] >= begin_s
+            ),
+            current_s=now_s,
+            axis=_axis(now_s, now - first, last - now),
+            is_part=True,
         )
 
     def _link_notes(self) -> list[str]:
@@ -240,6 +274,7 @@ class FileScene:
                 )
             if not (np.diff(one.time_s) > 0).all():
                 raise wrong(f"its track {name} has times that do not increase.")
+        self._check_times(data)
         excess = road_excess(lines)
         if excess is None and len(self.tracks) > MAX_AGENTS:
             excess = (
@@ -247,19 +282,43 @@ class FileScene:
             )
         self._raise_for(excess, data)
 
+    def _check_times(self, data: bytes) -> None:
+        """Raise for a current step that nobody reaches, and for what lasts too long."""
+        if not self.tracks:
+            return
+        first, last = self._ends_s()
+        if not self.is_part and not self._now_s() <= last + ON_GRID_S:
+            raise FormatError(
+                f"{self.path}: its current step is at {self.current_s:g} s; expected a "
+                f"time of its tracks, {first:g} to {last:g} s."
+            )
+        if self._time_axis().num_steps > MAX_STEPS:
+            raise LargeSceneError(
+                f"{self.path}: lasts {last - first:.0f} s; at most "
+                f"{MAX_STEPS * _STEP_S:g} s are opened. Open a part of it: --current S, "
+                "seconds from its begin to t = 0, and --until S, seconds after that "
+                "(open_scenario: current_s, until_s).",
+                self,
+                data,
+            )
+
     def _now_s(self) -> float:
         if self.current_s is not None or not self.tracks:
             return self.current_s or 0.0
-        first = min(one.time_s[0] for one in self.tracks)
-        last = max(one.time_s[-1] for one in self.tracks)
-        return usual_now_s(float(first), float(last))
+        return usual_now_s(*self._ends_s())
+
+    def _ends_s(self) -> tuple[float, float]:
+        """First and last time of the tracks."""
+        times = np.array([one.time_s[[0, -1]] for one in self.tracks])
+        return float(times.min()), float(times.max())
 
     def _time_axis(self) -> TimeAxis:
         """Steps of 0.1 s that cover all tracks, and the usual past and future."""
+        if self.axis is not None:
+            return self.axis
         if not self.tracks:
             return TimeAxis()
-        times = [one.time_s[[0, -1]] for one in self.tracks]
-        first, last, now_s = np.min(times), np.max(times), self._now_s()
+        (first, last), now_s = self._ends_s(), self._now_s()
         # At least as many steps as Argoverse 2 has, so that what is generated and
         # exported has a past and a future.
         usual = TimeAxis()
@@ -267,18 +326,7 @@ class FileScene:
         before = max(before, usual.current_step)
         after = int((last - now_s) / _STEP_S + ON_GRID_S)
         after = max(after, usual.num_future_steps)
-        if before + after + 1 > MAX_STEPS:
-            raise FormatError(
-                f"{self.path}: lasts {last - first:.0f} s; at most "
-                f"{MAX_STEPS * _STEP_S:g} s are opened."
-            )
-        start_s = now_s - before * _STEP_S
-        return TimeAxis(
-            num_steps=before + after + 1,
-            current_step=before,
-            start_timestamp_ns=round(1e9 * start_s),
-            end_timestamp_ns=round(1e9 * (start_s + (before + after) * _STEP_S)),
-        )
+        return _axis(now_s, before, after)
 
     def _agents(self, axis: TimeAxis) -> AgentTracks:
         times = self._now_s() + axis.times_s()
@@ -363,8 +411,20 @@ class FileScene:
 
 def usual_now_s(first_s: float, last_s: float) -> float:
     """As far after the beginning as in Argoverse 2, in short recordings the middle."""
-    half = int((last_s - first_s) / 2 / _STEP_S + ON_GRID_S)
-    return first_s + _STEP_S * min(TimeAxis().current_step, half)
+    usual, num = TimeAxis(), ((last_s - first_s) / _STEP_S + ON_GRID_S) // 1
+    # Of 11 s from the first state to the last, models sample the last 6.
+    past = usual.current_step + (num == usual.num_steps)
+    return first_s + _STEP_S * min(past, num // 2)
+
+
+def _axis(now_s: float, before: int, after: int) -> TimeAxis:
+    """Some steps before and after a time."""
+    return TimeAxis(
+        num_steps=before + after + 1,
+        current_step=before,
+        start_timestamp_ns=round(1e9 * (now_s - before * _STEP_S)),
+        end_timestamp_ns=round(1e9 * (now_s + after * _STEP_S)),
+    )
 
 
 def _as_id(name: str) -> str:

@@ -131,6 +131,12 @@ def _check(found: Sequence[CenterLane]) -> None:
             wrong = "has points without a place; expected metres"
         elif not np.isfinite(one.half_width_m or (0.0, 0.0)).all():
             wrong = "has no width; expected metres"
+        elif min(one.half_width_m or (0.0, 0.0)) < 0:
+            left, right = one.half_width_m or (0.0, 0.0)
+            wrong = (
+                f"is {left:g} m wide to the left and {right:g} m to the right of its line; "
+                "expected metres of 0 or more"
+            )
         else:
             seen.add(one.key)
             continue

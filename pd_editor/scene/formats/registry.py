@@ -9,7 +9,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final
 
-from pd_editor.base.errors import ExportError, InputError, LargeMapError
+from pd_editor.base.errors import ExportError, InputError, LargeSceneError
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.commonroad import COMMONROAD
 from pd_editor.scene.formats.foreign_format import foreign_format
@@ -127,7 +127,7 @@ def read_scene(path: Path) -> Scenario:
     title = "" if kind is ARGOVERSE2 else kind.title
     try:
         scenario = kind.read(path)
-    except LargeMapError as error:
+    except LargeSceneError as error:
         error.scene = replace(error.scene, file_format=title)
         raise
     origin = replace(scenario.provenance, file_format=title)

@@ -12,6 +12,7 @@ from pd_editor.scene.formats.file_scene import (
     NO_HEADINGS,
     FileScene,
     FileTrack,
+    usual_now_s,
 )
 from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import ending_of, stem_of
@@ -97,8 +98,8 @@ def read(path: Path) -> Scenario:
         ]
         told = int(about.get("current_time_index", 0))
         # Whole recordings name no current step, or the first one.
-        usual = min(TimeAxis().current_step, (len(time_s) - 1) // 2)
-        current_s = float(time_s[told if 0 < told < len(time_s) else usual])
+        usual_s = usual_now_s(float(time_s[0]), float(time_s[-1]))
+        current_s = float(time_s[told]) if 0 < told < len(time_s) else usual_s
     except FAULTS as error:
         raise FormatError(
             f"{path}: is no valid scenario description ({type(error).__name__}: {error})."

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pd_editor.base.errors import ExportError, FormatError, InputError
-from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_base, open_scenario
 from pd_editor.experiments.evaluation.evaluation import scenes_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats import dataset, registry
@@ -17,7 +17,7 @@ from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
 from pd_editor.scene.formats.recorded_map import CenterLane, lanes_of
 from pd_editor.scene.formats.registry import ENTRY_POINTS, formats, writer
-from tests.cli.shell import Shell
+from tests.cli.shell import Shell, files_of
 
 BROKEN = """
 from dataclasses import replace
@@ -126,6 +126,8 @@ def test_the_current_step_is_after_a_past_unless_it_is_told(folder: Path):
         return int(scenario.agents.is_valid[0, : scenario.current_step].sum())
 
     assert (opened(11.0), opened(4.05), opened(11.0, current_s=8.0)) == (49, 20, 10)
+    # Models sample 6 s, all that is left of 11 s from the first state to the last.
+    assert (opened(11.1), opened(11.2)) == (50, 49)
 
 
 @pytest.mark.usefixtures("joined")
@@ -142,6 +144,12 @@ def test_the_current_step_is_after_a_past_unless_it_is_told(folder: Path):
         ("lanes.csv", "a,4,b,nan,0\na,4,b,10,0", "lane 'a' has points without a place"),
         ("lanes.csv", "a,4,b,0,inf\na,4,b,10,0", "lane 'a' has points without a place"),
         ("lanes.csv", "a,nan,b,0,0\na,nan,b,10,0", "lane 'a' has no width"),
+        ("lanes.csv", "a,-3,b,0,0\na,-3,b,10,0", "lane 'a' is -1.5 m wide to the left"),
+        (
+            "tracks.csv",
+            "car,vehicle,-5,0,0,0\ncar,vehicle,-4,1,0,0",
+            "its current step is at 0 s; expected a time of its tracks, -5 to -4 s",
+        ),
     ],
 )
 def test_a_broken_file_is_one_sentence(folder: Path, table: str, row: str, told: str):
@@ -226,7 +234,12 @@ def test_commands_take_folders_of_a_format(shell: Shell, folder: Path, tmp_path:
     ):
         result = shell.run("convert", where, "--to", "csv-folder", "--out", out / "c", "--overwrite")  # fmt: skip
         assert result.code == 0, result.err
-        found = {Path(one).name for one in result.lines if "losses" not in one}
+        assert "1 links name lanes that the map lacks." in result.out
+        found = {
+            Path(one).name
+            for one in result.lines
+            if ".txt" not in one and " links " not in one
+        }
         assert {one.replace(".", "-") for one in found} == set(names)
     assert (out / "c" / "my_street" / "losses.txt").exists()
     again, first = open_scenario(out / "c" / "my_street"), open_scenario(folder)
@@ -331,3 +344,38 @@ def test_tracks_that_do_not_fit_are_told(changes: dict[str, object], told: str):
     scene = FileScene(path=Path("x"), name="x", lanes=lanes, tracks=(track(**changes),))
     with pytest.raises(FormatError, match=told):
         scene.scenario(b"")
+
+
+@pytest.mark.usefixtures("joined")
+def test_a_part_of_a_long_recording_is_opened(
+    shell: Shell, folder: Path, tmp_path: Path
+):
+    """There was no way to open one."""
+    rows = [f"car,vehicle,{n / 5},{n / 20},0,0" for n in range(2000)]
+    rows += [f"late,vehicle,{n / 10 + 395:.1f},{n / 10},3.5,0" for n in range(30)]
+    (folder / "tracks.csv").write_text("agent,kind,time_s,x_m,y_m,heading_rad\n" + "\n".join(rows))  # fmt: skip
+    with pytest.raises(FormatError, match=r"lasts 400 s; at most 100 s .* --current S"):
+        open_scenario(folder)
+    part = open_scenario(folder, current_s=300.0, until_s=6.0)
+    agents, axis = part.agents, part.time_axis
+    assert (agents.ids, axis.num_steps, axis.current_step) == (("car",), 110, 49)
+    assert agents.is_valid.all()
+    place = agents.position_m[0] + part.origin_city_m
+    np.testing.assert_allclose(place[:, 0], np.arange(2950, 3060) / 40, atol=1e-9)
+    assert open_base(part.reference).reference == part.reference
+    other = open_scenario(folder, current_s=396.0, until_s=2.0)
+    assert (set(other.agents.ids), other.time_axis.num_steps) == ({"car", "late"}, 70)
+    assert other.reference.content_sha256 != part.reference.content_sha256
+    with pytest.raises(FormatError, match="lasts 400 s"):
+        open_scenario(folder, current_s=50.0)
+    with pytest.raises(InputError, match="expected a current step"):
+        open_scenario(folder, current_s=500.0)
+    square = {"around": (74.0, 0.0), "radius_m": 10.0}
+    place = open_scenario(folder, current_s=300.0, until_s=6.0, **square)
+    assert place.agents.ids == ("car",)
+    options = ("--model", "lane-follower", "--current", 300, "--until", 6)
+    made = shell.run("generate", folder, *options, "--out", tmp_path / "g")
+    assert made.code == 0, made.err
+    again = shell.run("replay", made.lines[0], "--out", tmp_path / "r")
+    assert again.code == 0, again.err
+    assert files_of(Path(again.lines[0])) == files_of(Path(made.lines[0]))
