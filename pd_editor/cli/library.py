@@ -312,7 +312,7 @@ def _of_each(
             function,
             {one: one for one in items},
             on_value=told.__setitem__,
-            on_progress=work_shown("scenes"),
+            on_progress=work_shown("scenarios"),
         )
     return told, failures
 

@@ -156,7 +156,8 @@ def added_seed(recipe: Recipe) -> _Path:
 def _in_words(name: str, value: float) -> str:
     unit = _UNIT.search(name)
     said = _UNIT.sub("", name).replace("_", " ")
-    return f"{said} {value:g}{_UNITS[unit[1]] if unit else ''}"
+    told = f"{value:.4g}" if value % 1 else f"{value:.0f}"
+    return f"{said} {told}{_UNITS[unit[1]] if unit else ''}"
 
 
 def _names(known: Collection[_Path]) -> dict[_Path, str]:

@@ -68,7 +68,8 @@ def test_a_recipe_becomes_a_family_of_bends(shell: Shell, tmp_path: Path):
     library.export(tmp_path / "kept", "bend-*", out=tmp_path / "share")
     index = csv.DictReader((tmp_path / "share" / "index.csv").read_text().splitlines())
     assert {(one["parent"], one["values"]) for one in index} == {
-        ("bend", f"power={one['power']:g}; seed={one['seed']}") for one in told.values()
+        ("bend", f"power={one['power']:.10g}; seed={one['seed']}")
+        for one in told.values()
     }
     (page,) = out.glob("*.html")
     names = [one["name"] for one in scenes_in(page.read_bytes())]

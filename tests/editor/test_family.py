@@ -153,4 +153,5 @@ def test_values_are_told_with_their_units():
     values = {"power": 4.0, "gap_m": 8.0, "2.speed_mps": 3.0, "rotation_deg": 20.0}
     told = "power 4, gap 8 m, 2.speed 3 m/s, rotation 20°"
     assert values_in_words(values) == told
-    assert values_in_words({"point_m.0": 1.5, "seed": 3}) == "point.0 1.5 m, seed 3"
+    values = {"point_m.0": 1.23456, "seed": 1234567.0}
+    assert values_in_words(values) == "point.0 1.235 m, seed 1234567"

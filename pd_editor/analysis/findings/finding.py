@@ -191,10 +191,10 @@ def capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def open_in_words(counts: Mapping[str, int]) -> str:
-    """Number of open problems, given by their kinds, and what of guidance is among them."""
+def problems_in_words(counts: Mapping[str, int]) -> str:
+    """Number of new problems, given by their kinds, and what of guidance is among them."""
     total = sum(counts.values())
-    text = f"{total or 'no'} open problem{'s' if total != 1 else ''}"
+    text = f"{total or 'no'} new problem{'s' if total != 1 else ''}"
     parts = [
         f"{counts[kind]} guidance {words}"
         for kind, words in (

@@ -69,7 +69,7 @@ class IndexRow:
     @property
     def values_told(self) -> str:
         """The numbers for tables, by the names that queries use."""
-        return "; ".join(f"{name}={value:g}" for name, value in self.values.items())
+        return "; ".join(f"{name}={value:.10g}" for name, value in self.values.items())
 
     @property
     def num_problems(self) -> int:

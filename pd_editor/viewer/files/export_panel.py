@@ -1,6 +1,7 @@
 """The export panel: name, tags and note of the result, and where it goes."""
 
 import datetime
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +9,10 @@ from typing import Any
 
 import viser
 
-from pd_editor.analysis.findings.finding import open_in_words
+from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.base.errors import InputError
 from pd_editor.editor.variant import name_from_text, tags_from_text
+from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS
 from pd_editor.scene.formats.player import PLAYER, player_page
@@ -19,7 +21,7 @@ from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.scenario import EGO_ID
 from pd_editor.viewer.files.picture_download import PictureDownload
 from pd_editor.viewer.tab.panel_style import FixedText
-from pd_editor.viewer.tab.ui_context import UiContext, set_value
+from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 
 class ExportPanel:
@@ -40,6 +42,18 @@ class ExportPanel:
                 "Format",
                 tuple(one.title for one in formats().values() if one.write),
                 hint="What a format cannot say is listed in losses.txt",
+            )
+            self._moments = gui.add_text(
+                "Moments",
+                "0",
+                hint="Of the figure, side by side: seconds after t = 0, such as 0, 2, 4",
+                visible=False,
+            )
+            self._compares = gui.add_checkbox(
+                "Original above",
+                False,
+                hint="The scene before its road was warped, above the figure",
+                visible=False,
             )
             self._download = gui.add_button(
                 "Download zip",
@@ -69,11 +83,15 @@ class ExportPanel:
                 hint="recipe.json, which pd-editor replay applies again",
             )
         self._pictures = PictureDownload(ui)
+        ui.on_click(write, self._write)
+        ui.on_click(edits, self._download_edits)
+        self._connect()
+
+    def _connect(self) -> None:
+        ui = self._ui
         ui.on_click(self._download, self.download)
         ui.on_change(self._format, self._format_chosen)
         ui.on_click(self._save, self._model.save_requested.emit)
-        ui.on_click(write, self._write)
-        ui.on_click(edits, self._download_edits)
         ui.on_change(self._name, self._name_typed, merge_key="variant name")
         for handle in (self._tags, self._note):
             ui.on_change(handle, lambda _text: self._describe(), merge_key="variant")
@@ -95,7 +113,7 @@ class ExportPanel:
         self._show_preflight()
 
     def _show_preflight(self) -> None:
-        """One line: focal agent, ego, open problems."""
+        """One line: focal agent, ego, new problems."""
         scenario = self._ui.session.scenario
         agents = scenario.agents
         focal = (
@@ -103,7 +121,7 @@ class ExportPanel:
         )
         ego = "ego ok" if EGO_ID in agents.row_of else "ego missing"
         counts = Counter(one.kind for one in self._model.findings.new)
-        line = f"{focal} · {ego} · {open_in_words(counts)}"
+        line = f"{focal} · {ego} · {problems_in_words(counts)}"
         # In bold where the export lacks something.
         is_good = scenario.focal_id in agents.row_of and not counts
         self._preflight.show(*(("", line) if is_good else (line,)))
@@ -123,13 +141,32 @@ class ExportPanel:
         session, chosen = self._ui.session, self._chosen()
         named = replace(session.scenario, scenario_id=session.name)
         if chosen.name in LOOKS:
-            self._pictures.start(named, chosen.name)
+            self._pictures.start(named, chosen.name, self._look(chosen.name))
             return
         if chosen is PLAYER:
             name, content = f"{session.name}.html", player_page([named])
         else:
             name, content = self._workspace.exported_zip(chosen.name)
         self._ui.client.send_file_download(name, content, save_immediately=True)
+
+    def _look(self, ending: str) -> FilmLook | FigureLook:
+        """How a film or figure is to look.
+
+        Raises:
+            InputError: a moment is no number.
+        """
+        look = LOOKS[ending]
+        if isinstance(look, FilmLook):
+            return look
+        moments = re.split(r"[,;\s]+", str(self._moments.value).strip(" ,;") or "0")
+        try:
+            at_s = tuple(map(float, moments))
+        except ValueError:
+            raise InputError(
+                f"Moments: {', '.join(moments)[:40]} are no seconds; expected numbers such as"
+                " 0, 2, 4."
+            ) from None
+        return replace(look, at_s=at_s, compares=bool(self._compares.value))
 
     def format_name(self) -> str:
         """Name of the chosen format.
@@ -152,6 +189,9 @@ class ExportPanel:
 
     def _format_chosen(self, _title: str) -> None:
         chosen = self._chosen()
+        is_figure = isinstance(LOOKS.get(chosen.name), FigureLook)
+        for handle in (self._moments, self._compares):
+            set_property(handle, "visible", is_figure)
         is_alone = chosen is PLAYER or chosen.name in LOOKS
         kind = "HTML" if chosen is PLAYER else chosen.name.upper()
         self._download.label = f"Download {kind if is_alone else 'zip'}"

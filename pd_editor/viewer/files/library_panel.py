@@ -7,7 +7,7 @@ from typing import Final
 
 import viser
 
-from pd_editor.analysis.findings.finding import open_in_words
+from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.base.errors import ExportError, InputError
 from pd_editor.editor.library.library import SORTS, LibraryCard
 from pd_editor.editor.variant import tags_from_text
@@ -17,6 +17,7 @@ from pd_editor.viewer.tab.panel_style import FixedText, PicturePages, PictureRow
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
 ZIP_NAME = "scenarios.zip"
+_ALL, _NONE = "All found", "None"
 PAGE: Final = 12
 """Number of scenarios that are shown at a time."""
 _ORDERS: Final = {
@@ -61,28 +62,8 @@ class LibraryPanel:
             )
             self._sort = gui.add_dropdown("Sort", tuple(_ORDERS))
             self._count = FixedText(gui, 2)
-            self._open = gui.add_button(
-                "Open from library",
-                icon=viser.Icon.FOLDER_OPEN,
-                hint="The one that is ticked",
-            )
-            self._download = gui.add_button(
-                "Download 0 scenarios",
-                icon=viser.Icon.DOWNLOAD,
-                hint="One zip, in the format above: a folder for each scenario, and index.csv",
-            )
-            self._tags = gui.add_text("Tags of these", "", hint="Separated by commas")
-            self._tag = gui.add_button("Tag 0 scenarios", color="gray")
-            self._untag = gui.add_button("Untag 0 scenarios", color="gray")
-            self._remove = gui.add_button(
-                "Remove 0 scenarios", color="gray", hint="Those that are ticked"
-            )
-            self._put_back = gui.add_button(
-                "Put back",
-                color="gray",
-                hint="All that was removed here",
-                visible=False,
-            )
+            self._tick = gui.add_button_group("Tick", (_ALL, _NONE))
+            self._add_buttons()
             self._pages = PicturePages[LibraryCard](
                 ui,
                 PAGE,
@@ -93,10 +74,36 @@ class LibraryPanel:
         self._connect()
         self.refresh()
 
+    def _add_buttons(self) -> None:
+        gui = self._ui.client.gui
+        self._open = gui.add_button(
+            "Open from library",
+            icon=viser.Icon.FOLDER_OPEN,
+            hint="The one that is ticked",
+        )
+        self._download = gui.add_button(
+            "Download 0 scenarios",
+            icon=viser.Icon.DOWNLOAD,
+            hint="One zip, in the format above: a folder for each scenario, and index.csv",
+        )
+        self._tags = gui.add_text("Tags of these", "", hint="Separated by commas")
+        self._tag = gui.add_button("Tag 0 scenarios", color="gray")
+        self._untag = gui.add_button("Untag 0 scenarios", color="gray")
+        self._remove = gui.add_button(
+            "Remove 0 scenarios", color="gray", hint="Those that are ticked"
+        )
+        self._put_back = gui.add_button(
+            "Put back",
+            color="gray",
+            hint="All that was removed here",
+            visible=False,
+        )
+
     def _connect(self) -> None:
         ui = self._ui
         for handle in (self._line, self._sort):
             ui.on_change(handle, lambda _value: self.refresh(), merge_key="library")
+        ui.on_option(self._tick, self._tick_found)
         ui.on_click(self._open, self._open_ticked)
         ui.on_click(self._download, self.download)
         ui.on_click(self._tag, partial(self._change_tags, is_added=True))
@@ -133,7 +140,7 @@ class LibraryPanel:
         self.refresh()
         self._ui.notify(
             f"{'Updated in the library' if is_update else 'Saved to library'}: {card.name}",
-            f"With {open_in_words(card.row.problems)}.",
+            f"With {problems_in_words(card.row.problems)}.",
             "warning" if card.row.problems else "success",
         )
 
@@ -228,18 +235,26 @@ class LibraryPanel:
         self._workspace.ticked ^= {card.name}
         self._show()
 
+    def _tick_found(self, option: str) -> None:
+        """Tick all that is found, or none at all."""
+        if option == _ALL:
+            self._workspace.ticked |= set(self.listed)
+        else:
+            self._workspace.ticked.clear()
+        self._show()
+
     def _row(self, card: LibraryCard) -> PictureRow:
         row, is_ticked = card.row, card.name in self._workspace.ticked
         count = row.num_problems
         problems = f"{count} problem{'s' * (count != 1)}" if count else ""
         edits = "; ".join(row.edits) or "without edits"
+        title = " · ".join(filter(None, [card.name, problems, *row.tags]))
         return PictureRow(
-            label=" · ".join(
-                filter(None, [card.name, row.lineage, problems, *row.tags])
-            ),
+            label="\n".join(filter(None, [title, row.lineage, row.note])),
             hint=f"{row.note} {edits}".strip(),
             icon=viser.Icon.SQUARE_CHECK if is_ticked else viser.Icon.SQUARE,
             drawn=card,
+            is_ticked=is_ticked,
         )
 
     def _open_ticked(self) -> None:

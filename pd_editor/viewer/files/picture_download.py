@@ -11,7 +11,7 @@ from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.commands.command import shortened
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
-from pd_editor.scene.formats.pictures import LOOKS, picture
+from pd_editor.scene.formats.pictures import picture
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -25,7 +25,9 @@ class PictureDownload:
         self._job: _Drawing | None = None
         self._notice: viser.NotificationHandle | None = None
 
-    def start(self, scenario: Scenario, ending: str) -> None:
+    def start(
+        self, scenario: Scenario, ending: str, look: FilmLook | FigureLook
+    ) -> None:
         """Begin to draw, about the selected agent if there is one.
 
         Raises:
@@ -38,7 +40,7 @@ class PictureDownload:
         whom = f"following {shortened(follow)}" if follow else "about the focal agent"
         title = f"Drawing {scenario.scenario_id}.{ending}, {whom}"
         self._notice = self._ui.notify(title, stays=True)
-        look = replace(LOOKS[ending], follow=follow)
+        look = replace(look, follow=follow)
         self._job = _Drawing(self, self._ui.post, scenario, ending, look)
         self._job.start()
 

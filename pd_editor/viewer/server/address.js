@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (ea8357f466ab565e); not to be edited. */
+/* Built by .ci/client.py from client/ (7e48539ab71e5f4d); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

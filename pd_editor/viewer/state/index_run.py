@@ -89,9 +89,10 @@ class IndexRun:
             if self._job is not job:
                 return
             self.index, self.num_missing = index, writer.num_missing
+            noun = "scenarios" if isinstance(self.dataset, Library) else "scenes"
             if progress is not None:
                 self.fraction = progress.num_done / max(progress.num_items, 1)
-                self.words = f"{progress_line(progress, job.elapsed_s, 'scenes')}."
+                self.words = f"{progress_line(progress, job.elapsed_s, noun)}."
             elif writer.is_broken and self.fraction is None:
                 self.words = f"{self.file.name} cannot be read; it is to be made anew."
             self.stamp += 1

@@ -19,7 +19,7 @@ LINE_PX: Final = 20
 ROW_PX: Final = 72
 MAX_HINT: Final = 500
 Item = TypeVar("Item")
-_BEFORE, _AFTER = "Earlier", "Later"
+_BEFORE, _AFTER = "Previous", "Next"
 WITH_PAST: Final = "With a made-up past (5 s)"
 
 
@@ -77,6 +77,7 @@ class PictureRows:
         """Whether the list is gone, so that no picture is needed any more."""
         self._rules: dict[str, str] = {}
         self._element = gui.add_html("")
+        self._ticks = gui.add_html("")
 
     def add(
         self,
@@ -103,11 +104,29 @@ class PictureRows:
             "border:1px solid rgba(128,144,160,0.4);"
             f"background:{image} no-repeat left center/"
             f"{ROW_PX * 3 // 2}px {ROW_PX - 2}px,rgba(128,144,160,0.1)}}"
+            # viser's own colour of a button under the mouse is dark.
+            f"{name}:hover:not([data-disabled]){{background-color:rgba(128,144,160,0.22);"
+            "color:var(--mantine-color-text)}"
             f"{name} .mantine-Button-inner{{justify-content:flex-start}}"
+            f"{name} .mantine-Button-section svg{{width:20px;height:20px}}"
             f"{name} .mantine-Button-label{{display:block;height:auto;text-box:normal;"
-            "line-height:1.3;text-align:left;white-space:normal;overflow-wrap:anywhere}"
+            "line-height:1.3;text-align:left;white-space:pre-line;overflow-wrap:anywhere;"
+            f"font-weight:400;max-height:{ROW_PX - 4}px;padding-left:8px}}"
+            f"{name} .mantine-Button-label::first-line{{font-weight:600}}"
         )
         self._show()
+
+    def tick(self, rows: Iterable[viser.GuiButtonHandle]) -> None:
+        """Show which rows are ticked."""
+        names = [f'[id="{one._impl.uuid}"]' for one in rows]
+        edge = "var(--mantine-primary-color-filled)"
+        rules = (
+            f"{one}{one}{{border-color:{edge};box-shadow:inset 0 0 0 1px {edge};"
+            f"background-color:rgba(28,111,209,0.14)}}"
+            f"{one}{one} .mantine-Button-section{{color:{edge}}}"
+            for one in names
+        )
+        set_property(self._ticks, "content", f"<style>{''.join(rules)}</style>")
 
     def draw_later(
         self,
@@ -137,6 +156,7 @@ class PictureRow:
     icon: Any
     drawn: object
     """What its picture shows, which is drawn anew when this changes."""
+    is_ticked: bool = False
 
 
 class PicturePages(Generic[Item]):
@@ -170,7 +190,7 @@ class PicturePages(Generic[Item]):
         self._items, count = items, len(items)
         first = self._first if at is None else at
         self._first = min(first, max(count - 1, 0)) // self._size * self._size
-        page, pictures = self._page(), []
+        page, pictures, ticked = self._page(), [], []
         for number, row in enumerate(self._rows):
             set_property(row, "visible", number < len(page))
             if number >= len(page):
@@ -179,11 +199,16 @@ class PicturePages(Generic[Item]):
             set_property(row, "label", shown.label)
             set_property(row, "hint", shown.hint[:MAX_HINT] or None)
             set_property(row, "icon", shown.icon)
+            if shown.is_ticked:
+                ticked.append(row)
             if self._drawn.get(number) != shown.drawn:
                 self._drawn[number] = shown.drawn
                 pictures.append((row, partial(self._picture, number)))
+        self._pictures.tick(ticked)
+        told = f"{self._first + 1} to {self._first + len(page)} of {count}"
+        set_property(self._pages, "label", told)
         set_property(self._pages, "visible", count > self._size)
-        self._tell(f"{self._first + 1} to {self._first + len(page)} of {count}")
+        self._tell(told)
         self._pictures.draw_later(self._ui.post, pictures)
 
     def _page(self) -> Sequence[Item]:

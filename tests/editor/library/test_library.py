@@ -17,7 +17,7 @@ from filelock import FileLock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.analysis.findings.finding import open_in_words
+from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import EditError, ExportError, InputError
@@ -145,7 +145,7 @@ def test_a_threat_that_was_never_run_is_told_in_the_table():
     (line,) = csv.DictReader(io.StringIO(index_csv([row]).decode()))
     assert line["num_problems"] == "1"
     assert line["guidance"] == row.guidance[0]
-    assert open_in_words(row.problems) == "1 open problem (1 guidance not run)"
+    assert problems_in_words(row.problems) == "1 new problem (1 guidance not run)"
 
 
 def test_asked_and_achieved_are_in_the_table():

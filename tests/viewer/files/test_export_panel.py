@@ -10,6 +10,7 @@ from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS
 from tests.scene.formats.embedded_scenes import scenes_in
 from tests.viewer.fake_browser import connected_tab, running_app, until
+from tests.viewer.files.test_family_panel import warped
 
 
 def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
@@ -179,3 +180,32 @@ def test_what_cannot_be_drawn_is_told(tmp_path: Path):
             tab.press("Download PDF")
             until(lambda: len(tab.notices) > 1)
             assert "20 to 1000 mm" in tab.refusal()
+
+
+def test_moments_and_the_original_of_a_figure_are_chosen(tmp_path: Path):
+    with (
+        running_app(tmp_path, "crosswalk") as app,
+        connected_tab(app) as tab,
+        mock.patch.object(tab.ui.client, "send_file_download") as send,
+    ):
+        assert not tab.field("Moments").visible
+        tab.type("Format", "Figure (SVG)")
+        until(lambda: tab.field("Moments").visible)
+        tab.type("Moments", "0, 2 4;")
+        tab.press("Download SVG")
+        until(lambda: send.called)
+        content = send.call_args[0][1].decode()
+        assert content.count('id="axes_') == 3
+        tab.type("Moments", "soon")
+        tab.press("Download SVG")
+        until(lambda: "expected numbers such as 0, 2, 4" in str(tab.notices))
+        tab.type("Moments", "")
+        tab.type("Original above", True)
+        tab.press("Download SVG")
+        until(lambda: "has no original to compare with" in str(tab.notices))
+        warped(tab)
+        tab.press("Download SVG")
+        until(lambda: send.call_count == 2)
+        assert send.call_args[0][1].decode().count('id="axes_') == 2
+        tab.type("Format", "Argoverse 2")
+        until(lambda: not tab.field("Original above").visible)

@@ -194,7 +194,7 @@ def test_one_line_finds_words_and_what_happens(tabs):
     until(lambda: found("CUT-in") == ["fast"])
     until(lambda: found("calm bold") == ["fast"])
     until(lambda: found("calm") == ["fast", "quiet"])
-    until(lambda: "fast · calm · cut-in" in tab.inputs())
+    until(lambda: "fast · calm · cut-in\n<b>bold</b>" in tab.inputs())
     # What happens is read in the background first.
     until(lambda: found("agents > 0 and not city = miami") == ["fast", "quiet"])
     until(lambda: found("agents < 0") == [])
@@ -223,7 +223,7 @@ def test_what_is_found_is_tagged_at_once(tabs):
     until(lambda: "Untag 1 scenario" in tab.inputs())
     tab.type("Tags of these", "b")
     tab.press("Untag 1 scenario")
-    until(lambda: "two · c" in tab.inputs())
+    until(lambda: "two · c\nthe fast one" in tab.inputs())
     one, two = tab.tab.workspace.library.cards()
     assert (one.row.tags, two.row.tags) == (("a", "b", "c"), ("c",))
     tab.type("Tags of these", " ,")
@@ -243,11 +243,11 @@ def test_a_shell_on_the_same_library_is_followed(tmp_path: Path):
         pd_editor.library.add(folder, "merge")
         until(lambda: listed(tab) == ["merge", "mine"])
         pd_editor.library.tag(folder, "*", add=("b",), note="seen")
-        until(lambda: "mine · a · b" in tab.inputs())
+        until(lambda: "mine · a · b\nseen" in tab.inputs())
         until(lambda: tab.session.variant.note == "seen")
         tab.press("Save to library")
         assert tab.notices[-1] == IS_KEPT
-        tab.press("merge · b")
+        tab.press("merge · b\nseen")
         until(lambda: tab.elements.library.chosen == ["merge"])
         tab.press("Open from library")
         until(lambda: tab.tab.workspace.session.base.scenario_id == "merge")
@@ -264,7 +264,56 @@ def test_pages_of_a_large_library(tmp_path: Path):
             library.add(shown, {}, "<svg/>")
         until(lambda: len(listed(tab)) == PAGE + 1)
         until(lambda: "first" not in tab.inputs())
-        tab.enter(tab.inputs()["Page"][-1], "Later")
+        tab.enter(tab.inputs()[f"1 to {PAGE} of {PAGE + 1}"][-1], "Next")
         until(lambda: "first" in tab.inputs())
+        assert f"{PAGE + 1} to {PAGE + 1} of {PAGE + 1}" in tab.inputs()
         tab.press("first")
         until(lambda: "Download 1 scenario" in tab.inputs())
+
+
+def test_all_that_is_found_is_ticked_at_once(tabs):
+    tab, _ = tabs
+    star(tab, name="slow")
+    drive(tab, 9.0)
+    star(tab, name="fast")
+    drive(tab, 12.0)
+    star(tab, name="faster")
+    tab.type("Find", "fast")
+    until(lambda: listed(tab) == ["faster", "fast"])
+    tab.type("Tick", "All found")
+    until(lambda: "Remove 2 scenarios" in tab.inputs())
+    tab.type("Find", "")
+    until(lambda: len(listed(tab)) == 3)
+    assert tab.elements.library.chosen == ["faster", "fast"]
+    tab.type("Tick", "None")
+    until(lambda: "Remove 0 scenarios" in tab.inputs())
+    assert len(tab.elements.library.chosen) == 3
+
+
+def test_members_of_a_family_are_found_by_their_values(tmp_path: Path):
+    folder = tmp_path / "kept"
+    bent = pd_editor.warp(
+        "merge", kind="smooth-turn", power=5, name="bend", out=tmp_path
+    )
+    made = pd_editor.family(
+        bent.folder,
+        vary="power=2..6",
+        num=2,
+        model="lane-follower",
+        out=tmp_path / "of",
+    )
+    pd_editor.library.add(folder, made.folders[:2], note="kept")
+    with (
+        running_app(tmp_path / "state", "crosswalk", library=folder) as app,
+        connected_tab(app) as tab,
+    ):
+        powers = {
+            one.name: one.row.values["power"]
+            for one in tab.tab.workspace.library.cards()
+        }
+        tab.type("Find", "power > 4 and parent = bend")
+        large = [name for name, power in powers.items() if power > 4]
+        # Nothing needs to be read for that.
+        until(lambda: listed(tab) == large)
+        (label,) = (one for one in tab.inputs() if one.startswith(large[0]))
+        assert f"variant of bend: power {powers[large[0]]:.4g}\nkept" in label
