@@ -74,7 +74,7 @@ def render(
         current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
         until: Seconds after the current step that are kept, such as 6.
         at: Moments of a figure side by side, in seconds after the current step.
-        compare: Draw above a figure the scene before its recipe warped the road.
+        compare: Draw above a figure the scene before its recipe warped the road; in a page, two scenes side by side on one clock.
         names: Write agents' ids into a figure.
         width: Width of a figure in millimetres.
         height: Height of a film in pixels.
@@ -84,9 +84,10 @@ def render(
     """
     several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
     target = user_path(str(out))
+    is_pair = compare and target.suffix.lower() == ".html"
     asked = {
         "at": at,
-        "compare": compare,
+        "compare": compare and not is_pair,
         "names": names,
         "width": width,
         "height": height,
@@ -105,7 +106,11 @@ def render(
     found = tuple(replace(one.scenario, scenario_id=one.name) for one in sessions)
     if not found:
         raise EditError("Missing SCENARIO; see pd-editor render --help.")
-    content = _content(found, target, look)
+    if is_pair and len(found) != 2:
+        raise ExportError(
+            f"{target}: --compare shows two scenes side by side, not {len(found)}."
+        )
+    content = _content(found, target, look, is_pair=is_pair)
     write_whole(target, content)
     count = f"{len(found)} scene{'s' * (len(found) != 1)}"
     return Outcome(
@@ -116,10 +121,14 @@ def render(
 
 
 def _content(
-    scenarios: Sequence[Scenario], target: Path, look: FigureLook | FilmLook | None
+    scenarios: Sequence[Scenario],
+    target: Path,
+    look: FigureLook | FilmLook | None,
+    *,
+    is_pair: bool,
 ) -> bytes:
     if look is None:
-        return player_page(scenarios)
+        return player_page(scenarios, is_pair=is_pair)
     scenario, *others = scenarios
     ending = target.suffix.lower().removeprefix(".")
     if others:

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import replace
-from operator import methodcaller
+from operator import methodcaller, ne
 from pathlib import Path
 
 import pytest
@@ -182,3 +182,41 @@ def test_a_notebook_plays_it_in_its_output(browser):
     expect(frame.get_by_text("11 agents")).to_be_visible()
     expect(frame.get_by_label("Time shown")).not_to_have_text("\u22124.9 s")
     page.close()
+
+
+def test_two_scenes_play_side_by_side_on_one_clock(browser, tmp_path: Path):
+    plain = open_scenario("signalised-junction")
+    late = replace(open_scenario("roundabout"), scenario_id=EVIL)
+    path = tmp_path / "pair.html"
+    path.write_bytes(player_page([plain, late], is_pair=True))
+    context = browser.new_context(
+        offline=True, reduced_motion="reduce", viewport={"width": 900, "height": 480}
+    )
+    page = context.new_page()
+    told: list[str] = []
+    page.on("pageerror", lambda error: told.append(str(error)))
+    page.goto(path.as_uri())
+    expect(page.get_by_role("heading", name="signalised-junction")).to_be_visible()
+    expect(page.get_by_role("heading", name=EVIL)).to_be_visible()
+    expect(page.get_by_label("Scenes")).to_be_hidden()
+    traffic = page.locator("canvas")
+    boxes = [traffic.nth(number).bounding_box() for number in (0, 2)]
+    assert [round(box["x"]) for box in boxes] == [0, 450]
+
+    def pictures() -> list[str]:
+        page.wait_for_timeout(200)
+        canvases = [traffic.nth(number) for number in (1, 3)]
+        return [one.evaluate("canvas => canvas.toDataURL()") for one in canvases]
+
+    before = pictures()
+    page.keyboard.press("l")
+    assert all(map(ne, before, pictures()))
+    # A drag over either moves both.
+    before = pictures()
+    page.mouse.move(700, 240)
+    page.mouse.down()
+    page.mouse.move(760, 280, steps=4)
+    page.mouse.up()
+    assert all(map(ne, before, pictures()))
+    context.close()
+    assert not told

@@ -65,3 +65,14 @@ def test_options_of_another_kind_and_several_scenes_are_refused(
     told = shell.refused("render", "merge", "queue", "--out", tmp_path / "a.webm")
     assert told.endswith("pd-editor convert --to webm writes one file for each.")
     assert not list(tmp_path.iterdir())
+
+
+def test_two_scenes_are_compared_in_a_page(shell: Shell, tmp_path: Path):
+    page = tmp_path / "pair.html"
+    asked = ("--compare", "--out", page)
+    assert shell.run("render", "merge", "roundabout", *asked).code == 0
+    content = page.read_bytes()
+    assert [one["name"] for one in scenes_in(content)] == ["merge", "roundabout"]
+    assert b"data-pair>" in content
+    told = shell.refused("render", "merge", *asked, "--overwrite")
+    assert "shows two scenes side by side, not 1" in told

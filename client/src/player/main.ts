@@ -1,7 +1,7 @@
 // The player: a page of its own, in which nobody edits. Python puts its scenes into it.
 import { inWords, stepAfter } from "../clock.ts";
 import { button, hasModifier, icon, isTyping, make, option, within } from "../dom.ts";
-import { clamp, distance, type Pixel } from "../geometry.ts";
+import { clamp, distance, type Ground, type Pixel } from "../geometry.ts";
 import { Camera, SLANT } from "./camera.ts";
 import { drawRoad, drawTraffic, type Look, type Shown } from "./drawing.ts";
 import { boundsOf, poseAt, read, type Scene } from "./scene.ts";
@@ -11,6 +11,8 @@ const ZOOM_STEP = 1.25;
 const TURN_PER_PIXEL = 0.006;
 const MOST_SLANT = 1.3;
 const CLICK_PIXELS = 5;
+/** Scenes whose agents are nearer than that are on one map. */
+const NEAR_M = 50;
 const KEYS = [
   ["Space, K", "play or pause"],
   [", .  \u2190 \u2192", "a frame back or on; with Shift ten"],
@@ -25,9 +27,16 @@ const KEYS = [
 ];
 
 const entries: { name: string; data: string }[] = JSON.parse(document.getElementById("scenes")?.textContent ?? "[]");
+/** Whether the first two are shown side by side, on one clock and with one view. */
+const isPair = document.body.hasAttribute("data-pair");
 const camera = new Camera();
 const look: Look = { theme: 0, ratio: 1, chosen: null, hovered: null, compares: false };
 let scene: Scene | null = null;
+let other: Scene | null = null;
+const otherCamera = new Camera();
+let otherShown: Shown[] = [];
+/** From the first one's place to the other's, for roads that lie elsewhere. */
+let shift: Ground = [0, 0];
 let number = 0;
 let head = { step: 0, isPlaying: !matchMedia("(prefers-reduced-motion: reduce)").matches, speed: 1, loops: true };
 let since = performance.now();
@@ -38,7 +47,9 @@ let isTrafficOld = true;
 
 // What is on the page.
 const stage = make("main", "pd-stage", { "aria-label": "Top view of the scene" });
-const [road, traffic] = [make("canvas"), make("canvas")];
+const [road, traffic, otherRoad, otherTraffic] = [make("canvas"), make("canvas"), make("canvas"), make("canvas")];
+const otherTitle = make("h1");
+const otherLabel = make("div", "pd-label", { role: "note" });
 const title = make("h1");
 const facts = make("p");
 const credit = make("p", "pd-credit");
@@ -61,7 +72,10 @@ function build() {
   const top = make("header", "pd-head");
   top.append(title, facts);
   about.hidden = true;
-  stage.append(road, traffic, top, credit, ...labels, about);
+  const beside = make("header", "pd-head");
+  beside.append(otherTitle);
+  const others = isPair ? [otherRoad, otherTraffic, beside, otherLabel] : [];
+  stage.append(road, traffic, top, credit, ...others, ...labels, about);
   for (const value of SPEEDS) speed.append(option(value, `${value}\u00d7`));
   speed.value = "1";
   const track = make("div", "pd-track");
@@ -73,17 +87,23 @@ function build() {
   entries.forEach((entry, index) => {
     list.append(button("", entry.name, () => open(index)));
   });
-  list.hidden = entries.length < 2;
+  list.hidden = isPair || entries.length < 2;
   document.body.append(list, stage, bar);
 }
 
 const stepNow = (): number =>
   scene
-    ? stepAfter((performance.now() - since) / 1000, head, { ...scene, beginStep: scene.first, endStep: scene.last })
+    ? stepAfter((performance.now() - since) / 1000, head, { ...scene, beginStep: begin(scene), endStep: end(scene) })
     : 0;
 
+/** The other scene's step when the first one is at a step: both are as far from t = 0. */
+const otherStep = (step: number, from: Scene, to: Scene) =>
+  to.current + ((step - from.current) * from.stepS) / to.stepS;
+const begin = (one: Scene) => Math.min(one.first, other ? Math.ceil(otherStep(other.first, other, one)) : one.first);
+const end = (one: Scene) => Math.max(one.last, other ? Math.floor(otherStep(other.last, other, one)) : one.last);
+
 function seek(step: number, change: Partial<typeof head> = {}) {
-  head = { ...head, ...change, step: scene ? clamp(step, scene.first, scene.last) : 0 };
+  head = { ...head, ...change, step: scene ? clamp(step, begin(scene), end(scene)) : 0 };
   since = performance.now();
   isTrafficOld = true;
   play.replaceChildren(head.isPlaying ? pauseIcon : playIcon);
@@ -141,6 +161,7 @@ async function open(index: number) {
   let found: Scene;
   try {
     found = await read(entry.data);
+    if (isPair) other = await read(entries[1].data);
   } catch (error) {
     facts.textContent = `This browser cannot read the scene: ${error}`;
     return;
@@ -148,15 +169,21 @@ async function open(index: number) {
   // Another one may have been asked for meanwhile.
   if (number !== index) return;
   scene = found;
+  if (other) {
+    const [here, there] = [middleOf(scene), middleOf(other)];
+    shift = distance(here, there) > NEAR_M ? [there[0] - here[0], there[1] - here[1]] : [0, 0];
+    otherTitle.textContent = entries[1].name;
+  }
   choose(null);
   look.hovered = null;
-  const duration = ((found.last - found.first) * found.stepS).toFixed(1);
+  const [from, to] = [begin(found), end(found)];
+  const duration = ((to - from) * found.stepS).toFixed(1);
   facts.textContent = [found.city, `${found.agents.length} agents`, `${duration} s`].filter(Boolean).join(" \u00b7 ");
   credit.textContent = found.attribution;
-  slider.min = String(found.first);
-  slider.max = String(found.last);
-  zero.style.left = `${(100 * (found.current - found.first)) / Math.max(found.last - found.first, 1)}%`;
-  original.hidden = !found.original;
+  slider.min = String(from);
+  slider.max = String(to);
+  zero.style.left = `${(100 * (found.current - from)) / Math.max(to - from, 1)}%`;
+  original.hidden = !(found.original || other?.original);
   if (original.hidden) look.compares = false;
   pressed(original, look.compares);
   const keys = make("dl");
@@ -165,17 +192,25 @@ async function open(index: number) {
     ...[found.attribution, ...found.notes].filter(Boolean).map((text) => make("p", "", {}, text)),
     keys,
   );
-  seek(found.first);
+  seek(from);
   fit();
+}
+
+/** The place of the agent that a scene is about, at t = 0. */
+function middleOf(one: Scene): Ground {
+  const focus = one.agents.find(({ id }) => id === one.focus);
+  const [low, high] = boundsOf(one);
+  return (focus && poseAt(focus, one.current)?.at) ?? [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
 }
 
 // The picture.
 function resize() {
   look.ratio = window.devicePixelRatio || 1;
-  const { width, height } = stage.getBoundingClientRect();
+  const { width: whole, height } = stage.getBoundingClientRect();
+  const width = isPair ? whole / 2 : whole;
   const isFirst = camera.width <= 1;
   [camera.width, camera.height] = [width, height];
-  for (const canvas of [road, traffic]) {
+  for (const canvas of [road, traffic, otherRoad, otherTraffic]) {
     canvas.width = Math.round(width * look.ratio);
     canvas.height = Math.round(height * look.ratio);
   }
@@ -183,17 +218,17 @@ function resize() {
   if (isFirst) fit();
 }
 
-function showLabel(label: HTMLElement, id: string | null) {
-  const found = shown.find(({ agent }) => agent.id === id);
+function showLabel(label: HTMLElement, id: string | null, among = shown, from = camera, left0 = 0) {
+  const found = among.find(({ agent }) => agent.id === id);
   label.hidden = !found;
   if (!found) return;
   const { agent, pose } = found;
   label.textContent = `${agent.id}\n${agent.kind} \u00b7 ${pose.speed.toFixed(1)} m/s`;
-  const [x, y] = camera.pixel(pose.at);
+  const [x, y] = from.pixel(pose.at);
   const side = (agent.size[0] / 2) * camera.scale + 8;
   const left = clamp(x + Math.min(side, 40), 4, camera.width - label.offsetWidth - 4);
   const above = y - camera.rise(agent.size[2]) - Math.min(side, 40) - label.offsetHeight;
-  label.style.transform = `translate(${left}px, ${clamp(above, 4, camera.height - label.offsetHeight - 4)}px)`;
+  label.style.transform = `translate(${left0 + left}px, ${clamp(above, 4, camera.height - label.offsetHeight - 4)}px)`;
 }
 
 function frame() {
@@ -209,6 +244,7 @@ function frame() {
   }
   if (isRoadOld) drawRoad(under, scene, camera, look);
   shown = drawTraffic(over, scene, camera, look, step);
+  drawOther(step);
   isRoadOld = isTrafficOld = false;
   slider.value = String(step);
   const words = inWords(step - scene.current, scene);
@@ -218,12 +254,22 @@ function frame() {
   }
   showLabel(labels[0], look.chosen);
   showLabel(labels[1], look.hovered === look.chosen ? null : look.hovered);
+  if (other) showLabel(otherLabel, look.hovered ?? look.chosen, otherShown, otherCamera, camera.width);
+}
+
+function drawOther(step: number) {
+  const [under, over] = [otherRoad.getContext("2d"), otherTraffic.getContext("2d")];
+  if (!scene || !other || !under || !over) return;
+  Object.assign(otherCamera, camera, { middle: [camera.middle[0] + shift[0], camera.middle[1] + shift[1]] });
+  if (isRoadOld) drawRoad(under, other, otherCamera, look);
+  otherShown = drawTraffic(over, other, otherCamera, look, otherStep(step, scene, other));
 }
 
 /** The agent under a pixel, or so many pixels from it. */
 function agentAt(pixel: Pixel, reach: number): string | null {
-  const hits = shown.flatMap(({ agent, pose: { at, heading } }) => {
-    const place = camera.ground([pixel[0], pixel[1] + camera.rise(agent.size[2]) / 2]);
+  const [among, from] = isOther ? [otherShown, otherCamera] : [shown, camera];
+  const hits = among.flatMap(({ agent, pose: { at, heading } }) => {
+    const place = from.ground([pixel[0], pixel[1] + camera.rise(agent.size[2]) / 2]);
     const [dx, dy] = [place[0] - at[0], place[1] - at[1]];
     const [cos, sin] = [Math.cos(heading), Math.sin(heading)];
     const [along, across] = [Math.abs(dx * cos + dy * sin), Math.abs(dy * cos - dx * sin)];
@@ -236,9 +282,13 @@ function agentAt(pixel: Pixel, reach: number): string | null {
 // Pointers, of which two pinch.
 const pointers = new Map<number, Pixel>();
 let moved = 0;
+/** Whether the pointer is over the other scene. */
+let isOther = false;
 const pixelOf = (event: MouseEvent): Pixel => {
   const { left, top } = stage.getBoundingClientRect();
-  return [event.clientX - left, event.clientY - top];
+  const x = event.clientX - left;
+  if (!pointers.size) isOther = isPair && x >= camera.width;
+  return [isOther ? x - camera.width : x, event.clientY - top];
 };
 const onPicture = (event: Event) => !within(event, ".pd-about");
 
@@ -304,6 +354,7 @@ function zoom(factor: number) {
   isRoadOld = true;
 }
 function ofSet(change: number) {
+  if (isPair) return;
   const index = clamp(number + change, 0, entries.length - 1);
   if (index !== number) open(index);
 }

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (7e48539ab71e5f4d); not to be edited. */
+/* Built by .ci/client.py from client/ (8fe6f4cfbd2e1e4a); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts
@@ -233,9 +233,9 @@
         pen.fill(pathOf(layer, arrowsOf(layer), true));
       } else if (layer.width) {
         pen.lineWidth = atLeast(layer.width, 0.6);
-        const [on, off, begin] = layer.dash ?? [];
+        const [on, off, begin2] = layer.dash ?? [];
         pen.setLineDash(layer.dash ? [on, off] : []);
-        pen.lineDashOffset = begin ?? 0;
+        pen.lineDashOffset = begin2 ?? 0;
         pen.stroke(pathOf(layer, layer.lines, false));
         pen.setLineDash([]);
       } else {
@@ -274,7 +274,7 @@
     }
     pen.globalAlpha = 1;
     const depth = ({ pose }) => camera2.pixel(pose.at)[1];
-    const sorted = camera2.slant ? shown2.toSorted((one, other) => depth(one) - depth(other)) : shown2;
+    const sorted = camera2.slant ? shown2.toSorted((one, other2) => depth(one) - depth(other2)) : shown2;
     for (const one of sorted) drawAgent(pen, matrix, one, camera2, look2, scene2);
     for (const { agent, pose } of look2.compares && scene2.original ? there(scene2.original.agents, step) : []) {
       place(pen, matrix, pose, 0);
@@ -296,7 +296,7 @@
     pen.stroke();
   }
   function shade(color) {
-    const part = (begin) => Math.round(IN_SHADE * Number.parseInt(color.slice(begin, begin + 2), 16));
+    const part = (begin2) => Math.round(IN_SHADE * Number.parseInt(color.slice(begin2, begin2 + 2), 16));
     return `rgb(${part(1)}, ${part(3)}, ${part(5)})`;
   }
   function place(pen, matrix, { at, heading }, rise) {
@@ -363,6 +363,7 @@
   var TURN_PER_PIXEL = 6e-3;
   var MOST_SLANT = 1.3;
   var CLICK_PIXELS = 5;
+  var NEAR_M = 50;
   var KEYS = [
     ["Space, K", "play or pause"],
     [", .  ← →", "a frame back or on; with Shift ten"],
@@ -376,9 +377,14 @@
     ["+ −, wheel", "zoom; drag moves, with Shift turns"]
   ];
   var entries = JSON.parse(document.getElementById("scenes")?.textContent ?? "[]");
+  var isPair = document.body.hasAttribute("data-pair");
   var camera = new Camera();
   var look = { theme: 0, ratio: 1, chosen: null, hovered: null, compares: false };
   var scene = null;
+  var other = null;
+  var otherCamera = new Camera();
+  var otherShown = [];
+  var shift = [0, 0];
   var number = 0;
   var head = { step: 0, isPlaying: !matchMedia("(prefers-reduced-motion: reduce)").matches, speed: 1, loops: true };
   var since = performance.now();
@@ -387,7 +393,9 @@
   var isRoadOld = true;
   var isTrafficOld = true;
   var stage = make("main", "pd-stage", { "aria-label": "Top view of the scene" });
-  var [road, traffic] = [make("canvas"), make("canvas")];
+  var [road, traffic, otherRoad, otherTraffic] = [make("canvas"), make("canvas"), make("canvas"), make("canvas")];
+  var otherTitle = make("h1");
+  var otherLabel = make("div", "pd-label", { role: "note" });
   var title = make("h1");
   var facts = make("p");
   var credit = make("p", "pd-credit");
@@ -409,7 +417,10 @@
     const top = make("header", "pd-head");
     top.append(title, facts);
     about.hidden = true;
-    stage.append(road, traffic, top, credit, ...labels, about);
+    const beside = make("header", "pd-head");
+    beside.append(otherTitle);
+    const others = isPair ? [otherRoad, otherTraffic, beside, otherLabel] : [];
+    stage.append(road, traffic, top, credit, ...others, ...labels, about);
     for (const value of SPEEDS) speed.append(option(value, `${value}×`));
     speed.value = "1";
     const track = make("div", "pd-track");
@@ -421,12 +432,15 @@
     entries.forEach((entry, index) => {
       list.append(button("", entry.name, () => open(index)));
     });
-    list.hidden = entries.length < 2;
+    list.hidden = isPair || entries.length < 2;
     document.body.append(list, stage, bar);
   }
-  var stepNow = () => scene ? stepAfter((performance.now() - since) / 1e3, head, { ...scene, beginStep: scene.first, endStep: scene.last }) : 0;
+  var stepNow = () => scene ? stepAfter((performance.now() - since) / 1e3, head, { ...scene, beginStep: begin(scene), endStep: end(scene) }) : 0;
+  var otherStep = (step, from, to) => to.current + (step - from.current) * from.stepS / to.stepS;
+  var begin = (one) => Math.min(one.first, other ? Math.ceil(otherStep(other.first, other, one)) : one.first);
+  var end = (one) => Math.max(one.last, other ? Math.floor(otherStep(other.last, other, one)) : one.last);
   function seek(step, change = {}) {
-    head = { ...head, ...change, step: scene ? clamp(step, scene.first, scene.last) : 0 };
+    head = { ...head, ...change, step: scene ? clamp(step, begin(scene), end(scene)) : 0 };
     since = performance.now();
     isTrafficOld = true;
     play.replaceChildren(head.isPlaying ? pauseIcon : playIcon);
@@ -480,21 +494,28 @@
     let found;
     try {
       found = await read(entry.data);
+      if (isPair) other = await read(entries[1].data);
     } catch (error) {
       facts.textContent = `This browser cannot read the scene: ${error}`;
       return;
     }
     if (number !== index) return;
     scene = found;
+    if (other) {
+      const [here, there2] = [middleOf(scene), middleOf(other)];
+      shift = distance(here, there2) > NEAR_M ? [there2[0] - here[0], there2[1] - here[1]] : [0, 0];
+      otherTitle.textContent = entries[1].name;
+    }
     choose(null);
     look.hovered = null;
-    const duration = ((found.last - found.first) * found.stepS).toFixed(1);
+    const [from, to] = [begin(found), end(found)];
+    const duration = ((to - from) * found.stepS).toFixed(1);
     facts.textContent = [found.city, `${found.agents.length} agents`, `${duration} s`].filter(Boolean).join(" · ");
     credit.textContent = found.attribution;
-    slider.min = String(found.first);
-    slider.max = String(found.last);
-    zero.style.left = `${100 * (found.current - found.first) / Math.max(found.last - found.first, 1)}%`;
-    original.hidden = !found.original;
+    slider.min = String(from);
+    slider.max = String(to);
+    zero.style.left = `${100 * (found.current - from) / Math.max(to - from, 1)}%`;
+    original.hidden = !(found.original || other?.original);
     if (original.hidden) look.compares = false;
     pressed(original, look.compares);
     const keys = make("dl");
@@ -503,33 +524,39 @@
       ...[found.attribution, ...found.notes].filter(Boolean).map((text) => make("p", "", {}, text)),
       keys
     );
-    seek(found.first);
+    seek(from);
     fit();
+  }
+  function middleOf(one) {
+    const focus = one.agents.find(({ id }) => id === one.focus);
+    const [low, high] = boundsOf(one);
+    return (focus && poseAt(focus, one.current)?.at) ?? [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
   }
   function resize() {
     look.ratio = window.devicePixelRatio || 1;
-    const { width, height } = stage.getBoundingClientRect();
+    const { width: whole, height } = stage.getBoundingClientRect();
+    const width = isPair ? whole / 2 : whole;
     const isFirst = camera.width <= 1;
     [camera.width, camera.height] = [width, height];
-    for (const canvas of [road, traffic]) {
+    for (const canvas of [road, traffic, otherRoad, otherTraffic]) {
       canvas.width = Math.round(width * look.ratio);
       canvas.height = Math.round(height * look.ratio);
     }
     isRoadOld = true;
     if (isFirst) fit();
   }
-  function showLabel(label, id) {
-    const found = shown.find(({ agent: agent2 }) => agent2.id === id);
+  function showLabel(label, id, among = shown, from = camera, left0 = 0) {
+    const found = among.find(({ agent: agent2 }) => agent2.id === id);
     label.hidden = !found;
     if (!found) return;
     const { agent, pose } = found;
     label.textContent = `${agent.id}
 ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
-    const [x, y] = camera.pixel(pose.at);
+    const [x, y] = from.pixel(pose.at);
     const side = agent.size[0] / 2 * camera.scale + 8;
     const left = clamp(x + Math.min(side, 40), 4, camera.width - label.offsetWidth - 4);
     const above = y - camera.rise(agent.size[2]) - Math.min(side, 40) - label.offsetHeight;
-    label.style.transform = `translate(${left}px, ${clamp(above, 4, camera.height - label.offsetHeight - 4)}px)`;
+    label.style.transform = `translate(${left0 + left}px, ${clamp(above, 4, camera.height - label.offsetHeight - 4)}px)`;
   }
   function frame() {
     requestAnimationFrame(frame);
@@ -544,6 +571,7 @@ ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
     }
     if (isRoadOld) drawRoad(under, scene, camera, look);
     shown = drawTraffic(over, scene, camera, look, step);
+    drawOther(step);
     isRoadOld = isTrafficOld = false;
     slider.value = String(step);
     const words = inWords(step - scene.current, scene);
@@ -553,23 +581,35 @@ ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
     }
     showLabel(labels[0], look.chosen);
     showLabel(labels[1], look.hovered === look.chosen ? null : look.hovered);
+    if (other) showLabel(otherLabel, look.hovered ?? look.chosen, otherShown, otherCamera, camera.width);
+  }
+  function drawOther(step) {
+    const [under, over] = [otherRoad.getContext("2d"), otherTraffic.getContext("2d")];
+    if (!scene || !other || !under || !over) return;
+    Object.assign(otherCamera, camera, { middle: [camera.middle[0] + shift[0], camera.middle[1] + shift[1]] });
+    if (isRoadOld) drawRoad(under, other, otherCamera, look);
+    otherShown = drawTraffic(over, other, otherCamera, look, otherStep(step, scene, other));
   }
   function agentAt(pixel, reach) {
-    const hits = shown.flatMap(({ agent, pose: { at, heading } }) => {
-      const place2 = camera.ground([pixel[0], pixel[1] + camera.rise(agent.size[2]) / 2]);
+    const [among, from] = isOther ? [otherShown, otherCamera] : [shown, camera];
+    const hits = among.flatMap(({ agent, pose: { at, heading } }) => {
+      const place2 = from.ground([pixel[0], pixel[1] + camera.rise(agent.size[2]) / 2]);
       const [dx, dy] = [place2[0] - at[0], place2[1] - at[1]];
       const [cos, sin] = [Math.cos(heading), Math.sin(heading)];
       const [along, across] = [Math.abs(dx * cos + dy * sin), Math.abs(dy * cos - dx * sin)];
       const gap = Math.hypot(Math.max(0, along - agent.size[0] / 2), Math.max(0, across - agent.size[1] / 2));
       return gap * camera.scale <= reach ? [{ id: agent.id, gap: gap + 0.01 * Math.hypot(dx, dy) }] : [];
     });
-    return hits.toSorted((one, other) => one.gap - other.gap)[0]?.id ?? null;
+    return hits.toSorted((one, other2) => one.gap - other2.gap)[0]?.id ?? null;
   }
   var pointers = /* @__PURE__ */ new Map();
   var moved = 0;
+  var isOther = false;
   var pixelOf = (event) => {
     const { left, top } = stage.getBoundingClientRect();
-    return [event.clientX - left, event.clientY - top];
+    const x = event.clientX - left;
+    if (!pointers.size) isOther = isPair && x >= camera.width;
+    return [isOther ? x - camera.width : x, event.clientY - top];
   };
   var onPicture = (event) => !within(event, ".pd-about");
   stage.addEventListener("pointerdown", (event) => {
@@ -588,13 +628,13 @@ ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
       return;
     }
     moved += distance(before, now);
-    const other = [...pointers].find(([id]) => id !== event.pointerId)?.[1];
+    const other2 = [...pointers].find(([id]) => id !== event.pointerId)?.[1];
     pointers.set(event.pointerId, now);
     if (moved < CLICK_PIXELS) return;
-    if (other) {
-      const middle = (one) => [(one[0] + other[0]) / 2, (one[1] + other[1]) / 2];
+    if (other2) {
+      const middle = (one) => [(one[0] + other2[0]) / 2, (one[1] + other2[1]) / 2];
       camera.hold(camera.ground(middle(before)), middle(now));
-      camera.zoom(distance(now, other) / Math.max(distance(before, other), 1), middle(now));
+      camera.zoom(distance(now, other2) / Math.max(distance(before, other2), 1), middle(now));
     } else if (event.shiftKey || event.buttons === 2) {
       camera.turn += TURN_PER_PIXEL * (now[0] - before[0]);
       if (camera.slant) camera.slant = clamp(camera.slant - TURN_PER_PIXEL * (now[1] - before[1]), 0.05, MOST_SLANT);
@@ -632,6 +672,7 @@ ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
     isRoadOld = true;
   }
   function ofSet(change) {
+    if (isPair) return;
     const index = clamp(number + change, 0, entries.length - 1);
     if (index !== number) open(index);
   }

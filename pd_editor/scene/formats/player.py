@@ -35,21 +35,25 @@ _PAGE: Final = """<!doctype html>
 <link rel="icon" href="data:,">
 <title>{title}</title>
 <style>{style}</style>
-<body class="pd-player">
+<body class="pd-player"{pair}>
 <noscript>This page needs JavaScript to play the scene.</noscript>
 <script type="application/json" id="scenes">{scenes}</script>
 <script>{script}</script>
 """
 
 
-def player_page(scenarios: Sequence[Scenario]) -> bytes:
-    """The page of one scene or of several, of which the first is shown."""
+def player_page(scenarios: Sequence[Scenario], *, is_pair: bool = False) -> bytes:
+    """The page of one scene or of several, of which the first is shown.
+
+    Two as a pair are side by side, on one clock and with one view.
+    """
     scenes = [{"name": one.scenario_id, "data": _packed(one)} for one in scenarios]
     script, style = _built()
     names = scenarios[0].scenario_id if len(scenarios) == 1 else f"{len(scenes)} scenes"
     page = _PAGE.format(
         title=html.escape(names),
         style=style,
+        pair=" data-pair" if is_pair else "",
         # Within a script a text ends at the first tag that looks like its end.
         scenes=json.dumps(scenes).replace("<", "\\u003c"),
         script=script,

@@ -10,8 +10,10 @@ import viser
 from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.base.errors import ExportError, InputError
 from pd_editor.editor.library.library import SORTS, LibraryCard
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.variant import tags_from_text
 from pd_editor.experiments.scene_index.find import find_places
+from pd_editor.scene.formats.player import player_page
 from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.tab.panel_style import FixedText, PicturePages, PictureRow
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
@@ -81,6 +83,11 @@ class LibraryPanel:
             icon=viser.Icon.FOLDER_OPEN,
             hint="The one that is ticked",
         )
+        self._compare = gui.add_button(
+            "Compare two",
+            color="gray",
+            hint="A page that plays the two that are ticked side by side, on one clock",
+        )
         self._download = gui.add_button(
             "Download 0 scenarios",
             icon=viser.Icon.DOWNLOAD,
@@ -105,6 +112,7 @@ class LibraryPanel:
             ui.on_change(handle, lambda _value: self.refresh(), merge_key="library")
         ui.on_option(self._tick, self._tick_found)
         ui.on_click(self._open, self._open_ticked)
+        ui.on_click(self._compare, self._compare_ticked)
         ui.on_click(self._download, self.download)
         ui.on_click(self._tag, partial(self._change_tags, is_added=True))
         ui.on_click(self._untag, partial(self._change_tags, is_added=False))
@@ -226,6 +234,7 @@ class LibraryPanel:
             set_property(button, "disabled", not self._cards)
         set_property(self._remove, "disabled", not ticked)
         set_property(self._open, "disabled", len(self.chosen) != 1)
+        set_property(self._compare, "disabled", ticked != 2)
         removed = self._workspace.removed
         set_property(self._put_back, "label", f"Put back {_scenarios(len(removed))}")
         set_property(self._put_back, "visible", bool(removed))
@@ -262,6 +271,17 @@ class LibraryPanel:
         if len(self.chosen) != 1:
             raise InputError("Tick one scenario of the library to open it.")
         self._workspace.open_reference(str(self._library.root / self.chosen[0]))
+
+    def _compare_ticked(self) -> None:
+        names = self._ticked
+        if len(names) != 2:
+            raise InputError("Tick the two scenarios of the library to compare.")
+        scenes = [open_scenario(self._library.root / one) for one in names]
+        name = "-beside-".join(names)
+        content = player_page(scenes, is_pair=True)
+        self._ui.client.send_file_download(
+            f"{name}.html", content, save_immediately=True
+        )
 
     def _change_tags(self, *, is_added: bool) -> None:
         tags = tags_from_text(str(self._tags.value))

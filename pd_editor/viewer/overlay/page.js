@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (7e48539ab71e5f4d); not to be edited. */
+/* Built by .ci/client.py from client/ (8fe6f4cfbd2e1e4a); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts

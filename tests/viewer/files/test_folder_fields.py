@@ -24,6 +24,7 @@ OTHER_TEXT_FIELDS = {
     "Tags",
     "Find",
     "Note",
+    "Moments",
     "Sums of warps",
     "Tags of these",
     "Vary",

@@ -13,6 +13,7 @@ import pytest
 import pd_editor
 from pd_editor.editor.commands import SetAgentSpeed
 from pd_editor.viewer.files.library_panel import PAGE
+from tests.scene.formats.embedded_scenes import scenes_in
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 IS_KEPT = "This state is in the library already", ""
@@ -285,9 +286,16 @@ def test_all_that_is_found_is_ticked_at_once(tabs):
     tab.type("Find", "")
     until(lambda: len(listed(tab)) == 3)
     assert tab.elements.library.chosen == ["faster", "fast"]
+    with mock.patch.object(tab.ui.client, "send_file_download") as send:
+        tab.press("Compare two")
+    (name, content), _ = send.call_args
+    assert name == "faster-beside-fast.html"
+    assert [one["name"] for one in scenes_in(content)] == ["faster", "fast"]
+    assert b"data-pair>" in content
     tab.type("Tick", "None")
     until(lambda: "Remove 0 scenarios" in tab.inputs())
     assert len(tab.elements.library.chosen) == 3
+    assert tab.field("Compare two").disabled
 
 
 def test_members_of_a_family_are_found_by_their_values(tmp_path: Path):
