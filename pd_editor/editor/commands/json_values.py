@@ -7,7 +7,7 @@ import types
 import typing
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from typing import Any, Final
@@ -64,7 +64,9 @@ def from_json(hint: Any, data: Any, where: str) -> Any:
     Raises:
         RecipeError: ``data`` does not fit; the sentence starts with ``where``.
     """
-    origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if hint in (str, int, float, bool):
+        return _scalar_from_json(hint, data, where)
+    origin, args = _shape(hint)
     if origin in (typing.Union, types.UnionType) or hint is GuidanceTerm:
         return _union_from_json(args or (hint,), data, where)
     if origin is typing.Literal:
@@ -167,6 +169,17 @@ def _scalar_from_json(hint: type, data: Any, where: str) -> Any:
 
 
 @cache
+def _shape(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    """The generic type of a hint, and the arguments of it."""
+    return typing.get_origin(hint), typing.get_args(hint)
+
+
+@cache
+def _fields(cls: type) -> dict[str, Field[Any]]:
+    return {item.name: item for item in fields(cls)}
+
+
+@cache
 def _hints(cls: type) -> dict[str, Any]:
     return typing.get_type_hints(cls)
 
@@ -174,7 +187,7 @@ def _hints(cls: type) -> dict[str, Any]:
 def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
     if not isinstance(data, dict):
         raise _misfit(where, "an object", data)
-    known = {item.name: item for item in fields(cls)}
+    known = _fields(cls)
     if _kind(cls) and data.get(_TAG, _kind(cls)) == _kind(cls):
         data = {name: item for name, item in data.items() if name != _TAG}
     for name in data:
