@@ -29,6 +29,7 @@ from pd_editor.editor.varied_numbers import (
 )
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.generation import ScenarioGenerator
+from pd_editor.viewer.files.family_coverage import MadeVariant, coverage
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
@@ -58,9 +59,12 @@ class FamilyPanel:
             )
             self._cancel = gui.add_button("Cancel family", color="gray", disabled=True)
             self._told = FixedText(gui, 2)
+            self._coverage = gui.add_html("")
+        self._made: tuple[MadeVariant, ...] = ()
         ui.on_click(self._make, self._start)
         ui.on_click(self._cancel, self._stop)
         ui.model.shown.subscribe(self.show)
+        ui.model.library_changed.subscribe(self._cover)
 
     def show(self) -> None:
         """Tell the numbers of the edits at hand."""
@@ -76,14 +80,16 @@ class FamilyPanel:
         if self._job is not None:
             self._job.cancel()
 
-    def tell(self, words: str) -> None:
+    def tell(self, words: str, made: tuple[MadeVariant, ...]) -> None:
         """Show how far a run is, unless it was cancelled."""
         if self._job is not None:
             self._told.show("", words)
+            self._made = made
+            self._cover()
 
     def end(self, words: str) -> None:
         """Show how a run ended."""
-        self.tell(words)
+        self.tell(words, self._made)
         self._job = None
         set_property(self._cancel, "disabled", True)
         self._ui.model.library_changed.emit()
@@ -101,17 +107,23 @@ class FamilyPanel:
         adds = adds_traffic(recipe, session.scenario)
         numbers = varied_numbers(recipe, texts, adds=adds)
         values = list(members(numbers, int(self._num.value), int(time.time())))
-        make = partial(member, recipe, session.base, make=self._made, adds=adds)
+        make = partial(member, recipe, session.base, make=self._generator, adds=adds)
         self._job = _FamilyJob(self._ui, self, recipe.result_id, values, make)
         set_property(self._cancel, "disabled", False)
-        self.tell(f"0 of {len(values)} variants")
+        self.tell(f"0 of {len(values)} variants", ())
         self._job.start()
 
     def _stop(self) -> None:
         self.close()
         self.end("Cancelled; what is saved stays.")
 
-    def _made(self, name: str) -> ScenarioGenerator:
+    def _cover(self) -> None:
+        """Show which values are in the library."""
+        library = self._ui.workspace.library
+        kept = frozenset(one.name for one in self._made if library.has(one.name))
+        set_property(self._coverage, "content", coverage(self._made, kept))
+
+    def _generator(self, name: str) -> ScenarioGenerator:
         offers = self._generators.offers
         offer = offers.get(name or next(iter(offers)))
         if offer is None:
@@ -137,7 +149,7 @@ class _FamilyJob(BackgroundJob[int]):
         self._name, self._values, self._make = name, values, make
         self._library = ui.workspace.library
         self._failures: list[str] = []
-        self._num_clean = 0
+        self._made: list[MadeVariant] = []
 
     def _result(self) -> int:
         for number, own in enumerate(self._values, start=1):
@@ -148,16 +160,21 @@ class _FamilyJob(BackgroundJob[int]):
                 card = card_of(one.scenario, one.base, one.recipe)
                 self.check_cancelled()
                 self._library.add(card, one.files, thumbnail(one.scenario))
-                self._num_clean += not card.row.num_problems
+                has_problems = bool(card.row.num_problems)
+                self._made.append(
+                    MadeVariant(values=own, name=name, has_problems=has_problems)
+                )
             except PdEditorError as error:
+                self._made.append(MadeVariant(values=own))
                 self._failures.append(f"{values_in_words(values_of(own))}: {error}")
             words = f"{number} of {len(self._values)} variants"
-            self._ui.post(partial(self._panel.tell, words), "family")
+            self._ui.post(partial(self._panel.tell, words, tuple(self._made)), "family")
         return len(self._values) - len(self._failures)
 
     def _done(self, count: int) -> None:
         words = f"{count} of {len(self._values)} variants saved to the library, "
-        words += f"{self._num_clean} without problems."
+        num_clean = sum(bool(one.name) and not one.has_problems for one in self._made)
+        words += f"{num_clean} without problems."
         if self._failures:
             words += f" {len(self._failures)} failed: {self._failures[0]}"
         self._ui.post(partial(self._panel.end, words))

@@ -49,6 +49,18 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         assert ((powers > 2) & (powers < 8)).all()
         assert (np.diff(np.sort(powers)) > 0).all()
         until(lambda: "3 scenarios; buttons" in tab.text())
+        # Which values are there is drawn, and what is removed is dropped.
+        clean = [not card.row.num_problems for card in cards]
+        assert "power 2 to 8" in tab.text()
+        for card in cards:
+            assert (
+                f"{card.name}: power {card.row.values['power']:g}, with" in tab.text()
+            )
+        assert f"{sum(clean)} without problems" in tab.text()
+        tab.press(next(one for one in tab.inputs() if one.startswith(cards[0].name)))
+        until(lambda: "Remove 1 scenario" in tab.inputs())
+        tab.press("Remove 1 scenario")
+        until(lambda: "1 dropped" in tab.text())
 
 
 def test_what_cannot_be_varied_is_told_and_nothing_is_saved(tmp_path: Path):
