@@ -61,7 +61,7 @@ class EventTable:
     @property
     def is_read(self) -> Bool[np.ndarray, "S"]:
         """Scenes of which the content is known."""
-        return ~_is_in(self.table.column("stamp").combine_chunks(), ("",))
+        return np.asarray(self.table.column("stamp").to_numpy() != "", bool)
 
     def having(self, fact: str, sign: str, value: float | str) -> Bool[np.ndarray, "S"]:
         """Scenes with a fact that compares so."""

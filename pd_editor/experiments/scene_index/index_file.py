@@ -87,7 +87,8 @@ class SceneIndex:
         empty: dict[Any, Any] = {pa.string(): "", pa.float64(): None}
         rows = {one.name: [empty.get(one.type, [])] * len(new) for one in SCHEMA}
         more = pa.table({**rows, "path": new}, schema=SCHEMA)
-        table = pa.concat_tables([self.table, more])
+        # Without new rows nothing is copied.
+        table = pa.concat_tables([self.table, more]) if new else self.table
         names = map(os.path.basename, table.column("path").to_pylist())
         owns = [told.get(one, {}) for one in names]
         for name, kind in kinds.items():

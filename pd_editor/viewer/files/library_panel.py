@@ -13,6 +13,7 @@ from pd_editor.editor.library.library import SORTS, LibraryCard
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.variant import tags_from_text
 from pd_editor.experiments.scene_index.find import find_places
+from pd_editor.experiments.scene_index.index_file import SceneIndex
 from pd_editor.scene.formats.player import player_page
 from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.tab.panel_style import FixedText, PicturePages, PictureRow
@@ -46,6 +47,8 @@ class LibraryPanel:
         self._library, self._run = ui.workspace.library, ui.workspace.shelf.index_run
         self._cards: list[LibraryCard] = []
         self._seen: tuple[int, int] | None = None
+        self._index_told: tuple[object, SceneIndex] = None, self._run.index
+        """The index with facts of the cards, and the state of both."""
         self._told = ""
         """What the line has found."""
         self._indexed = -1
@@ -167,8 +170,11 @@ class LibraryPanel:
         line, wrong = str(self._line.value).strip(), ""
         if line:
             try:
-                index = self._run.index.beside(self._library.facts())
-                found = set(map(os.path.basename, find_places(index, line)))
+                if self._index_told[0] != self._seen:
+                    told = self._run.index.beside(self._library.facts())
+                    self._index_told = self._seen, told
+                places = find_places(self._index_told[1], line)
+                found = set(map(os.path.basename, places))
                 self._index()
             except InputError as error:
                 found, wrong = set[str](), str(error)
