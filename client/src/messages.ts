@@ -294,35 +294,67 @@ export interface Choice {
   readonly text: string;
 }
 
-export interface SampleLine {
+export interface CardLine {
   readonly text: string;
   readonly tone: "" | "bad" | "busy" | "good" | "warn";
 }
 
-export interface SampleCard {
+export interface StripCard {
   readonly index: number;
-  readonly rank: number;
+  readonly name: string;
+  readonly mark: string;
   readonly isAdopted: boolean;
-  readonly lines: readonly (SampleLine)[];
+  readonly lines: readonly (CardLine)[];
   readonly hint: string;
+  readonly canDrop: boolean;
+}
+
+export interface StripState {
+  readonly isOpen: boolean;
+  readonly takesFocus: boolean;
+  readonly title: string;
+  readonly ranking: string;
+  readonly rankings: readonly (Choice)[];
+  readonly pick: number;
+  readonly picks: readonly (Choice)[];
+  readonly cards: readonly (StripCard)[];
+  readonly numDropped: number;
 }
 
 export interface SamplesState {
   readonly isOpen: boolean;
   readonly takesFocus: boolean;
+  readonly title: string;
   readonly ranking: string;
   readonly rankings: readonly (Choice)[];
   readonly pick: number;
   readonly picks: readonly (Choice)[];
-  readonly cards: readonly (SampleCard)[];
+  readonly cards: readonly (StripCard)[];
+  readonly numDropped: number;
+}
+
+export interface BranchesState {
+  readonly isOpen: boolean;
+  readonly takesFocus: boolean;
+  readonly title: string;
+  readonly ranking: string;
+  readonly rankings: readonly (Choice)[];
+  readonly pick: number;
+  readonly picks: readonly (Choice)[];
+  readonly cards: readonly (StripCard)[];
+  readonly numDropped: number;
 }
 
 export interface SamplePicturesState {
-  readonly pictures: readonly (string)[];
+  readonly pictures: Readonly<Record<string, string>>;
 }
 
-export interface SamplesEvent {
-  readonly kind: "adopt" | "close" | "keep" | "leave" | "pair" | "pick" | "point" | "rank";
+export interface BranchPicturesState {
+  readonly pictures: Readonly<Record<string, string>>;
+}
+
+export interface StripEvent {
+  readonly kind: "adopt" | "close" | "drop" | "keep" | "leave" | "pair" | "pick" | "point" | "rank" | "restore";
   readonly value?: string | number;
 }
 
@@ -333,26 +365,22 @@ export interface PairAgent {
   readonly path: readonly (number)[];
 }
 
-export interface PairSample {
+export interface PairSide {
   readonly index: number;
   readonly isAdopted: boolean;
+  readonly ground: string;
   readonly agents: readonly (PairAgent)[];
 }
 
-export interface PairOffer {
-  readonly index: number;
-  readonly isAdopted: boolean;
-}
-
-export interface SamplePairState {
+export interface ScenePairState {
   readonly isOpen: boolean;
+  readonly noun: string;
   readonly halfWidth: number;
-  readonly ground: string;
-  readonly offered: readonly (PairOffer)[];
-  readonly samples: readonly (PairSample)[];
+  readonly offered: readonly (Choice)[];
+  readonly sides: readonly (PairSide)[];
 }
 
-export interface SamplePairEvent {
+export interface ScenePairEvent {
   readonly kind: "choose" | "close" | "use";
   readonly value?: number;
   readonly side?: number;
@@ -667,7 +695,9 @@ export interface States {
   readonly "speedCurve": SpeedCurveState;
   readonly "samples": SamplesState;
   readonly "sample-pictures": SamplePicturesState;
-  readonly "sample-pair": SamplePairState;
+  readonly "branches": BranchesState;
+  readonly "branch-pictures": BranchPicturesState;
+  readonly "pair": ScenePairState;
   readonly "scorecard": ScorecardState;
   readonly "charts": ChartsState;
   readonly "status": StatusState;
@@ -696,8 +726,9 @@ export interface Events {
   readonly "toolbar": ToolbarEvent;
   readonly "timeline": TimelineEvent;
   readonly "speedCurve": SpeedCurveEvent;
-  readonly "samples": SamplesEvent;
-  readonly "sample-pair": SamplePairEvent;
+  readonly "samples": StripEvent;
+  readonly "branches": StripEvent;
+  readonly "pair": ScenePairEvent;
   readonly "scorecard": ScorecardEvent;
   readonly "status": StatusEvent;
   readonly "run": RunBarEvent;

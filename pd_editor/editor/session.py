@@ -47,8 +47,8 @@ class Branch:
     entries: tuple[HistoryEntry, ...]
     num_own: int
     """Number of its edits that are not on the branch in force."""
-    name: str
-    """Name that the user gave; empty: none."""
+    variant: Variant
+    """Its name, tags and note."""
 
 
 Listener = Callable[[SessionState, SessionState], None]
@@ -252,7 +252,7 @@ class EditorSession:
                 scenario=state.scenario,
                 entries=tuple(history.made[one - 1] for one in edits),
                 num_own=len(set(edits) - in_force),
-                name=variants[tip].name if tip in variants else "",
+                variant=variants.get(tip, Variant()),
             )
             branches.append(branch)
         return tuple(branches)

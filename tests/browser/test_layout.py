@@ -54,7 +54,7 @@ def strip_beside_a_problem(editor, count: int):
     editor.set_number("Samples", count)
     editor.choose_scope("All agents")
     editor.run("Regenerate", "everybody")
-    strip = editor.page.locator(".pd-samples.pd-solid")
+    strip = editor.page.get_by_role("region", name="Samples", exact=True)
     expect(strip).to_be_visible()
     expect(strip.locator(".pd-sample")).to_have_count(count)
     return strip

@@ -88,9 +88,9 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     # C compares what is pointed at, wherever the focus is.
     card(editor, 3).hover()
     editor.key("c")
-    pair = editor.page.get_by_role("dialog", name="Two samples side by side")
+    pair = editor.page.get_by_role("dialog", name="Comparison with another sample")
     pair.wait_for(state="visible")
-    right = pair.get_by_role("combobox", name="Sample on the right")
+    right = pair.get_by_role("combobox", name="On the right")
     expect(right).to_have_value("2")
     editor.key("c")
     pair.wait_for(state="hidden")
@@ -180,12 +180,12 @@ def test_resampled_agents_are_offered_as_samples(editor):
     assert len(session.entries) == 1
     editor.screenshot("samples_resampled")
     card(editor, 1).hover()
-    compare = "Compare sample 1 with the one in use"
+    compare = "Compare with the one in use: Sample 1"
     strip(editor).get_by_role("button", name=compare).click()
-    pair = editor.page.get_by_role("dialog", name="Two samples side by side")
+    pair = editor.page.get_by_role("dialog", name="Comparison with another sample")
     pair.wait_for(state="visible")
-    left = pair.get_by_role("combobox", name="Sample on the left")
-    right = pair.get_by_role("combobox", name="Sample on the right")
+    left = pair.get_by_role("combobox", name="On the left")
+    right = pair.get_by_role("combobox", name="On the right")
     expect(left).to_have_value("1")
     expect(right).to_have_value("0")
     right.select_option("1")
@@ -209,7 +209,7 @@ def test_resampled_agents_are_offered_as_samples(editor):
     assert len(session.entries) == 1
     card(editor, 2).hover()
     keep = strip(editor).get_by_role(
-        "button", name="Use sample 2 and save it to the library"
+        "button", name="Use and save to the library: Sample 2"
     )
     keep.click()
     editor.until(lambda: editor.workspace.library.cards(), "a saved scenario")

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (8fe6f4cfbd2e1e4a); not to be edited. */
+/* Built by .ci/client.py from client/ (fbb803bde94fbd1c); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

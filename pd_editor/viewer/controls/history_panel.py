@@ -1,5 +1,6 @@
 """The history panel: every edit, to jump to."""
 
+from collections.abc import Callable
 from typing import Final
 
 import viser
@@ -19,8 +20,10 @@ _UNUSED: Final = "\N{EN DASH}"
 class HistoryPanel:
     """Undo, redo, and pages of edits with the newest on top."""
 
-    def __init__(self, ui: UiContext, style: PanelStyle) -> None:
-        """Build it into the current tab."""
+    def __init__(
+        self, ui: UiContext, style: PanelStyle, show_branches: Callable[[], None]
+    ) -> None:
+        """Build it into the current tab; ``show_branches`` opens or closes their strip."""
         self._ui = ui
         gui = ui.client.gui
         self._undo = gui.add_button(
@@ -29,6 +32,13 @@ class HistoryPanel:
         self._redo = gui.add_button(
             "Redo", icon=viser.Icon.ARROW_FORWARD_UP, color="gray", hint="Ctrl+Shift+Z"
         )
+        self._branches = gui.add_button(
+            "Branches",
+            icon=viser.Icon.GIT_BRANCH,
+            color="gray",
+            hint="Edits that were undone before another edit (H)",
+        )
+        ui.on_click(self._branches, show_branches)
         self._counts = FixedText(gui, 2)
         self._pages = gui.add_button_group("Edits", (NEWER, PRESENT, OLDER))
         self._page = 0
@@ -60,10 +70,13 @@ class HistoryPanel:
         entries, position = session.entries, session.state.position
         set_property(self._undo, "disabled", not session.can_undo)
         set_property(self._redo, "disabled", not session.can_redo)
-        present = (session.base, len(entries), position)
+        present = (session.base, session.state.tip, position)
         if self._followed != present:
             self._followed = present
             self._page = (len(entries) - position) // ROWS
+        count = len(session.branches)
+        set_property(self._branches, "label", f"Branches: {count}")
+        set_property(self._branches, "disabled", count < 2)
         set_property(self._pages, "visible", len(entries) >= ROWS)
         oldest = sum(entry.before is None for entry in entries)
         for index, row in enumerate(self._rows):

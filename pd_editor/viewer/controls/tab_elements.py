@@ -7,6 +7,7 @@ from pd_editor.viewer.agents.placing import PlacingMode
 from pd_editor.viewer.agents.pointer import Pointer
 from pd_editor.viewer.agents.selecting import Selecting
 from pd_editor.viewer.agents.speed_curve import SpeedCurve
+from pd_editor.viewer.controls.branch_strip import BranchStrip
 from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.key_sheet import KeySheet
 from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, Hints, SidePanel
@@ -69,6 +70,7 @@ class TabElements:
         self.picture = Picture(ui)
         self.pointer = Pointer(ui, self.picture.agents)
         self.samples = SampleStrip(ui, self.viewpoint)
+        self.branches = BranchStrip(ui, self.samples)
         self.scorecard = ScorecardDrawer(ui, self.timeline, self.viewpoint)
         self.selecting = Selecting(ui)
         SpeedCurve(ui, self.timeline)
@@ -110,7 +112,7 @@ class TabElements:
             self.study = StudyPanel(ui, generators.offers)
             self.family = FamilyPanel(ui, generators)
         with tabs.add_tab("History"):
-            self.history = HistoryPanel(ui, style)
+            self.history = HistoryPanel(ui, style, self.branches.toggle)
         with tabs.add_tab("View"):
             self.view = ViewPanel(ui, self.viewpoint, self.picture)
         self.chip = StatusChip(ui, self.timeline, self.viewpoint, self.export)
@@ -127,10 +129,15 @@ class TabElements:
         elif not (
             self.chip.close_list()
             or self.samples.close()
+            or self.branches.close()
             or self.agent.locks.withdraw()
             or self.steering.encounters.close()
         ):
             ui.session.select(())
+
+    def compare(self) -> None:
+        """Compare two of the branches if they are shown, else of the samples."""
+        (self.branches if self.branches.is_open else self.samples).compare()
 
     def close(self) -> None:
         """End what panels run."""

@@ -27,14 +27,14 @@ from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.library.thumbnail import PictureFrame, thumbnail
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.generation.sample_pair import SamplePair
 from pd_editor.viewer.overlay.messages import (
+    CardLine,
     Choice,
-    SampleCard,
-    SampleLine,
     SamplePicturesState,
     SamplesState,
+    StripCard,
 )
+from pd_editor.viewer.scene.scene_pair import ScenePair
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -141,6 +141,7 @@ class SampleStrip:
         self._viewpoint = viewpoint
         self.adopted = Signal[int]()
         """A sample is to be applied in the place of the one that is applied."""
+        self.opened = Signal[()]()
         self._samples: SampleSet | None = None
         self._cards: SampleCards | None = None
         self._adopted: int | None = None
@@ -148,10 +149,7 @@ class SampleStrip:
         self._is_closed = False
         self._ranking: Ranking = "realism"
         self._pick: int | None = None
-        self._compared = (0, 0)
-        self._pair = SamplePair(
-            ui.overlay, use=self._adopt, choose=self._choose_compared
-        )
+        self._pair = ScenePair(ui, noun="sample", use=self._adopt)
         self._overlay.on("samples", self._heard)
         self._model.checked.subscribe(self._show)
         self._show()
@@ -194,6 +192,7 @@ class SampleStrip:
         """Open the strip again if it was closed, with the focus on its cards."""
         if self._can_open():
             self._is_closed = False
+            self.opened.emit()
             self._show(takes_focus=True)
 
     def compare(self) -> None:
@@ -204,6 +203,7 @@ class SampleStrip:
         if self._pair.close() or not self._can_open():
             return
         self._is_closed = False
+        self.opened.emit()
         self._show()
         assert self._cards is not None
         index = self._adopted
@@ -235,6 +235,7 @@ class SampleStrip:
             self._cards = cards
             self._show()
             if self.is_open:
+                self.opened.emit()
                 self._viewpoint.uncover()
 
     def _told(self) -> list[list[Finding]]:
@@ -260,7 +261,7 @@ class SampleStrip:
         return [index for index in order if index in kept]
 
     def _show(self, *, takes_focus: bool = False) -> None:
-        self._model.covered_px = COVERED_PX if self.is_open else 0
+        self._model.covered["samples"] = COVERED_PX if self.is_open else 0
         if not self.is_open:
             self._pair.close()
             self._overlay.show(SamplesState())
@@ -269,13 +270,14 @@ class SampleStrip:
         assert cards is not None
         count = len(cards.numbers)
         rank = {index: number for number, index in enumerate(self._ranked(), 1)}
-        pictures = tuple(_as_address(one) for one in cards.pictures)
+        pictures = {index: as_address(one) for index, one in enumerate(cards.pictures)}
         self._overlay.show(SamplePicturesState(pictures=pictures))
         sizes = {0: f"All {count}"}
         sizes |= {size: f"{size} most diverse" for size in PICKS if size < count}
         state = SamplesState(
             is_open=True,
             takes_focus=takes_focus,
+            title=f"{count} samples",
             ranking=self._ranking,
             rankings=tuple(
                 Choice(value=value, text=text) for value, text in RANKING_WORDS.items()
@@ -283,9 +285,11 @@ class SampleStrip:
             pick=self._pick or 0,
             picks=tuple(Choice(value=size, text=text) for size, text in sizes.items()),
             cards=tuple(
-                SampleCard(
+                StripCard(
                     index=index,
-                    rank=rank[index],
+                    name=_name(index),
+                    mark="in use \N{MIDDLE DOT} " * (index == self._adopted)
+                    + f"{rank[index]}.",
                     is_adopted=index == self._adopted,
                     lines=card_lines(told[index], cards.numbers[index], self._ranking),
                     hint=all_numbers(cards.numbers[index], told[index]),
@@ -332,55 +336,35 @@ class SampleStrip:
     def _compare(self, index: int) -> None:
         """Show a sample beside the one in use, or that one beside the best other."""
         assert self._cards is not None
-        others = (self._adopted, *self._ranked())
-        other = next(one for one in others if one is not None and one != index)
-        self._compared = other, index
-        self._model.pair_opened.emit()
-        self._show_pair()
-
-    def _choose_compared(self, side: int, index: int) -> None:
-        """Put a sample on one side; one that is on the other side changes places."""
-        if not self.is_open or not self._has(index):
-            return
-        kept = self._compared[1 - side]
-        if kept == index:
-            kept = self._compared[side]
-        self._compared = (index, kept) if side == 0 else (kept, index)
-        self._show_pair()
-
-    def _show_pair(self) -> None:
-        assert self._cards is not None
         scenarios = self._cards.scenarios
-        self._pair.show(
-            [(index, scenarios[index]) for index in self._compared],
-            self._cards.frame,
-            adopted=self._adopted,
-            offered=self._ranked(),
-        )
+        offered = {one: (_name(one), scenarios[one]) for one in self._ranked()}
+        self._pair.open(index, offered, self._cards.frame, adopted=self._adopted)
 
     def _point_at(self, index: int | None) -> None:
-        cards, model = self._cards, self._model
-        sample = None if index is None or cards is None else cards.scenarios[index]
-        if sample is not model.sample:
-            model.sample = sample
-            model.sample_pointed.emit()
+        cards = self._cards
+        shown = None if index is None or cards is None else cards.scenarios[index]
+        self._model.preview(shown)
 
 
-def card_lines(
-    findings: Collection[Finding], numbers: SampleNumbers, ranking: Ranking
-) -> tuple[SampleLine, ...]:
-    """The three most telling lines of a sample: problems, their kinds, movement.
-
-    With "interaction" the shortest time to collision replaces the movement.
-    """
+def finding_lines(findings: Collection[Finding]) -> tuple[CardLine, CardLine]:
+    """The number of problems, and their kinds."""
     problems = [one for one in findings if one.is_problem]
     count, notices = len(problems), len(findings) - len(problems)
     words = f"{count or 'No new'} problem{'s' if count != 1 else ''}"
     parts = _kinds_in_words(problems)[:2]
     if not parts:
         parts = [f"{notices or 'no'} notice{'s' if notices != 1 else ''}"]
-    problems_line = SampleLine(text=words, tone="bad" if count else "")
-    kinds_line = SampleLine(text=", ".join(parts))
+    tone = "bad" if count else ""
+    return CardLine(text=words, tone=tone), CardLine(text=", ".join(parts))
+
+
+def card_lines(
+    findings: Collection[Finding], numbers: SampleNumbers, ranking: Ranking
+) -> tuple[CardLine, ...]:
+    """The three most telling lines of a sample: problems, their kinds, movement.
+
+    With "interaction" the shortest time to collision replaces the movement.
+    """
     time = numbers.time_to_collision_s
     if ranking == "interaction":
         last = (
@@ -394,7 +378,11 @@ def card_lines(
         share = "all" if moving == 100 else f"{moving} %"
         digits = 1 if speed < 9.95 else 0
         last = f"{share} move, {speed:.{digits}f} m/s"
-    return problems_line, kinds_line, SampleLine(text=last)
+    return *finding_lines(findings), CardLine(text=last)
+
+
+def _name(index: int) -> str:
+    return f"Sample {index + 1}"
 
 
 def _kinds_in_words(problems: Iterable[Finding]) -> list[str]:
@@ -427,5 +415,6 @@ def all_numbers(numbers: SampleNumbers, findings: Iterable[Finding]) -> str:
     )
 
 
-def _as_address(svg: str) -> str:
+def as_address(svg: str) -> str:
+    """A picture as the source of an image."""
     return f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"

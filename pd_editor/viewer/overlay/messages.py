@@ -373,35 +373,68 @@ class Choice(Message, frozen=True):
     text: str
 
 
-class SampleLine(Message, frozen=True):
+class CardLine(Message, frozen=True):
     text: str
     tone: Tone = ""
 
 
-class SampleCard(Message, frozen=True):
+class StripCard(Message, frozen=True):
+    """A scenario to choose; ``mark`` stands at the right of its name."""
+
     index: int
-    rank: int
+    name: str
+    mark: str
     is_adopted: bool
-    lines: tuple[SampleLine, ...]
+    lines: tuple[CardLine, ...]
     hint: str
+    can_drop: bool = False
 
 
-class SamplesState(Message, frozen=True):
+class StripState(Message, frozen=True):
+    """Cards over the lower part of the picture, and how many more were dropped."""
+
     is_open: bool = False
     takes_focus: bool = False
+    title: str = ""
     ranking: str = ""
     rankings: tuple[Choice, ...] = ()
     pick: int = 0
     picks: tuple[Choice, ...] = ()
-    cards: tuple[SampleCard, ...] = ()
+    cards: tuple[StripCard, ...] = ()
+    num_dropped: int = 0
+
+
+class SamplesState(StripState, frozen=True):
+    """Samples of the last run."""
+
+
+class BranchesState(StripState, frozen=True):
+    """Branches of the history."""
 
 
 class SamplePicturesState(Message, frozen=True):
-    pictures: tuple[str, ...]
+    """Pictures of cards by their index."""
+
+    pictures: dict[int, str]
 
 
-class SamplesEvent(Message, frozen=True):
-    kind: Literal["close", "leave", "rank", "pick", "point", "adopt", "keep", "pair"]
+class BranchPicturesState(SamplePicturesState, frozen=True):
+    """The same of branches."""
+
+
+class StripEvent(Message, frozen=True):
+    kind: Literal[
+        "close",
+        "leave",
+        "rank",
+        "pick",
+        "point",
+        "adopt",
+        "keep",
+        "pair",
+        "drop",
+        "restore",
+    ]
     value: str | int = ""
 
 
@@ -414,28 +447,26 @@ class PairAgent(Message, frozen=True):
     path: tuple[int, ...]
 
 
-class PairSample(Message, frozen=True):
+class PairSide(Message, frozen=True):
+    """A scenario over its ground, as the path of an SVG."""
+
     index: int
     is_adopted: bool
+    ground: str
     agents: tuple[PairAgent, ...]
 
 
-class PairOffer(Message, frozen=True):
-    index: int
-    is_adopted: bool
-
-
-class SamplePairState(Message, frozen=True):
-    """Two samples side by side, over the ground as SVG; half the width in metres."""
+class ScenePairState(Message, frozen=True):
+    """Two scenarios side by side, which are such a ``noun``; half the width in metres."""
 
     is_open: bool = False
+    noun: str = ""
     half_width: float = 0.0
-    ground: str = ""
-    offered: tuple[PairOffer, ...] = ()
-    samples: tuple[PairSample, ...] = ()
+    offered: tuple[Choice, ...] = ()
+    sides: tuple[PairSide, ...] = ()
 
 
-class SamplePairEvent(Message, frozen=True):
+class ScenePairEvent(Message, frozen=True):
     kind: Literal["close", "use", "choose"]
     value: int = -1
     side: int = 0
@@ -785,7 +816,9 @@ STATES: Final[dict[str, type[Message]]] = {
     "speedCurve": SpeedCurveState,
     "samples": SamplesState,
     "sample-pictures": SamplePicturesState,
-    "sample-pair": SamplePairState,
+    "branches": BranchesState,
+    "branch-pictures": BranchPicturesState,
+    "pair": ScenePairState,
     "scorecard": ScorecardState,
     "charts": ChartsState,
     "status": StatusState,
@@ -815,8 +848,9 @@ EVENTS: Final[dict[str, type[Message]]] = {
     "toolbar": ToolbarEvent,
     "timeline": TimelineEvent,
     "speedCurve": SpeedCurveEvent,
-    "samples": SamplesEvent,
-    "sample-pair": SamplePairEvent,
+    "samples": StripEvent,
+    "branches": StripEvent,
+    "pair": ScenePairEvent,
     "scorecard": ScorecardEvent,
     "status": StatusEvent,
     "run": RunBarEvent,

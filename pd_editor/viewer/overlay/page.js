@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (8fe6f4cfbd2e1e4a); not to be edited. */
+/* Built by .ci/client.py from client/ (fbb803bde94fbd1c); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2602,16 +2602,16 @@
     };
   });
 
-  // src/elements/sample_pair.ts
+  // src/elements/pair.ts
   var COLORS = ["#3d7fe6", "#e06a1b", "#17a08f", "#d6337f"];
   var GROUND_COLOR = "rgba(139, 152, 165, 0.4)";
-  define("sample-pair", (api) => {
-    const panel = make("section", "pd-solid pd-pair", { role: "dialog", "aria-label": "Two samples side by side" });
+  define("pair", (api) => {
+    const panel = make("section", "pd-solid pd-pair", { role: "dialog" });
     const sides = ["left", "right"].map((name, place) => {
       const box = make("div", "pd-pair-side");
-      const title = make("select", "", { "aria-label": `Sample on the ${name}`, title: "Another sample here" });
+      const title = make("select", "", { "aria-label": `On the ${name}`, title: "Another one here" });
       title.addEventListener("change", () => api.send({ kind: "choose", side: place, value: Number(title.value) }));
-      const use = button("pd-pair-use", "", () => api.send({ kind: "use", value: state?.samples[place].index }));
+      const use = button("pd-pair-use", "", () => api.send({ kind: "use", value: state?.sides[place].index }));
       const head3 = make("div", "pd-pair-head");
       const canvas2 = make("canvas", "", { "aria-label": `Top view, ${name}` });
       head3.append(title, use);
@@ -2624,9 +2624,9 @@
     panel.hidden = true;
     api.box.append(panel);
     let state = null;
-    let ground2 = new Path2D();
+    let grounds = [];
     let view = { x: 0, y: 0, scale: 4 };
-    function drawSide(canvas2, sample, step) {
+    function drawSide(canvas2, side, ground2, step) {
       const ratio = window.devicePixelRatio || 1;
       const [width, height] = [canvas2.clientWidth * ratio, canvas2.clientHeight * ratio];
       const pen = canvas2.getContext("2d");
@@ -2640,7 +2640,7 @@
       pen.setTransform(scale, 0, 0, scale, left, top);
       pen.fillStyle = GROUND_COLOR;
       pen.fill(ground2, "evenodd");
-      for (const { length, width: across, color, path } of sample.agents) {
+      for (const { length, width: across, color, path } of side.agents) {
         const last = path.length / 3 - 1;
         const at = clamp(step, 0, last);
         const first = Math.floor(at);
@@ -2667,9 +2667,9 @@
     });
     function run() {
       if (!isAlive2 || !state?.isOpen) return;
-      const [step, { samples }] = [clock.step(), state];
+      const [step, { sides: shown }] = [clock.step(), state];
       sides.forEach(({ canvas: canvas2 }, place) => {
-        drawSide(canvas2, samples[place], step);
+        drawSide(canvas2, shown[place], grounds[place], step);
       });
       requestAnimationFrame(run);
     }
@@ -2704,17 +2704,14 @@
       state = next;
       panel.hidden = !next.isOpen;
       if (!next.isOpen) return;
-      ground2 = new Path2D(next.ground);
+      panel.setAttribute("aria-label", `Comparison with another ${next.noun}`);
+      grounds = next.sides.map(({ ground: ground2 }) => new Path2D(ground2));
       sides.forEach(({ title, use }, place) => {
-        const sample = next.samples[place];
-        title.replaceChildren(
-          ...next.offered.map(
-            ({ index, isAdopted }) => option(index, `Sample ${index + 1}${isAdopted ? ", in use" : ""}`)
-          )
-        );
-        title.value = String(sample.index);
-        use.textContent = sample.isAdopted ? "In use" : "Use this sample";
-        use.disabled = sample.isAdopted;
+        const { index, isAdopted } = next.sides[place];
+        title.replaceChildren(...next.offered.map(({ value, text }) => option(value, text)));
+        title.value = String(index);
+        use.textContent = isAdopted ? "In use" : `Use this ${next.noun}`;
+        use.disabled = isAdopted;
       });
       if (wasOpen) return;
       view = { x: 0, y: 0, scale: sides[0].canvas.clientWidth / (2 * next.halfWidth) || 4 };
@@ -2779,16 +2776,15 @@
     };
   });
 
-  // src/elements/samples.ts
-  var pictures = [];
-  var redraw = () => {
-  };
-  define("samples", (api) => {
-    const strip = make("section", "pd-solid pd-samples", { "aria-label": "Samples" });
+  // src/elements/strip.ts
+  var pictures = {};
+  var redraw = {};
+  var stripOf = (element, label) => (api) => {
+    const strip = make("section", "pd-solid pd-samples", { "aria-label": label });
     const head3 = make("div", "pd-samples-head");
     const title = make("strong", "pd-samples-title");
-    const chooser = (label, kind) => {
-      const select = make("select", "", { "aria-label": label, title: label });
+    const chooser = (label2, kind) => {
+      const select = make("select", "", { "aria-label": label2, title: label2 });
       select.addEventListener(
         "change",
         () => api.send({ kind, value: kind === "pick" ? Number(select.value) : select.value })
@@ -2799,10 +2795,11 @@
     const pick = chooser("Samples shown", "pick");
     const hint = "Point to preview, click to use, C compares";
     const close = closeButton("Close the samples", "Esc", () => api.send({ kind: "close" }));
-    head3.append(title, ranking, pick, make("span", "pd-samples-hint", {}, hint), close);
+    const restore = button("pd-strip-restore", "", () => api.send({ kind: "restore" }));
+    head3.append(title, ranking, pick, restore, make("span", "pd-samples-hint", {}, hint), close);
     const list = make("div", "pd-samples-list", {
       role: "listbox",
-      "aria-label": "Samples of the last run",
+      "aria-label": `${label} to choose among`,
       "aria-orientation": "horizontal"
     });
     strip.append(head3, list);
@@ -2848,29 +2845,28 @@
     });
     function fill(select, choices, value) {
       const text = JSON.stringify(choices);
+      select.hidden = !choices.length;
       if (select.dataset.options !== text) {
         select.dataset.options = text;
         select.replaceChildren(...choices.map((one) => option(one.value, one.text)));
       }
       select.value = String(value);
     }
-    function cardOf({ index, rank, isAdopted, lines, hint: hint2 }) {
+    function cardOf({ index, name: words, mark, isAdopted, lines, hint: hint2, canDrop }) {
       const box = make("div", "pd-sample-box");
       const card = make("div", "pd-sample", {
         role: "option",
         tabindex: "-1",
         "aria-selected": String(isAdopted),
-        "aria-label": `Sample ${index + 1}`,
+        "aria-label": words,
         title: hint2
       });
       card.dataset.index = String(index);
       const picture2 = make("img", "", { alt: "", draggable: "false" });
-      if (pictures[index]) picture2.src = pictures[index];
+      const source = pictures[element]?.[index];
+      if (source) picture2.src = source;
       const name = make("div", "pd-sample-name");
-      name.append(
-        make("span", "", {}, `Sample ${index + 1}`),
-        make("span", "pd-sample-rank", {}, isAdopted ? `in use · ${rank}.` : `${rank}.`)
-      );
+      name.append(make("span", "pd-sample-words", {}, words), make("span", "pd-sample-rank", {}, mark));
       card.append(
         picture2,
         name,
@@ -2881,26 +2877,31 @@
         cursor = index;
         api.send({ kind: "adopt", value: index });
       });
-      const more = (kind, sign, label, title2) => button(`pd-sample-keep pd-sample-${kind}`, sign, () => api.send({ kind, value: index }), {
+      const more = (kind, sign, label2, title2) => button(`pd-sample-keep pd-sample-${kind}`, sign, () => api.send({ kind, value: index }), {
         tabindex: "-1",
-        "aria-label": label,
+        "aria-label": label2,
         title: title2
       });
-      const keep = `Use sample ${index + 1} and save it to the library`;
-      box.append(card, more("keep", "☆", keep, "Use it and save it to the library"));
-      const pair = `Compare sample ${index + 1} with the one in use`;
-      if (!isAdopted) box.append(more("pair", "◫", pair, "Side by side with the sample in use"));
+      box.append(
+        card,
+        more("keep", "☆", `Use and save to the library: ${words}`, "Use it and save it to the library")
+      );
+      if (!isAdopted)
+        box.append(more("pair", "◫", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
+      if (canDrop) box.append(more("drop", "✕", `Delete: ${words}`, "Delete it from this strip"));
       return box;
     }
-    redraw = () => {
+    const draw = () => {
       strip.hidden = !state?.isOpen;
-      root.classList.toggle("pd-shows-samples", !strip.hidden);
+      root.classList.toggle("pd-shows-samples", root.querySelector(".pd-samples.pd-solid:not([hidden])") !== null);
       if (!state?.isOpen) {
         pointed = cursor = shownInUse = null;
         return;
       }
       const hadFocus = list.contains(document.activeElement);
-      title.textContent = `${pictures.length} samples`;
+      title.textContent = state.title;
+      restore.hidden = !state.numDropped;
+      restore.textContent = `Put back ${state.numDropped} deleted`;
       fill(ranking, state.rankings, state.ranking);
       fill(pick, state.picks, state.pick);
       list.replaceChildren(...state.cards.map(cardOf));
@@ -2916,15 +2917,22 @@
       }
       if (state.takesFocus || hadFocus) moveTo(all.indexOf(current));
     };
+    redraw[element] = draw;
     return (next) => {
       state = next;
-      redraw();
+      draw();
     };
-  });
-  define("sample-pictures", () => (state) => {
-    pictures = state.pictures;
-    redraw();
-  });
+  };
+  define("samples", stripOf("samples", "Samples"));
+  define("branches", stripOf("branches", "Branches"));
+  for (const [element, name] of [
+    ["samples", "sample-pictures"],
+    ["branches", "branch-pictures"]
+  ])
+    define(name, () => (next) => {
+      pictures[element] = next.pictures;
+      redraw[element]?.();
+    });
 
   // src/elements/scorecard.ts
   var WIDTH = 276;

@@ -68,8 +68,8 @@ class TabModel:
         """Agent that is pointed at in a list."""
         self.compared = Signal[()]()
         """The original scenario is shown or hidden."""
-        self.covered_px = 0
-        """Height of the picture's lower part that an element covers."""
+        self.covered: dict[str, int] = {}
+        """Height in pixels of the picture's lower part that each element covers."""
         self.checked = Signal[()]()
         """The findings of the future are known, or others of them are ignored."""
         self.marked_findings: tuple[Finding, ...] = ()
@@ -98,12 +98,23 @@ class TabModel:
         self.run_requested = Signal[tuple[str, ...] | None, bool]()
         """Trajectories of some agents, or of all (None), are wanted; whether as a cure."""
         self.sample: Scenario | None = None
-        """The scenario with a sample that is drawn instead of the session's."""
+        """A sample or a branch that is drawn instead of the session's scenario."""
         self.sample_pointed = Signal[()]()
         self.pair_opened = Signal[()]()
         self.save_requested = Signal[()]()
         """The scenario is to be put into the library."""
         self.library_changed = Signal[()]()
+
+    @property
+    def covered_px(self) -> int:
+        """Height of the picture's lower part that is covered."""
+        return max(self.covered.values(), default=0)
+
+    def preview(self, scenario: Scenario | None) -> None:
+        """Draw a scenario in the place of the session's without an edit; None: that one."""
+        if scenario is not self.sample:
+            self.sample = scenario
+            self.sample_pointed.emit()
 
     @property
     def palette(self) -> Palette:

@@ -147,7 +147,8 @@ def test_cards_are_ranked_and_marked(strip, page):
     hear({"kind": "rank", "value": "movement"})
     cards = page.shown["samples"]["cards"]
     assert [card["index"] for card in cards] == [2, 1, 0]
-    assert [card["rank"] for card in cards] == [1, 2, 3]
+    assert [card["mark"].split()[-1] for card in cards] == ["1.", "2.", "3."]
+    assert [card["index"] for card in cards if "in use" in card["mark"]] == [0]
     hear({"kind": "pick", "value": 2})
     assert len(page.shown["samples"]["cards"]) == 2
     hear({"kind": "pick", "value": 0})
@@ -177,15 +178,15 @@ def test_pointing_previews_and_a_click_adopts(strip, page, drawn, tab):
 def test_a_sample_is_compared_with_the_one_in_use(strip, page):
     opened(strip, page)
     page.send("samples", {"kind": "pair", "value": 2})
-    pair = page.shown["sample-pair"]
-    assert [one["index"] for one in pair["samples"]] == [0, 2]
-    left, right = (one["agents"][0]["path"] for one in pair["samples"])
+    pair = page.shown["pair"]
+    assert [one["index"] for one in pair["sides"]] == [0, 2]
+    left, right = (one["agents"][0]["path"] for one in pair["sides"])
     assert len(left) == len(right) == 3 * 61
     assert left[:2] == right[:2]
     assert left != right
-    page.send("sample-pair", {"kind": "use", "value": 2})
+    page.send("pair", {"kind": "use", "value": 2})
     assert strip.told == [2]
-    assert not page.shown["sample-pair"]["isOpen"]
+    assert not page.shown["pair"]["isOpen"]
     page.send("samples", {"kind": "pair", "value": 1})
     assert strip.close(), "the comparison is closed first"
     assert strip.is_open
@@ -203,12 +204,12 @@ def test_the_key_compares_whatever_is_pointed_at(strip, page, tab):
 
     def compared():
         strip.compare()
-        return [one["index"] for one in page.shown["sample-pair"]["samples"]]
+        return [one["index"] for one in page.shown["pair"]["sides"]]
 
     page.send("samples", {"kind": "point", "value": 2})
     assert compared() == [0, 2]
     strip.compare()
-    assert not page.shown["sample-pair"]["isOpen"]
+    assert not page.shown["pair"]["isOpen"]
     page.send("samples", {"kind": "point", "value": 0})
     assert compared() == [best, 0]
     assert strip.close()
@@ -241,16 +242,16 @@ def test_cards_count_collisions_with_agents_that_appear_later():
 def test_any_two_samples_are_compared(strip, page):
     """(W13) Each side has a menu of all samples; the one of the other side swaps."""
     opened(strip, page)
-    hear = partial(page.send, "sample-pair")
+    hear = partial(page.send, "pair")
 
     def sides() -> list[int]:
-        return [one["index"] for one in page.shown["sample-pair"]["samples"]]
+        return [one["index"] for one in page.shown["pair"]["sides"]]
 
     page.send("samples", {"kind": "pair", "value": 2})
     assert sides() == [0, 2]
-    offered = page.shown["sample-pair"]["offered"]
-    assert sorted(one["index"] for one in offered) == [0, 1, 2]
-    assert [one["index"] for one in offered if one["isAdopted"]] == [0]
+    offered = page.shown["pair"]["offered"]
+    assert sorted(one["value"] for one in offered) == [0, 1, 2]
+    assert [one["value"] for one in offered if "in use" in one["text"]] == [0]
     hear({"kind": "choose", "side": 0, "value": 1})
     assert sides() == [1, 2]
     hear({"kind": "choose", "side": 1, "value": 1})
@@ -261,7 +262,7 @@ def test_any_two_samples_are_compared(strip, page):
     assert not strip.told
     # The one in use is compared with the best other one.
     page.send("samples", {"kind": "pair", "value": 0})
-    assert sides() == [offered[0]["index"] or offered[1]["index"], 0]
+    assert sides() == [offered[0]["value"] or offered[1]["value"], 0]
 
 
 def test_the_strip_hides_and_comes_back_with_the_state(strip, page, tab):

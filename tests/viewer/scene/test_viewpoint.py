@@ -22,7 +22,7 @@ def test_an_agent_under_the_strip_of_samples_is_brought_into_sight(tab: FakeTab)
     assert 0.5 < height() < 1.0
     tab.run(view.uncover)
     opened = height()
-    tab.model.covered_px = CAMERA["image_height"] // 2
+    tab.model.covered["samples"] = CAMERA["image_height"] // 2
     tab.run(view.uncover)
     assert 0.0 < height() < 0.5
     assert opened > 0.5, "nothing was in the way before"

@@ -1,6 +1,6 @@
-"""Two samples side by side in top view, on one clock."""
+"""Two scenarios side by side in top view, on one clock."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -9,70 +9,86 @@ from pd_editor.editor.library.thumbnail import PictureFrame, ground_path
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.overlay.messages import (
+    Choice,
     PairAgent,
-    PairOffer,
-    PairSample,
-    SamplePairState,
+    PairSide,
+    ScenePairState,
 )
-from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.tab.ui_context import UiContext
 
 GROUND_SCALE: Final = 4.0
 """Width of the ground that is sent, relative to the frame: the page can be panned."""
 _OTHER, _FOCAL, _EGO, _PEDESTRIAN = range(4)
 
 
-class SamplePair:
-    """The element ``sample-pair``: the page draws both samples at its playhead.
+class ScenePair:
+    """The element ``pair``: the page draws two scenarios at its playhead.
 
-    Each side has a menu of all samples.
+    Each side has a menu of all scenarios of a strip.
     """
 
-    def __init__(
-        self,
-        overlay: Overlay,
-        *,
-        use: Callable[[int], None],
-        choose: Callable[[int, int], None],
-    ) -> None:
-        """Show nothing yet.
-
-        ``use`` adopts one of both samples; ``choose`` is called with a side, 0 or 1,
-        and the sample that is wanted there.
-        """
-        self._overlay = overlay
-        self._use = use
-        self._choose = choose
+    def __init__(self, ui: UiContext, *, noun: str, use: Callable[[int], None]) -> None:
+        """Show nothing yet; ``use`` is called with the index of one of both."""
+        self._ui, self._overlay = ui, ui.overlay
+        self._noun, self._use = noun, use
+        self._offered: Mapping[int, tuple[str, Scenario]] = {}
+        self._frame: PictureFrame | None = None
+        self._adopted: int | None = None
+        self._compared = (0, 0)
         self.is_open = False
-        overlay.on("sample-pair", self._heard)
 
-    def show(
+    def open(
         self,
-        samples: Sequence[tuple[int, Scenario]],
+        index: int,
+        offered: Mapping[int, tuple[str, Scenario]],
         frame: PictureFrame,
         *,
         adopted: int | None,
-        offered: Sequence[int],
     ) -> None:
-        """Show two samples with their indices, the left one first.
+        """Show one beside the one in use, or that one beside the first other.
 
-        ``offered`` are the samples of the menus, and ``adopted`` is the one in use.
+        ``offered`` are names and scenarios of the menus, by index, in their order.
         """
+        self._offered, self._frame, self._adopted = offered, frame, adopted
+        others = (*(one for one in offered if one == adopted), *offered)
+        self._compared = next(one for one in others if one != index), index
+        self._overlay.on("pair", self._heard)
+        self._ui.model.pair_opened.emit()
+        self._show()
+
+    def _choose(self, side: int, index: int) -> None:
+        """Put a scenario on one side; one that is on the other side changes places."""
+        if index not in self._offered:
+            return
+        kept = self._compared[1 - side]
+        if kept == index:
+            kept = self._compared[side]
+        self._compared = (index, kept) if side == 0 else (kept, index)
+        self._show()
+
+    def _show(self) -> None:
+        frame, adopted = self._frame, self._adopted
+        assert frame is not None
         self.is_open = True
         wide = PictureFrame(middle_m=frame.middle_m, scale=frame.scale * GROUND_SCALE)
-        state = SamplePairState(
+        state = ScenePairState(
             is_open=True,
+            noun=self._noun,
             half_width=round(frame.half_size_m[0], 1),
-            ground=ground_path(samples[0][1].road_map, wide),
             offered=tuple(
-                PairOffer(index=index, is_adopted=index == adopted) for index in offered
+                Choice(
+                    value=index, text=f"{name}, in use" if index == adopted else name
+                )
+                for index, (name, _) in self._offered.items()
             ),
-            samples=tuple(
-                PairSample(
+            sides=tuple(
+                PairSide(
                     index=index,
                     is_adopted=index == adopted,
-                    agents=tuple(_paths(scenario, frame)),
+                    ground=ground_path(self._offered[index][1].road_map, wide),
+                    agents=tuple(_paths(self._offered[index][1], frame)),
                 )
-                for index, scenario in samples
+                for index in self._compared
             ),
         )
         self._overlay.show(state)
@@ -81,7 +97,7 @@ class SamplePair:
         """Close it; returns whether it was open."""
         was_open, self.is_open = self.is_open, False
         if was_open:
-            self._overlay.show(SamplePairState())
+            self._overlay.show(ScenePairState())
         return was_open
 
     def _heard(self, event: Mapping[str, Any]) -> None:

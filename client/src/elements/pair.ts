@@ -1,20 +1,20 @@
-// Two samples side by side in top view: one camera and one clock, that of the timeline.
+// Two samples or branches side by side in top view: one camera and one clock, that of the timeline.
 import { button, closeButton, make, option } from "../dom.ts";
 import { define, onDispose } from "../frame.ts";
 import { clamp } from "../geometry.ts";
-import type { PairSample, SamplePairState } from "../messages.ts";
+import type { PairSide, ScenePairState } from "../messages.ts";
 import { clock } from "../shared.ts";
 
 const COLORS = ["#3d7fe6", "#e06a1b", "#17a08f", "#d6337f"];
 const GROUND_COLOR = "rgba(139, 152, 165, 0.4)";
 
-define("sample-pair", (api) => {
-  const panel = make("section", "pd-solid pd-pair", { role: "dialog", "aria-label": "Two samples side by side" });
+define("pair", (api) => {
+  const panel = make("section", "pd-solid pd-pair", { role: "dialog" });
   const sides = ["left", "right"].map((name, place) => {
     const box = make("div", "pd-pair-side");
-    const title = make("select", "", { "aria-label": `Sample on the ${name}`, title: "Another sample here" });
+    const title = make("select", "", { "aria-label": `On the ${name}`, title: "Another one here" });
     title.addEventListener("change", () => api.send({ kind: "choose", side: place, value: Number(title.value) }));
-    const use = button("pd-pair-use", "", () => api.send({ kind: "use", value: state?.samples[place].index }));
+    const use = button("pd-pair-use", "", () => api.send({ kind: "use", value: state?.sides[place].index }));
     const head = make("div", "pd-pair-head");
     const canvas = make("canvas", "", { "aria-label": `Top view, ${name}` });
     head.append(title, use);
@@ -27,12 +27,12 @@ define("sample-pair", (api) => {
   panel.hidden = true;
   api.box.append(panel);
 
-  let state: SamplePairState | null = null;
-  let ground = new Path2D();
+  let state: ScenePairState | null = null;
+  let grounds: Path2D[] = [];
   // The camera that both sides share: the middle in metres, and pixels per metre.
   let view = { x: 0, y: 0, scale: 4 };
 
-  function drawSide(canvas: HTMLCanvasElement, sample: PairSample, step: number) {
+  function drawSide(canvas: HTMLCanvasElement, side: PairSide, ground: Path2D, step: number) {
     const ratio = window.devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio];
     const pen = canvas.getContext("2d");
@@ -46,7 +46,7 @@ define("sample-pair", (api) => {
     pen.setTransform(scale, 0, 0, scale, left, top);
     pen.fillStyle = GROUND_COLOR;
     pen.fill(ground, "evenodd");
-    for (const { length, width: across, color, path } of sample.agents) {
+    for (const { length, width: across, color, path } of side.agents) {
       const last = path.length / 3 - 1;
       const at = clamp(step, 0, last);
       const first = Math.floor(at);
@@ -75,9 +75,9 @@ define("sample-pair", (api) => {
   });
   function run() {
     if (!isAlive || !state?.isOpen) return;
-    const [step, { samples }] = [clock.step(), state];
+    const [step, { sides: shown }] = [clock.step(), state];
     sides.forEach(({ canvas }, place) => {
-      drawSide(canvas, samples[place], step);
+      drawSide(canvas, shown[place], grounds[place], step);
     });
     requestAnimationFrame(run);
   }
@@ -114,17 +114,14 @@ define("sample-pair", (api) => {
     state = next;
     panel.hidden = !next.isOpen;
     if (!next.isOpen) return;
-    ground = new Path2D(next.ground);
+    panel.setAttribute("aria-label", `Comparison with another ${next.noun}`);
+    grounds = next.sides.map(({ ground }) => new Path2D(ground));
     sides.forEach(({ title, use }, place) => {
-      const sample = next.samples[place];
-      title.replaceChildren(
-        ...next.offered.map(({ index, isAdopted }) =>
-          option(index, `Sample ${index + 1}${isAdopted ? ", in use" : ""}`),
-        ),
-      );
-      title.value = String(sample.index);
-      use.textContent = sample.isAdopted ? "In use" : "Use this sample";
-      use.disabled = sample.isAdopted;
+      const { index, isAdopted } = next.sides[place];
+      title.replaceChildren(...next.offered.map(({ value, text }) => option(value, text)));
+      title.value = String(index);
+      use.textContent = isAdopted ? "In use" : `Use this ${next.noun}`;
+      use.disabled = isAdopted;
     });
     if (wasOpen) return;
     view = { x: 0, y: 0, scale: sides[0].canvas.clientWidth / (2 * next.halfWidth) || 4 };

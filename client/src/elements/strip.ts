@@ -1,16 +1,19 @@
-// The strip of samples, above the timeline: a card for each sample of the last run.
+// Strips above the timeline: a card for each sample of the last run, or for each branch of
+// the history.
 //
-// Pictures come apart from the rest, since they are large and change with a run only.
+// Pictures come apart from the rest, since they are large and change less often.
 import { button, closeButton, make, option } from "../dom.ts";
 import { define, root } from "../frame.ts";
 import { clamp } from "../geometry.ts";
-import type { SampleCard, SamplesState } from "../messages.ts";
+import type { StripCard, StripState } from "../messages.ts";
 
-let pictures: readonly string[] = [];
-let redraw = () => {};
+type Api = Parameters<Parameters<typeof define>[1]>[0];
+type Pictures = Readonly<Record<string, string>>;
+const pictures: Record<string, Pictures> = {};
+const redraw: Record<string, () => void> = {};
 
-define("samples", (api) => {
-  const strip = make("section", "pd-solid pd-samples", { "aria-label": "Samples" });
+const stripOf = (element: string, label: string) => (api: Api) => {
+  const strip = make("section", "pd-solid pd-samples", { "aria-label": label });
   const head = make("div", "pd-samples-head");
   const title = make("strong", "pd-samples-title");
   const chooser = (label: string, kind: "rank" | "pick") => {
@@ -24,17 +27,18 @@ define("samples", (api) => {
   const pick = chooser("Samples shown", "pick");
   const hint = "Point to preview, click to use, C compares";
   const close = closeButton("Close the samples", "Esc", () => api.send({ kind: "close" }));
-  head.append(title, ranking, pick, make("span", "pd-samples-hint", {}, hint), close);
+  const restore = button("pd-strip-restore", "", () => api.send({ kind: "restore" }));
+  head.append(title, ranking, pick, restore, make("span", "pd-samples-hint", {}, hint), close);
   const list = make("div", "pd-samples-list", {
     role: "listbox",
-    "aria-label": "Samples of the last run",
+    "aria-label": `${label} to choose among`,
     "aria-orientation": "horizontal",
   });
   strip.append(head, list);
   strip.hidden = true;
   api.box.append(strip);
 
-  let state: SamplesState | null = null;
+  let state: StripState | null = null;
   let cursor: number | null = null;
   let pointed: number | null = null;
   let shownInUse: number | null = null; // the card in use that was scrolled into sight
@@ -77,8 +81,9 @@ define("samples", (api) => {
     if (!strip.contains(event.relatedTarget as Node | null) && !strip.matches(":hover")) point(null);
   });
 
-  function fill(select: HTMLSelectElement, choices: SamplesState["picks"], value: string | number) {
+  function fill(select: HTMLSelectElement, choices: StripState["picks"], value: string | number) {
     const text = JSON.stringify(choices);
+    select.hidden = !choices.length;
     if (select.dataset.options !== text) {
       select.dataset.options = text;
       select.replaceChildren(...choices.map((one) => option(one.value, one.text)));
@@ -86,23 +91,21 @@ define("samples", (api) => {
     select.value = String(value);
   }
 
-  function cardOf({ index, rank, isAdopted, lines, hint }: SampleCard) {
+  function cardOf({ index, name: words, mark, isAdopted, lines, hint, canDrop }: StripCard) {
     const box = make("div", "pd-sample-box");
     const card = make("div", "pd-sample", {
       role: "option",
       tabindex: "-1",
       "aria-selected": String(isAdopted),
-      "aria-label": `Sample ${index + 1}`,
+      "aria-label": words,
       title: hint,
     });
     card.dataset.index = String(index);
     const picture = make("img", "", { alt: "", draggable: "false" });
-    if (pictures[index]) picture.src = pictures[index];
+    const source = pictures[element]?.[index];
+    if (source) picture.src = source;
     const name = make("div", "pd-sample-name");
-    name.append(
-      make("span", "", {}, `Sample ${index + 1}`),
-      make("span", "pd-sample-rank", {}, isAdopted ? `in use \u00b7 ${rank}.` : `${rank}.`),
-    );
+    name.append(make("span", "pd-sample-words", {}, words), make("span", "pd-sample-rank", {}, mark));
     card.append(
       picture,
       name,
@@ -113,28 +116,33 @@ define("samples", (api) => {
       cursor = index;
       api.send({ kind: "adopt", value: index });
     });
-    const more = (kind: "keep" | "pair", sign: string, label: string, title: string) =>
+    const more = (kind: "keep" | "pair" | "drop", sign: string, label: string, title: string) =>
       button(`pd-sample-keep pd-sample-${kind}`, sign, () => api.send({ kind, value: index }), {
         tabindex: "-1",
         "aria-label": label,
         title,
       });
-    const keep = `Use sample ${index + 1} and save it to the library`;
-    box.append(card, more("keep", "\u2606", keep, "Use it and save it to the library"));
-    const pair = `Compare sample ${index + 1} with the one in use`;
-    if (!isAdopted) box.append(more("pair", "\u25eb", pair, "Side by side with the sample in use"));
+    box.append(
+      card,
+      more("keep", "\u2606", `Use and save to the library: ${words}`, "Use it and save it to the library"),
+    );
+    if (!isAdopted)
+      box.append(more("pair", "\u25eb", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
+    if (canDrop) box.append(more("drop", "\u2715", `Delete: ${words}`, "Delete it from this strip"));
     return box;
   }
 
-  redraw = () => {
+  const draw = () => {
     strip.hidden = !state?.isOpen;
-    root.classList.toggle("pd-shows-samples", !strip.hidden);
+    root.classList.toggle("pd-shows-samples", root.querySelector(".pd-samples.pd-solid:not([hidden])") !== null);
     if (!state?.isOpen) {
       pointed = cursor = shownInUse = null;
       return;
     }
     const hadFocus = list.contains(document.activeElement);
-    title.textContent = `${pictures.length} samples`;
+    title.textContent = state.title;
+    restore.hidden = !state.numDropped;
+    restore.textContent = `Put back ${state.numDropped} deleted`;
     fill(ranking, state.rankings, state.ranking);
     fill(pick, state.picks, state.pick);
     list.replaceChildren(...state.cards.map(cardOf));
@@ -154,13 +162,20 @@ define("samples", (api) => {
     if (state.takesFocus || hadFocus) moveTo(all.indexOf(current));
   };
 
-  return (next) => {
+  redraw[element] = draw;
+  return (next: StripState) => {
     state = next;
-    redraw();
+    draw();
   };
-});
+};
 
-define("sample-pictures", () => (state) => {
-  pictures = state.pictures;
-  redraw();
-});
+define("samples", stripOf("samples", "Samples"));
+define("branches", stripOf("branches", "Branches"));
+for (const [element, name] of [
+  ["samples", "sample-pictures"],
+  ["branches", "branch-pictures"],
+] as const)
+  define(name, () => (next) => {
+    pictures[element] = next.pictures;
+    redraw[element]?.();
+  });
