@@ -41,6 +41,7 @@ from pd_editor.experiments.work_engine.work_engine import failure_of
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.generation import ScenarioGenerator
+from pd_editor.scene.policy import Policy
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
@@ -62,8 +63,8 @@ def _with_report(
     out, words = Path(options["out"]), ["pd-editor", "drive", *scenes]
     for name, value in options.items():
         option = f"--{name}" if value is not False else f"--no-{name}"
-        values = value if isinstance(value, tuple) else (value,)
-        shown = () if isinstance(value, bool) else map(str, values)
+        values = value if isinstance(value, tuple | list) else (value,)
+        shown = () if isinstance(value, bool) else map(_named, values)
         words += [option, *shown] if value not in (None, "", ()) else []
     reasons = {name: one.reason for name, one in failures.items()}
     seed = int(options.get("seed", 0))
@@ -74,6 +75,11 @@ def _with_report(
     return replace(outcome, remarks=(*outcome.remarks, told))
 
 
+def _named(value: object) -> str:
+    """A value of an option in words."""
+    return value.name if isinstance(value, Policy) else str(value)
+
+
 @over_scenes(SCENE_FILES, _with_report)
 def drive(
     scenario: str | Path,
@@ -81,8 +87,12 @@ def drive(
     *,
     out: FolderOption,
     policies: Annotated[
-        str | tuple[str, ...],
-        tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(optional)"),
+        str | Policy | tuple[str | Policy, ...] | list[str | Policy],
+        tyro.conf.arg(
+            metavar="NAME [NAME ...]",
+            help_behavior_hint="(optional)",
+            constructor=tuple[str, ...],
+        ),
     ] = (),
     ego: Annotated[str, tyro.conf.arg(metavar="ID")] = EGO_ID,
     also: Annotated[
@@ -108,7 +118,7 @@ def drive(
     Args:
         scenario: Demos, Argoverse 2 scenario folders, files of other formats, folders of these, or patterns; demos for all demos. What is written already stays as it is.
         out: Folder that receives DIR/<name>/, one for each policy.
-        policies: log-replay, constant-velocity, idm, installed ones, folders with policy.py, or package.module:attribute.
+        policies: log-replay, constant-velocity, idm, installed ones, folders with policy.py, or package.module:attribute; in Python objects, too.
         ego: Id of the agent that they drive.
         also: Further agents, each driven by a policy in every roll-out, such as bus-0165=idm.
         seconds: Length of a roll-out.
@@ -122,7 +132,7 @@ def drive(
         address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
         workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
-    names = several(policies)
+    names = tuple(policies) if isinstance(policies, tuple | list) else (policies,)
     # What cannot be made is refused before anything is rolled out.
     labels = [policy_of(one).name for one in names]
     if len(set(labels)) < len(labels):
@@ -142,7 +152,7 @@ def drive(
         overwrite=overwrite,
     )
     made = [run.of(one, label, name) for one, label in zip(names, labels, strict=True)]
-    made = made or [run.of("", "roll-out", name)]
+    made = made or [run.of(None, "roll-out", name)]
     drives = tuple(drive for *_, drive in made)
     return Outcome(
         folders=tuple(folder for folder, *_ in made),
@@ -165,7 +175,7 @@ class _Run:
     overwrite: bool
 
     def of(
-        self, policy: str, label: str, name: str
+        self, policy: str | Policy | None, label: str, name: str
     ) -> tuple[Path, Scenario | None, Drive]:
         """Roll out and write, unless a run of equal settings has, and did not fail."""
         request, opened = self.request, self.request.scenario
@@ -173,7 +183,7 @@ class _Run:
         called = name_from_text(given)
         record = self.out / FINISHED_NAME / f"{called}.json"
         known = {
-            "policy": policy,
+            "policy": "" if policy is None else _named(policy),
             "ego": self.ego,
             "also": dict(self.also),
             "seconds": request.duration_s,
@@ -184,8 +194,9 @@ class _Run:
         done = _finished(record, known)
         if done is not None and not (self.overwrite or done.has_failed):
             return self.out / done.folder, None, done
-        named = {self.ego: policy, **self.also} if policy else self.also
-        driven = {agent: policy_of(one) for agent, one in named.items()}
+        driven = {agent: policy_of(one) for agent, one in self.also.items()}
+        if policy is not None:
+            driven = {self.ego: policy_of(policy), **driven}
         rolled = _rolled_out(
             replace(request, policies=driven), make_generator(self.model), label
         )
@@ -194,7 +205,7 @@ class _Run:
         session.apply(rolled.command)
         may_replace = self.overwrite or done is not None
         folder = write_session(self.out, session, overwrite=may_replace)
-        is_scored = bool(policy) and not rolled.failed
+        is_scored = policy is not None and not rolled.failed
         drive = Drive(
             scene=opened.scenario_id,
             policy=label,

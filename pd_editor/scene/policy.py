@@ -15,6 +15,7 @@ from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.prediction import AgentHistory
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import Signal
 
 LEAST_PLAN_S: Final = 0.5
 """Shortest plan: the time between two questions to a policy."""
@@ -28,19 +29,25 @@ class PlanEndError(GenerationError):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """What a policy knows at the current step; in the scene frame, nothing later."""
+    """What a policy knows at the current step, and nothing later.
+
+    In the scene frame: metres, x east, y north; radians counter-clockwise from x.
+    """
 
     ego: AgentHistory
-    """The agent that it drives."""
+    """The agent that it drives: one row, H steps up to the current one."""
     others: AgentHistory
-    """The other agents that are present now."""
+    """The other agents that are present now, over the same steps."""
     road_map: RoadMap
+    """The road, warped where the scene is."""
     route_m: Float[np.ndarray, "N 2"]
     """Line that the agent is to follow; it begins where the roll-out did."""
     step_s: float
-    """Time between two steps, in the history and in a plan."""
+    """Seconds between two steps, in the history and in a plan."""
     time_s: float
-    """Time since the beginning of the roll-out."""
+    """Seconds since the beginning of the roll-out."""
+    signals: tuple[Signal, ...] = ()
+    """Signals of junctions, with their states at the H steps."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,14 +55,17 @@ class Plan:
     """States of the driven agent at F steps, the first of which follows the current one."""
 
     position_m: Float[np.ndarray, "F 2"]
+    """Centres of the box in the scene frame, ``step_s`` apart; F is 5 or more at 0.1 s."""
     heading_rad: Float[np.ndarray, "F"]
+    """Counter-clockwise from x."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Controls:
-    """Inputs of a kinematic bicycle over F steps."""
+    """Inputs of a kinematic bicycle over F steps, ``step_s`` each."""
 
     acceleration_mps2: Float[np.ndarray, "F"]
+    """Along the heading; who stands does not go backwards."""
     curvature_1pm: Float[np.ndarray, "F"]
     """Positive to the left."""
 

@@ -2,6 +2,7 @@ import json
 import shutil
 from pathlib import Path
 
+import pd_editor
 from pd_editor.editor.scenario_store import open_scenario
 from tests.cli.shell import JUNCTION, Shell, files_of
 
@@ -154,3 +155,16 @@ def test_a_drive_that_fails_has_no_score_and_is_made_again(
     assert "| coasts | 1 | 0 | " in (out / "report.md").read_text()
     now = (out / "signalised-junction-idm-s0" / "recipe.json").stat().st_mtime_ns
     assert now == kept
+
+
+def test_objects_and_classes_are_policies_in_python(tmp_path: Path):
+    """Names alone were taken."""
+    space: dict = {}
+    exec(POLICY, space)
+    options = {"seconds": 1, "model": "lane-follower", "out": tmp_path}
+    made = pd_editor.drive(JUNCTION, policies=space["Coasts"](), **options)
+    assert [one.policy for one in made.records] == ["coasts"]
+    assert "--policies coasts" in (tmp_path / "report.md").read_text()
+    both = pd_editor.drive(JUNCTION, policies=[space["Coasts"], "idm"], **options)
+    assert [one.policy for one in both.records] == ["coasts", "idm"]
+    assert both.failures == {}

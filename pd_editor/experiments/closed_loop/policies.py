@@ -163,8 +163,10 @@ def installed_policies() -> dict[str, EntryPoint]:
     return {one.name: one for one in entry_points(group=ENTRY_POINTS)}
 
 
-def policy_of(name: str) -> Policy:
+def policy_of(given: str | Policy | Callable[[], Policy]) -> Policy:
     """The policy of a name: a shipped or installed one, a folder, or a reference.
+
+    An object is taken as it is, a class or function is called.
 
     A folder has ``policy.py``, which defines ``make_policy(folder)`` and is run as a
     module: name only folders that you trust.
@@ -172,10 +174,13 @@ def policy_of(name: str) -> Policy:
     Raises:
         GenerationError: there is none, or it cannot be made.
     """
-    if name in _SHIPPED:
+    name = given if isinstance(given, str) else type(given).__name__
+    if not isinstance(given, str):
+        found: Any = given
+    elif name in _SHIPPED:
         return _SHIPPED[name]()
-    if name in installed_policies():
-        found: Any = asked(installed_policies()[name].load, name, ": cannot be loaded")
+    elif name in installed_policies():
+        found = asked(installed_policies()[name].load, name, ": cannot be loaded")
     elif os.path.isfile(Path(name) / FOLDER_MODULE):
         folder = Path(os.path.realpath(name))
         found = object_of_folder(folder, FOLDER_MODULE)

@@ -5,7 +5,7 @@ agents; its first second or so becomes what has happened.
 """
 
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final
 
@@ -381,6 +381,10 @@ class _Drivers:
             route_m=self.routes_m[name],
             step_s=step_s,
             time_s=(world.step - self.first_step) * step_s,
+            signals=tuple(
+                replace(one, states=one.states[:count].copy())
+                for one in scenario.signals
+            ),
         )
 
 

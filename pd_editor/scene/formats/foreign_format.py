@@ -1,16 +1,23 @@
 """Formats that other packages bring: whatever their code raises becomes one sentence."""
 
 import logging
-from collections.abc import Collection
+import os
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from pd_editor.base.errors import ExportError, FormatError, InputError
+from pd_editor.base.errors import (
+    ExportError,
+    FormatError,
+    InputError,
+    LargeSceneError,
+)
 from pd_editor.base.foreign_code import asked, origin_of
 from pd_editor.base.plain_text import one_line
+from pd_editor.scene.formats.packed_file import PACKED, unpacked_file
 from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
 from pd_editor.scene.scenario import Scenario
 
@@ -32,18 +39,36 @@ def foreign_format(point: EntryPoint, taken: Collection[str]) -> SceneFormat:
     knows = found.recognises
     reads: Any = found.read
     writes: Any = found.write
+    packed = tuple(f"{ending}{PACKED}" for ending in found.endings)
 
     def recognises(path: Path) -> bool:
         told = " did not say whether it knows a file"
+
+        def known() -> bool:
+            if knows(path):
+                return True
+            if not path.name.lower().endswith(packed):
+                return False
+            with unpacked_file(path) as plain:
+                return bool(knows(plain))
+
         try:
-            return asked(lambda: bool(knows(path)), place, told, InputError)
+            return asked(known, place, told, InputError)
         except InputError as error:
             _told_once(str(error))
             return False
 
     def read(path: Path) -> Scenario:
         told = f": {found.title} cannot be read"
-        return asked(lambda: _a(Scenario, reads(path)), str(path), told, FormatError)
+
+        def found_in() -> Scenario:
+            # Who knows gzipped files reads them; all others get them unpacked.
+            if knows(path):
+                return _a(Scenario, reads(path))
+            with unpacked_file(path) as plain:
+                return _a(Scenario, _named(reads, plain, path))
+
+        return asked(found_in, str(path), told, FormatError)
 
     def write(scenario: Scenario) -> WrittenScene:
         told, name = f" cannot be written as {found.title}", scenario.scenario_id
@@ -52,6 +77,22 @@ def foreign_format(point: EntryPoint, taken: Collection[str]) -> SceneFormat:
     return replace(
         found, recognises=recognises, read=reads and read, write=writes and write
     )
+
+
+def _named(read: Callable[[Path], Any], plain: Path, path: Path) -> Any:
+    """What is read of an unpacked file, with the name of the packed one in what is told."""
+    try:
+        found = read(plain)
+    except LargeSceneError as error:
+        scene = replace(error.scene, path=path)
+        told = str(error).replace(str(plain), str(path))
+        raise type(error)(told, scene, error.data) from error
+    except InputError as error:
+        raise FormatError(str(error).replace(str(plain), str(path))) from error
+    if not isinstance(found, Scenario):
+        return found
+    origin = replace(found.provenance, source=os.path.realpath(path))
+    return replace(found, provenance=origin)
 
 
 @cache

@@ -10,7 +10,7 @@ import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, pairwise
 from typing import Final
 
 import numpy as np
@@ -604,14 +604,16 @@ def _profile(
 ) -> None:
     """Linear pieces of values along a road, as few as follow them."""
     name = "sOffset" if tag == "width" else "s"
-    line = shapely.LineString(np.column_stack([s_m, values]))
-    kept = shapely.get_coordinates(shapely.simplify(line, _SAME_VALUE_M))
-    slope = np.diff(kept[:, 1]) / np.diff(kept[:, 0])
-    is_new = np.abs(np.diff(slope, prepend=np.inf)) > _SAME_SLOPE
-    for (s, a), b in zip(
-        kept[:-1][is_new].tolist(), slope[is_new].tolist(), strict=True
-    ):
-        added(parent, tag, **{name: s}, a=a, b=b, c=0, d=0)
+    kept = np.column_stack([s_m, values])
+    if len(kept) > 2:
+        line = shapely.simplify(shapely.LineString(kept), _SAME_VALUE_M)
+        kept = shapely.get_coordinates(line)
+    former = np.inf
+    for (s, a), (next_s, next_a) in pairwise(kept.tolist()):
+        slope = (next_a - a) / (next_s - s)
+        if abs(slope - former) > _SAME_SLOPE:
+            added(parent, tag, **{name: s}, a=a, b=slope, c=0, d=0)
+        former = slope
 
 
 def _mark(lane: etree._Element, mark: LaneMark) -> None:

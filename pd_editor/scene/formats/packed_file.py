@@ -3,7 +3,10 @@
 import gzip
 import io
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 from pd_editor.base.errors import FormatError
@@ -42,6 +45,22 @@ def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
         return b""
     # Of a text in UTF-16, every other byte is 0.
     return head.lower().replace(b"\0", b"")
+
+
+@contextmanager
+def unpacked_file(path: Path) -> Iterator[Path]:
+    """A gzipped file unpacked, in a folder of its own and for the time; others as they are.
+
+    Raises:
+        FormatError: it cannot be read, is damaged, or too large.
+    """
+    if not (path.name.lower().endswith(PACKED) and path.is_file()):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        plain = Path(folder, unpacked_name(path.name))
+        plain.write_bytes(read_unpacked(path)[0])
+        yield plain
 
 
 def read_unpacked(path: Path) -> tuple[bytes, bytes]:

@@ -83,7 +83,19 @@ def test_equal_seeds_give_equal_bytes_and_the_recipe_needs_no_generator(junction
 
 def test_windows_and_the_result_have_the_same_phases(junction):
     scene = SampleSignals(seed=1).apply(junction)
-    found = rolled(scene, duration_s=2.0, seed=4)
+    seen = []
+
+    class Looks(Brakes):
+        def plan(self, observation):
+            seen.append(observation)
+            return super().plan(observation)
+
+    found = rolled(scene, duration_s=2.0, seed=4, policies={"AV": Looks()})
+    for one in seen:
+        count = one.ego.position_m.shape[1]
+        assert one.signals
+        for own, after in zip(one.signals, found.scenario.signals, strict=True):
+            np.testing.assert_array_equal(own.states, after.states[:count])
     world = World.beginning(scene, 600, seed=4)
     states = {n: one.states for one in world.scenario.signals for n in one.lane_ids}
     assert any(np.ptp(own) for own in states.values())

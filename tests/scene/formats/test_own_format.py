@@ -1,5 +1,6 @@
 """A format of one's own: the example, joined by an entry point as a package does it."""
 
+import gzip
 import shutil
 import sys
 from importlib.metadata import EntryPoint, EntryPoints
@@ -379,3 +380,26 @@ def test_a_part_of_a_long_recording_is_opened(
     again = shell.run("replay", made.lines[0], "--out", tmp_path / "r")
     assert again.code == 0, again.err
     assert files_of(Path(again.lines[0])) == files_of(Path(made.lines[0]))
+
+
+@pytest.mark.parametrize("kind", ["gzipped", "misnamed"])
+def test_gzipped_files_of_a_format_open_as_they_are(broken, tmp_path: Path, kind: str):
+    """Those of other formats did; own formats got the packed bytes."""
+    broken(
+        "read=lambda path, own=FORMAT.read: own(Path(path.read_text())), recognises="
+        "lambda path: path.suffix == '.mine' and path.read_text().startswith('/')"
+    )
+    street = tmp_path / "street"
+    street.mkdir()
+    (street / "lanes.csv").write_text(
+        "lane,width_m,next,x_m,y_m\na,4,,0,0\na,4,,60,0\n"
+    )
+    data = str(street).encode()
+    path = tmp_path / "One.mine.gz"
+    path.write_bytes(gzip.compress(data) if kind == "gzipped" else data)
+    scene = open_scenario(path)
+    assert scene.provenance.source == str(path)
+    assert open_base(scene.reference).reference == scene.reference
+    path.write_bytes(gzip.compress(f"/{tmp_path}/none".encode()))
+    with pytest.raises(FormatError, match=rf"^{path}: .*has no lane"):
+        open_scenario(path)
