@@ -57,7 +57,7 @@ class WalkCounts:
     refused: int = 0
     """Commands that made no sense where they came, told in a sentence."""
     moves: int = 0
-    """Undo, redo and jumps."""
+    """Undo, redo, jumps and switches of branches."""
     switches: int = 0
     checked: int = 0
     """Scenarios that were undone to the start, replayed, exported and read back."""
@@ -90,7 +90,12 @@ def walk(
             check_focal(session.scenario)
             if rng.random() < 0.15:
                 counts.moves += 1
-                session.jump_to(int(rng.integers(len(session.entries) + 1)))
+                if rng.random() < 0.3:
+                    session.go_to(
+                        int(rng.choice([one.number for one in session.branches]))
+                    )
+                else:
+                    session.jump_to(int(rng.integers(len(session.entries) + 1)))
                 check_focal(session.scenario)
     for folder in folders:
         workspace.open_reference(str(folder))
@@ -153,6 +158,9 @@ def check_journal(session: EditorSession, folder: Path) -> None:
     assert back.state.position == session.state.position
     assert back.commands_in_force == session.commands_in_force
     assert back.variant == session.variant
+    for one, other in zip(back.branches, session.branches, strict=True):
+        assert (one.number, one.variant) == (other.number, other.variant)
+        assert same_scenario(one.scenario, other.scenario)
     back.close()
 
 
