@@ -101,9 +101,10 @@ def _told_once(what: str) -> None:
     _LOG.warning("%s", what)
 
 
-def _a(kind: type[Value], found: Any) -> Value:
+def _a(kind: type[Value], found: Any, where: str = "") -> Value:
     if not isinstance(found, kind):
-        raise TypeError(f"got a {type(found).__name__}; expected a {kind.__name__}")
+        got = f"got a {type(found).__name__}{where}"
+        raise TypeError(f"{got}; expected a {kind.__name__}")
     return found
 
 
@@ -118,6 +119,6 @@ def _checked(found: Any, taken: Collection[str]) -> SceneFormat:
 def _plain_files(found: Any) -> WrittenScene:
     for name, data in _a(WrittenScene, found).files.items():
         _a(str, name)
-        _a(bytes, data)
+        _a(bytes, data, f" in the file {name!r}")
     losses = (found.losses,) if isinstance(found.losses, str) else found.losses
     return replace(found, losses=tuple(one_line(str(one)) for one in losses))

@@ -20,7 +20,7 @@ from pd_editor.viewer.tab.panel_style import FixedText, PicturePages, PictureRow
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
 ZIP_NAME = "scenarios.zip"
-_ALL, _NONE = "All found", "None"
+_ALL, _NONE = "All found", "Nothing"
 PAGE: Final = 12
 """Number of scenarios that are shown at a time."""
 _ORDERS: Final = {

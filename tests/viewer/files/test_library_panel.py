@@ -297,7 +297,7 @@ def test_all_that_is_found_is_ticked_at_once(tabs):
     assert name == "faster-beside-fast.html"
     assert [one["name"] for one in scenes_in(content)] == ["faster", "fast"]
     assert b"data-pair>" in content
-    tab.type("Tick", "None")
+    tab.type("Tick", "Nothing")
     until(lambda: "Remove 0 scenarios" in tab.inputs())
     assert len(tab.elements.library.chosen) == 3
     assert tab.field("Compare two").disabled
