@@ -101,9 +101,9 @@ def _told_once(what: str) -> None:
     _LOG.warning("%s", what)
 
 
-def _a(kind: type[Value], found: Any, where: str = "") -> Value:
+def _a(kind: type[Value], found: Any, what: str = "") -> Value:
     if not isinstance(found, kind):
-        got = f"got a {type(found).__name__}{where}"
+        got = f"{what}got a {type(found).__name__}"
         raise TypeError(f"{got}; expected a {kind.__name__}")
     return found
 
@@ -119,6 +119,6 @@ def _checked(found: Any, taken: Collection[str]) -> SceneFormat:
 def _plain_files(found: Any) -> WrittenScene:
     for name, data in _a(WrittenScene, found).files.items():
         _a(str, name)
-        _a(bytes, data, f" in the file {name!r}")
+        _a(bytes, data, f"file {name!r}: ")
     losses = (found.losses,) if isinstance(found.losses, str) else found.losses
     return replace(found, losses=tuple(one_line(str(one)) for one in losses))

@@ -181,9 +181,7 @@ class BranchStrip:
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, value = event.get("kind"), event.get("value")
         session = self._ui.session
-        there = {one.number: one for one in self._branches()}
-        if not self.is_open:
-            return
+        there = {one.number: one for one in self._branches()} if self.is_open else {}
         if kind == "close":
             self.close()
         elif kind == "leave":
