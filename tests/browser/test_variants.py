@@ -105,7 +105,8 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
 def _label(row: dict[str, str]) -> str:
     count = int(row["num_problems"])
     problems = [f"{count} problem{'s' * (count != 1)}"] if count else []
-    return " · ".join([row["id"], *problems, *row["tags"].split("; ")])
+    title = " · ".join([row["id"], *problems, *row["tags"].split("; ")])
+    return f"{title} {row['note']}".strip()
 
 
 @pytest.mark.slow
