@@ -75,7 +75,7 @@ def main() -> None:
                 ui.post(act)
             editor.until(lambda: len(session.branches) == 3, "the branches")
             tips = [one.number for one in session.branches]
-            editor.key("h")
+            editor.key("u")
             editor.until(lambda: editor.page.locator(CARDS).count() == 3, "cards")
             editor.page.wait_for_timeout(3000)
             for number in range(3 * ROUNDS):

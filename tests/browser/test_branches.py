@@ -82,7 +82,7 @@ def test_back_to_the_recording_and_another_edit_keeps_the_first(editor):
 
     # All of them survive a reload, by keys alone.
     editor.reload()
-    editor.key("h")
+    editor.key("u")
     expect(cards(editor)).to_have_count(3)
     page.wait_for_function("document.activeElement.classList.contains('pd-sample')")
     page.keyboard.press("ArrowLeft")

@@ -36,7 +36,7 @@ class HistoryPanel:
             "Branches",
             icon=viser.Icon.GIT_BRANCH,
             color="gray",
-            hint="Edits that were undone before another edit (H)",
+            hint="Edits that were undone before another edit (U)",
         )
         ui.on_click(self._branches, show_branches)
         self._counts = FixedText(gui, 2)

@@ -50,7 +50,7 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Roll out in closed loop", tab.generation.closed_loop.roll_out)
     key("Choose among samples of the last run", tab.samples.focus, "J", "shift")
     key("Compare two samples, or branches", tab.compare, "C")
-    key("Branches of the history", tab.branches.toggle, "H")
+    key("Branches of the history", tab.branches.toggle, "U")
     key("Cancel the generation", tab.generation.cancel)
     key("Reset road", tab.road.reset)
     key("Switch 3-D and top view", tab.viewpoint.switch, "V")
