@@ -236,16 +236,22 @@ class EditorSession:
         return tuple(self._history.made)
 
     @property
+    def branch_tips(self) -> tuple[int, ...]:
+        """Last edits of the branches that can be switched to, after 0, the opened scenario."""
+        history, tip = self._history, self._history.tree.tip
+        offered = (one for one in history.tree.tips if history.made[one - 1].after)
+        return 0, *(one for one in offered if one == tip or one not in self._dropped)
+
+    @property
     def branches(self) -> tuple[Branch, ...]:
         """The opened scenario and the branches that can be switched to, the oldest first."""
         history, tree = self._history, self._history.tree
         in_force = set(tree.path)
         variants = self._variants | {tree.tip: self._variant}
         branches: list[Branch] = []
-        for tip in (0, *tree.tips):
+        for tip in self.branch_tips:
             state = history.state_of(tip)
-            if state is None or (tip in self._dropped and tip != tree.tip):
-                continue
+            assert state is not None
             edits = tree.edits_to(tip)
             branch = Branch(
                 number=tip,

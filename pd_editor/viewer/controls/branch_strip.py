@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 from pd_editor.analysis.findings.check import scene_findings
@@ -32,6 +33,8 @@ from pd_editor.viewer.scene.scene_pair import ScenePair
 from pd_editor.viewer.tab.ui_context import UiContext
 
 MOST_CARDS: Final = 40
+_recorded: Final = lru_cache(maxsize=1)(scene_findings)
+"""Findings of the opened scenario, which each new branch is compared with."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +101,8 @@ class BranchStrip:
         drawn = self._drawn
         pictures = {one: as_address(drawn[one].picture) for one in sorted(drawn)}
         self._ui.overlay.show(BranchPicturesState(pictures=pictures))
-        count, more = len(session.branches), len(session.branches) - len(branches)
+        count = len(session.branch_tips)
+        more = count - len(branches)
         self._ui.overlay.show(
             BranchesState(
                 is_open=True,
@@ -250,7 +254,7 @@ def _frame(branches: Sequence[Branch], base: Scenario) -> PictureFrame:
 def _drawn(
     branches: Sequence[Branch], base: Scenario, known: Mapping[int, _Drawn]
 ) -> dict[int, _Drawn]:
-    frame, recorded = _frame(branches, base), scene_findings(base)
+    frame, recorded = _frame(branches, base), _recorded(base)
     drawn: dict[int, _Drawn] = {}
     for branch in branches:
         number, scenario = branch.number, branch.scenario

@@ -74,7 +74,7 @@ class HistoryPanel:
         if self._followed != present:
             self._followed = present
             self._page = (len(entries) - position) // ROWS
-        count = len(session.branches)
+        count = len(session.branch_tips)
         set_property(self._branches, "label", f"Branches: {count}")
         set_property(self._branches, "disabled", count < 2)
         set_property(self._pages, "visible", len(entries) >= ROWS)
