@@ -15,10 +15,14 @@ from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
 from pd_editor.cli.options.arguments import (
     AddressOption,
+    AroundOption,
+    CurrentOption,
     FolderOption,
     NameOption,
     OptionalWorkers,
+    RadiusOption,
     Switch,
+    UntilOption,
     several,
 )
 from pd_editor.cli.output.outcome import Outcome, described, write_session
@@ -104,6 +108,10 @@ def drive(
     enter: Switch = True,
     seed: int = 0,
     model: Annotated[str, tyro.conf.arg(metavar="NAME")] = SHIPPED_MODEL,
+    current: CurrentOption = None,
+    until: UntilOption = None,
+    around: AroundOption = None,
+    radius: RadiusOption = None,
     name: NameOption = "",
     overwrite: Switch = False,
     engine: EngineName = "local",  # noqa: ARG001
@@ -126,6 +134,10 @@ def drive(
         enter: No vehicles enter for those that leave the map.
         seed: Random seed.
         model: What generates the traffic.
+        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
+        until: Seconds after the current step that are kept, such as 6.
+        around: Metres in the file's frame, about which a square of its map is used; for maps beyond the limits of a scene.
+        radius: Half the side of that square.
         name: Name of the result, to which the policy's is added.
         overwrite: Replace what an earlier run wrote.
         engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
@@ -139,7 +151,13 @@ def drive(
         raise InputError(f"Two policies have one name: {', '.join(labels)}.")
     run = _Run(
         request=RollOutRequest(
-            scenario=open_scenario(scenario),
+            scenario=open_scenario(
+                scenario,
+                current_s=current,
+                until_s=until,
+                around=around,
+                radius_m=radius,
+            ),
             duration_s=float(seconds),
             replan_s=float(replan),
             keeps_density=enter,
@@ -190,6 +208,7 @@ class _Run:
             "replan": request.replan_s,
             "enter": request.keeps_density,
             "model": self.model,
+            "scene": request.scenario.provenance.content_sha256,
         }
         done = _finished(record, known)
         if done is not None and not (self.overwrite or done.has_failed):

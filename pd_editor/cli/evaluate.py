@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Final
@@ -13,6 +13,7 @@ from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.base.plain_text import nearest_or_all
 from pd_editor.cli.options.arguments import (
     AddressOption,
+    CurrentOption,
     FolderOption,
     LimitOption,
     Switch,
@@ -68,6 +69,7 @@ from pd_editor.scene.generation import (
     is_reference,
     supported_by,
 )
+from pd_editor.scene.time_cut import COMPARED
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower", DEFAULT_GENERATOR)
 DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)
@@ -125,6 +127,7 @@ def evaluate(
         tuple[str, ...], tyro.conf.arg(metavar="SPLIT [SPLIT ...]")
     ] = ("train",),
     limit: LimitOption = None,
+    current: CurrentOption = None,
     engine: EngineName = "local",
     address: AddressOption = None,
     workers: WorkersOption = None,
@@ -145,6 +148,7 @@ def evaluate(
         seed: Random seed; the same seed gives the same numbers.
         development: Splits on which settings were chosen; headline figures are of the other splits alone.
         limit: Use only the first N scenarios.
+        current: Seconds of each recording that count as observed; the last of their steps becomes the current one.
         engine: Processes of this machine, or Ray (extra "cluster").
         address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
         workers: Work items that run at a time; they do not change the numbers.
@@ -163,6 +167,7 @@ def evaluate(
         limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
         development=several(development),
         limit_s=limit_in_s(time_limit),
+        cut=replace(COMPARED, current_s=current),
     )
     choice = EngineChoice(name=engine, address=address, num_workers=workers)
     found = scenes_of(plan.data, plan.limit)
@@ -321,4 +326,6 @@ def _command(plan: EvaluationPlan, out: str | Path) -> str:
     if plan.development != ("train",):
         words += ["--development", *plan.development]
     words += [] if plan.limit is None else ["--limit", str(plan.limit)]
+    now_s = plan.cut.current_s
+    words += [] if now_s is None else ["--current", f"{now_s:g}"]
     return shlex.join(words)

@@ -1,5 +1,6 @@
 """``pd-editor study``: perturbation studies."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ from pd_editor.base.errors import InputError
 from pd_editor.cli.evaluate import checked_methods, limit_in_s, within
 from pd_editor.cli.options.arguments import (
     AddressOption,
+    CurrentOption,
     FolderOption,
     LimitOption,
     Switch,
@@ -42,6 +44,7 @@ from pd_editor.generation.defaults import DeviceName
 from pd_editor.scene.generation import MAX_SAMPLES, MAX_SEED
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import WARP_KINDS
+from pd_editor.scene.time_cut import COMPARED
 
 _Texts = str | tuple[str, ...]
 _BY_DEFAULT = "(default: -9 to 9 without 0)"
@@ -76,6 +79,7 @@ def study(
     gallery: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
     dangers: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     limit: LimitOption = None,
+    current: CurrentOption = None,
     engine: EngineName = "local",
     address: AddressOption = None,
     workers: WorkersOption = None,
@@ -102,6 +106,7 @@ def study(
         gallery: Number of worst scenes that are exported for the editor.
         dangers: Number of dangerous but avoidable behaviours of agents that are searched over all scenes and exported; 0 does not search.
         limit: Use only the first N scenarios.
+        current: Seconds of each recording that count as observed; the last of their steps becomes the current one.
         engine: Processes of this machine, or Ray (extra "cluster").
         address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
         workers: Work items that run at a time; they do not change the numbers.
@@ -131,6 +136,7 @@ def study(
         friction_coefficient=friction or None,
         limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
         limit_s=limit_in_s(time_limit),
+        cut=replace(COMPARED, current_s=current),
     )
     extras = StudyExtras(
         search=SearchSettings(

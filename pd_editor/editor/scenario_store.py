@@ -96,6 +96,11 @@ def open_part(reference: str | Path, cut: SceneCut) -> Scenario:
     return cut_when_read(lambda: _opened(reference), cut)
 
 
+def scene_part(path: Path, cut: SceneCut) -> Scenario:
+    """Read a scene of a dataset, and keep what a cut keeps; raises as ``cut_when_read``."""
+    return cut_when_read(lambda: read_scene(path), cut)
+
+
 def cut_when_read(read: Callable[[], Scenario], cut: SceneCut) -> Scenario:
     """Read a scenario and cut it, also one that is too large or long as a whole.
 

@@ -15,6 +15,8 @@ from pd_editor.scene.time_axis import TimeAxis
 
 FUTURE_S: Final = TimeAxis().num_future_steps * TimeAxis().step_s
 """Future that the shipped models sample, and that methods are compared on."""
+COMPARED: Final = SceneCut(until_s=FUTURE_S)
+"""What methods are compared on: of the scene as it is, what models sample."""
 _MORE: Final = 1e-6
 """Steps by which times may be off by rounding."""
 
@@ -23,11 +25,6 @@ def is_long(scenario: Scenario) -> bool:
     """Whether the future is longer than ``FUTURE_S`` by more than rounding."""
     axis = scenario.time_axis
     return axis.num_future_steps * axis.step_s > FUTURE_S + 0.05
-
-
-def without_late_future(scenario: Scenario) -> Scenario:
-    """Leave out what is later than ``FUTURE_S`` after the current step."""
-    return cut_scenario(scenario, SceneCut(until_s=FUTURE_S))
 
 
 def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:

@@ -4,13 +4,27 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import exported_files, open_scenario
+from pd_editor.editor.session import EditorSession
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from tests.cli.shell import Shell
 from tests.scene.test_time_cut import long_recording
 
 CUT = ("--current", 5, "--until", 6)
+
+
+@pytest.fixture
+def minutes(tmp_path: Path) -> Path:
+    """A folder with a recording that lasts longer than scenes may."""
+    session = EditorSession(open_scenario("roundabout"))
+    files = exported_files(session.scenario, session.recipe(), None, "commonroad")
+    (data,) = [files[one] for one in files if one.endswith(".xml")]
+    folder = tmp_path / "data" / "val"
+    folder.mkdir(parents=True)
+    slow = data.replace(b'timeStepSize="0.1"', b'timeStepSize="1.5"')
+    (folder / "minutes.xml").write_bytes(slow)
+    return folder / "minutes.xml"
 
 
 @pytest.mark.parametrize(
@@ -53,3 +67,55 @@ def test_studies_and_evaluations_take_what_models_sample_of_them(
     assert made.code == 0, made.err
     assert "failed" not in made.err
     assert "lasts" not in (out / "report.md").read_text()
+
+
+@pytest.mark.parametrize("command", ["study", "evaluate"])
+def test_they_take_a_moment_of_recordings_of_minutes(
+    command: str, shell: Shell, minutes: Path, tmp_path: Path
+):
+    """Those were left out, and nothing told at which moment to look."""
+    out = tmp_path / "out"
+    options: tuple = ("--methods", "lane-follower", "--current", 60)
+    if command == "study":
+        extras = "--gallery", 1, "--dangers", 1
+        options = ("--kinds", "ripple-road", "--powers", "4", *extras, *options)
+    given = command, "--data", minutes.parents[1], "--out", out, *options
+    made = shell.run(*given)
+    assert (made.code, "failed" in made.err, "left out" in made.err) == (0, 0, 0)
+    assert "--current 60" in (out / "report.md").read_text()
+    for one in (out / "gallery").glob("*"):
+        assert open_scenario(one).time_axis.num_future_steps == 60
+        assert shell.run("replay", one, "--out", tmp_path / "again").code == 0
+    assert "current" in shell.refused(*given[:-1], 50, "--resume")
+
+
+def test_a_moment_need_not_be_named(shell: Shell, minutes: Path, tmp_path: Path):
+    given = ("--data", minutes.parent, "--out", tmp_path / "out")
+    made = shell.run("evaluate", *given, "--methods", "ground-truth")
+    assert (made.code, made.err) == (0, "")
+
+
+def test_threats_and_drives_are_of_a_moment(
+    shell: Shell, minutes: Path, tmp_path: Path
+):
+    told = shell.refused("threats", minutes)
+    assert "--current S" in told
+    assert shell.run("threats", minutes, *CUT).code == 0
+    options = (
+        "--policies",
+        "idm",
+        "--ego",
+        1140,
+        "--seconds",
+        1,
+        "--model",
+        "lane-follower",
+    )
+    given = ("drive", minutes, *options, "--out", tmp_path / "out")
+    made = shell.run(*given, *CUT)
+    assert made.code == 0, made.err
+    assert open_scenario(made.lines[0]).time_axis.num_future_steps == 10
+    # Another moment is another drive.
+    assert "--overwrite" in shell.refused(*given, "--current", 60, "--until", 6)
+    square = ("--around", 0, 0, "--radius", 1)
+    assert "no lane within 1 m" in shell.refused("threats", minutes, *square)

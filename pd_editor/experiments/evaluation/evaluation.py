@@ -27,7 +27,9 @@ from pd_editor.experiments.evaluation.scene_rows import (
 )
 from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
+from pd_editor.scene.time_cut import COMPARED
 
 ROWS_NAME: Final = "rows.parquet"
 _LOG: Final = logging.getLogger(__name__)
@@ -50,6 +52,8 @@ class EvaluationPlan:
     """Splits on which settings were chosen; headlines use the other splits only."""
     limit_s: float | None = None
     """Time that a method may take for a scene; a method that takes longer fails there."""
+    cut: SceneCut = COMPARED
+    """What is used of each recording."""
 
     @property
     def settings(self) -> RunSettings:
@@ -62,6 +66,7 @@ class EvaluationPlan:
             seed=self.seed,
             states=self.task.states,
             agents=self.task.agents,
+            current_s=self.cut.current_s,
         )
 
 
@@ -183,6 +188,7 @@ def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneIt
             seed=plan.seed,
             task=plan.task,
             limit_s=plan.limit_s,
+            cut=plan.cut,
         )
         for scene in scenes
         for condition in plan.conditions

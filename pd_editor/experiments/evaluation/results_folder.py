@@ -27,6 +27,7 @@ class RunSettings:
     seed: int
     states: str = "recorded"
     agents: str = "all"
+    current_s: float | None = None
 
 
 class EvaluationFolder(ResumableFolder):

@@ -15,16 +15,17 @@ from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.base.errors import PdEditorError
+from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.work_engine.time_limit import time_limit
 from pd_editor.scene.agent_kind import GROUP_KINDS
 from pd_editor.scene.agent_states import AgentStates
-from pd_editor.scene.formats.registry import read_scene
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.thresholds import STANDING_MPS
-from pd_editor.scene.time_cut import without_late_future
+from pd_editor.scene.time_cut import COMPARED
 
 LISTS: Final = ("local_density", "surroundings")
 """Metrics with several values for each agent."""
@@ -82,6 +83,8 @@ class SceneItem:
     task: EvaluationTask = DRIVING
     limit_s: float | None = None
     """Time that each method may take; None: as long as it takes."""
+    cut: SceneCut = COMPARED
+    """What is used of the recording."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,7 +107,7 @@ def evaluate_scene(item: SceneItem) -> SceneRows:
         EditError: it has no focal agent ahead of which the road is warped.
         GenerationError: it has no road user at its current step.
     """
-    recorded = without_late_future(read_scene(item.folder))
+    recorded = scene_part(item.folder, item.cut)
     later = recorded.agents.is_valid[:, recorded.current_step + 1 :]
     if not later.any():
         return SceneRows(table=ROW_SCHEMA.empty_table(), has_future=False)

@@ -16,12 +16,12 @@ from pd_editor.analysis.metrics.collisions.box_tests import boxes_collide
 from pd_editor.analysis.metrics.collisions.path_collision import first_collisions
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory
+from pd_editor.editor.scenario_store import scene_part
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
-from pd_editor.scene.formats.registry import read_scene
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.scene.time_cut import without_late_future
 
 REACH_M: Final = 60.0
 """Agents farther from the ego at the current step are not searched."""
@@ -78,14 +78,14 @@ def avoidable_dangers(scenario: Scenario) -> tuple[AvoidableDanger, ...]:
     )
 
 
-def dangers_of_scene(folder: Path) -> tuple[AvoidableDanger, ...]:
-    """``avoidable_dangers`` of a recorded scene, as a work item.
+def dangers_of_scene(folder: Path, cut: SceneCut) -> tuple[AvoidableDanger, ...]:
+    """``avoidable_dangers`` of what is used of a recorded scene, as a work item.
 
     Raises:
         InputError: the scenario cannot be read.
         EditError: there is no ego.
     """
-    return avoidable_dangers(without_late_future(read_scene(folder)))
+    return avoidable_dangers(scene_part(folder, cut))
 
 
 def _near_vehicles(scenario: Scenario, ego_row: int) -> Int[np.ndarray, "N"]:

@@ -11,7 +11,7 @@ from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import SetRoadWarp, traffic_command
 from pd_editor.editor.library.thumbnail import thumbnail
-from pd_editor.editor.scenario_store import export_into, open_scenario
+from pd_editor.editor.scenario_store import export_into, open_part
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import (
     Variant,
@@ -29,8 +29,8 @@ from pd_editor.experiments.evaluation.road_condition import (
 from pd_editor.experiments.studies.avoidable_danger import AvoidableDanger
 from pd_editor.experiments.studies.variant_rows import StudyItem
 from pd_editor.experiments.studies.worst_case import WorstCase
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GeneratedTraffic, TrafficSample
-from pd_editor.scene.time_cut import FUTURE_S
 
 GALLERY_NAME: Final = "gallery"
 
@@ -68,7 +68,7 @@ def export_case(
         PdEditorError: the method fails, or the folder cannot be written.
     """
     (condition,) = road_conditions([case.condition])
-    session = EditorSession(open_scenario(item.folder, until_s=FUTURE_S))
+    session = EditorSession(open_part(item.folder, item.cut))
     road = [f"{kind}-{power_name(power)}" for kind, power in condition.terms]
     at = () if condition.anchor == DEFAULT_ANCHOR else (condition.anchor,)
     name = " ".join((short_id(case.scenario), case.method, *road, *at, f"s{case.seed}"))
@@ -110,13 +110,15 @@ def export_cases(
     return tuple(entries), failures
 
 
-def export_danger(danger: AvoidableDanger, source: Path, out: Path) -> GalleryEntry:
-    """Export a scene in which an agent has a dangerous behaviour.
+def export_danger(
+    danger: AvoidableDanger, source: Path, cut: SceneCut, out: Path
+) -> GalleryEntry:
+    """Export what is used of a scene in which an agent has a dangerous behaviour.
 
     Raises:
         PdEditorError: the folder cannot be written.
     """
-    session = EditorSession(open_scenario(source, until_s=FUTURE_S))
+    session = EditorSession(open_part(source, cut))
     name = f"{short_id(session.scenario.scenario_id)} danger {danger.agent_id}"
     escape = (
         f"{danger.num_avoiding} trajectories of {danger.ego_id} avoid the collision."

@@ -18,9 +18,11 @@ from pd_editor.experiments.evaluation.road_condition import (
     RoadCondition,
 )
 from pd_editor.experiments.studies.variant_rows import StudyItem
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import MAX_SEED
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind
+from pd_editor.scene.time_cut import COMPARED
 
 GRID_POWERS: Final = tuple(float(p) for p in (*range(-9, 0), *range(1, 10)))
 """The 18 powers of Scene-Attack's grid."""
@@ -40,6 +42,7 @@ class StudySettings:
     samples: int
     friction: float | None
     limit: int | None
+    current_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +61,8 @@ class StudyPlan:
     """Limit of scenes, the first ones by their folders' names."""
     limit_s: float | None = None
     """Time that a method may take for one variant; one that takes longer fails there."""
+    cut: SceneCut = COMPARED
+    """What is used of each recording."""
 
     def __post_init__(self) -> None:
         if not self.methods or not self.seeds or not self.conditions:
@@ -80,6 +85,7 @@ class StudyPlan:
             samples=self.num_samples,
             friction=self.friction_coefficient,
             limit=self.limit,
+            current_s=self.cut.current_s,
         )
 
     def num_variants(self, num_scenes: int) -> int:
@@ -100,6 +106,7 @@ def study_items(plan: StudyPlan, scenes: Sequence[Scene]) -> dict[str, StudyItem
             num_samples=plan.num_samples,
             friction_coefficient=plan.friction_coefficient,
             limit_s=plan.limit_s,
+            cut=plan.cut,
         )
         for scene in scenes
         for number, method in enumerate(plan.methods)
@@ -155,4 +162,6 @@ def study_command(plan: StudyPlan, out: str | Path) -> str:
     words += ["--seeds", *map(str, plan.seeds), "--samples", str(plan.num_samples)]
     words += ["--friction", f"{plan.friction_coefficient or 0:g}"]
     words += [] if plan.limit is None else ["--limit", str(plan.limit)]
+    now_s = plan.cut.current_s
+    words += [] if now_s is None else ["--current", f"{now_s:g}"]
     return shlex.join(words)

@@ -18,15 +18,16 @@ from pd_editor.analysis.metrics.road.off_lane import off_lane
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.base.errors import PdEditorError
+from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING
 from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_rows import is_on_its_way
 from pd_editor.experiments.work_engine.time_limit import time_limit
-from pd_editor.scene.formats.registry import read_scene
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_cut import without_late_future
+from pd_editor.scene.time_cut import COMPARED
 
 STUDY_METRICS: Final = (
     "off_drivable_steps",
@@ -86,6 +87,8 @@ class StudyItem:
     friction_coefficient: float | None
     limit_s: float | None = None
     """Time that the method may take for one condition; None: as long as it takes."""
+    cut: SceneCut = COMPARED
+    """What is used of the recording."""
 
     def request(
         self, recorded: Scenario, condition: RoadCondition
@@ -110,7 +113,7 @@ def study_scene(item: StudyItem) -> pa.Table:
     Raises:
         InputError: the scenario cannot be read.
     """
-    recorded = recorded_scenario(item.folder)
+    recorded = recorded_scenario(item.folder, item.cut)
     rows = []
     for condition in item.conditions:
         rows += _rows(item, recorded, condition, variant_of(item, recorded, condition))
@@ -118,9 +121,9 @@ def study_scene(item: StudyItem) -> pa.Table:
 
 
 @lru_cache(maxsize=2)
-def recorded_scenario(folder: Path) -> Scenario:
+def recorded_scenario(folder: Path, cut: SceneCut) -> Scenario:
     """Scenario that several items of a worker share."""
-    return without_late_future(read_scene(folder))
+    return scene_part(folder, cut)
 
 
 @dataclass(frozen=True, kw_only=True)

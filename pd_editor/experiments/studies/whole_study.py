@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -44,6 +45,7 @@ from pd_editor.experiments.studies.worst_case import (
 )
 from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkFailure, WorkProgress
+from pd_editor.scene.base_reference import SceneCut
 
 REPORT_PAGE: Final = "report.html"
 WORK_ITEMS: Final = "work items"
@@ -147,7 +149,9 @@ def run_whole_study(
         list(items.values()),
         folder.path / GALLERY_NAME,
     )
-    dangers, missed = _dangers(found, folder, engine, extras.num_dangers, progress_of)
+    dangers, missed = _dangers(
+        found, plan.cut, folder, engine, extras.num_dangers, progress_of
+    )
     findings = StudyFindings(
         curves=severity_curves(record.rows),
         grid=grid,
@@ -209,6 +213,7 @@ def _told(what: str, failures: Mapping[str, WorkFailure]) -> dict[str, PdEditorE
 
 def _dangers(
     found: FoundScenes,
+    cut: SceneCut,
     folder: StudyFolder,
     engine: WorkEngine,
     count: int,
@@ -221,7 +226,7 @@ def _dangers(
     folders = {f"{one.split}/{one.folder.name}": one.folder for one in found.scenes}
     failed = run_items(
         engine,
-        dangers_of_scene,
+        partial(dangers_of_scene, cut=cut),
         folders,
         on_value=by_scene.__setitem__,
         on_progress=progress_of("scenes searched for dangers"),
@@ -232,7 +237,7 @@ def _dangers(
     for key, danger in dangers[:count]:
         try:
             entries.append(
-                export_danger(danger, folders[key], folder.path / GALLERY_NAME)
+                export_danger(danger, folders[key], cut, folder.path / GALLERY_NAME)
             )
         except PdEditorError as error:
             failures[f"gallery: {key}, danger {danger.agent_id}"] = error

@@ -146,7 +146,9 @@ def _value_of(
     variant: StudyItem, condition: RoadCondition, settings: SearchSettings
 ) -> float:
     """The metric under a road condition; NaN if the method fails there."""
-    found = variant_of(variant, recorded_scenario(variant.folder), condition)
+    found = variant_of(
+        variant, recorded_scenario(variant.folder, variant.cut), condition
+    )
     return found.sums[settings.agents][settings.metric].mean
 
 

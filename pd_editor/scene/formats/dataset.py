@@ -11,7 +11,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Final
 
-from pd_editor.base.errors import InputError
+from pd_editor.base.errors import InputError, LargeSceneError
 from pd_editor.base.foreign_code import described
 from pd_editor.base.plain_text import is_plain
 from pd_editor.base.regular_file import check_path
@@ -346,9 +346,15 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
 def _read_card(found: _Found, root: Path) -> ScenarioCard:
     """Read what a list shows of a scene; raises InputError if that is not possible."""
     if found.is_foreign:
-        scene = read_scene(found.folder)
-        city, num_agents = scene.city, len(scene.agents)
-        has_future = scene.last_step > scene.current_step
+        try:
+            scene = read_scene(found.folder)
+        except LargeSceneError as error:
+            # A part of it can be opened.
+            city, num_agents = error.scene.city, len(error.scene.tracks)
+            has_future = num_agents > 0
+        else:
+            city, num_agents = scene.city, len(scene.agents)
+            has_future = scene.last_step > scene.current_step
     else:
         name = f"{TRACKS_PREFIX}{found.scenario_id}.parquet"
         table = open_track_table(found.folder / name, name, _CARD_COLUMNS)
