@@ -162,4 +162,5 @@ def test_settings_are_written_down(root, tmp_path):
         "seed": 0,
         "states": "recorded",
         "agents": "all",
+        "current_s": None,
     }
