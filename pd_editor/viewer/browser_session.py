@@ -9,6 +9,7 @@ import viser
 from pd_editor.base.errors import (
     GenerationError,
     LargeMapError,
+    LargeSceneError,
     LockedAgentError,
     PdEditorError,
 )
@@ -235,6 +236,8 @@ class BrowserSession:
         if isinstance(error, LargeMapError) and self.is_built:
             scene = error.scene
             self.elements.scenario.map_window.ask(scene.lanes, scene.name)
+        elif isinstance(error, LargeSceneError) and self.is_built:
+            self.elements.scenario.moment.ask(error.scene)
         elif isinstance(error, LockedAgentError) and self.is_built:
             self.elements.agent.locks.offer(error)
         else:

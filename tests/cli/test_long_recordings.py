@@ -4,12 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.editor.scenario_store import exported_files, open_scenario
-from pd_editor.editor.session import EditorSession
+from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from tests.cli.shell import Shell
-from tests.scene.test_time_cut import long_recording
+from tests.scene.test_time_cut import long_recording, recording_of_minutes
 
 CUT = ("--current", 5, "--until", 6)
 
@@ -17,14 +16,7 @@ CUT = ("--current", 5, "--until", 6)
 @pytest.fixture
 def minutes(tmp_path: Path) -> Path:
     """A folder with a recording that lasts longer than scenes may."""
-    session = EditorSession(open_scenario("roundabout"))
-    files = exported_files(session.scenario, session.recipe(), None, "commonroad")
-    (data,) = [files[one] for one in files if one.endswith(".xml")]
-    folder = tmp_path / "data" / "val"
-    folder.mkdir(parents=True)
-    slow = data.replace(b'timeStepSize="0.1"', b'timeStepSize="1.5"')
-    (folder / "minutes.xml").write_bytes(slow)
-    return folder / "minutes.xml"
+    return recording_of_minutes(tmp_path / "data" / "val")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,12 @@ import pytest
 from pd_editor.base.errors import InputError
 from pd_editor.editor.commands import TransformAgents
 from pd_editor.editor.recipe import Recipe, replay
-from pd_editor.editor.scenario_store import export_into, open_base, open_scenario
+from pd_editor.editor.scenario_store import (
+    export_into,
+    exported_files,
+    open_base,
+    open_scenario,
+)
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
@@ -29,6 +34,17 @@ def long_recording(step_s: float = 0.1, num_steps: int = 200) -> Scenario:
     return replace(
         two_agents_that_pass(), agents=agents, time_axis=axis, focal_id=agents.ids[0]
     )
+
+
+def recording_of_minutes(folder: Path) -> Path:
+    """A file in a new folder, with a recording that is longer than scenes may be."""
+    session = EditorSession(open_scenario("roundabout"))
+    files = exported_files(session.scenario, session.recipe(), None, "commonroad")
+    (data,) = [files[one] for one in files if one.endswith(".xml")]
+    folder.mkdir(parents=True)
+    slow = data.replace(b'timeStepSize="0.1"', b'timeStepSize="1.5"')
+    (folder / "minutes.xml").write_bytes(slow)
+    return folder / "minutes.xml"
 
 
 @pytest.fixture

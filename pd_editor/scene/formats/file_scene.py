@@ -294,13 +294,24 @@ class FileScene:
             )
         if self._time_axis().num_steps > MAX_STEPS:
             raise LargeSceneError(
-                f"{self.path}: lasts {last - first:.0f} s; at most "
+                f"{self.path}: lasts {self.duration_s:.0f} s; at most "
                 f"{MAX_STEPS * _STEP_S:g} s are opened. Open a part of it: --current S, "
                 "seconds from its begin to t = 0, and --until S, seconds after that "
                 "(open_scenario: current_s, until_s).",
                 self,
                 data,
             )
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first state of the tracks to the last; there has to be one."""
+        first_s, last_s = self._ends_s()
+        return last_s - first_s
+
+    @property
+    def observed_s(self) -> float:
+        """Time up to the current step, which it counts as well, of a scene with tracks."""
+        return self._now_s() - self._ends_s()[0] + _STEP_S
 
     def _now_s(self) -> float:
         if self.current_s is not None or not self.tracks:

@@ -22,6 +22,7 @@ from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.files.map_window import MapWindowCard
+from pd_editor.viewer.files.moment_dialog import MomentDialog
 from pd_editor.viewer.server.server_guard import limit_uploads
 from pd_editor.viewer.tab.panel_style import FixedText, PictureRows, plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
@@ -51,7 +52,7 @@ class ScenarioPanel:
         self._card = FixedText(gui, CARD_LINES)
         self._cut = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._cut, self._workspace.open_cut)
-        self.map_window = MapWindowCard(ui)
+        self.map_window, self.moment = MapWindowCard(ui), MomentDialog(ui)
         self._part = gui.add_button(
             "Choose a part of the map", color="gray", icon=viser.Icon.MARQUEE_2
         )

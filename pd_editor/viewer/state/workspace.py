@@ -128,15 +128,13 @@ class Workspace:
 
         ``obeying`` are the names of the generators that take guidance.
         """
+        root = None if dataset is None else dataset.root
         self.folders = ServerFolders(
-            is_local=is_local,
-            state=shelf.folder,
-            dataset_root=None if dataset is None else dataset.root,
+            is_local=is_local, state=shelf.folder, dataset_root=root
         )
-        self.shelf = shelf
+        self.shelf, self.library = shelf, shelf.library
         self.tell: Callable[[str, str], object] = lambda _title, _body: None
         """Shows a title and a sentence to the user; set by the connected tab."""
-        self.library = shelf.library
         self._given: dict[str, Scenario] = {}
         """Exported or saved states by their names."""
         self.ticked: set[str] = set()
@@ -161,54 +159,73 @@ class Workspace:
         self.has_lost_run = False
         """Whether a generation was cancelled because its page had gone."""
         self.guided_runs = GuidedRuns(obeying)
-        self.dataset = dataset
-        self.index_run = index_run
+        self.dataset, self.index_run = dataset, index_run
         self.dataset_filter: dict[str, Any] = {}
         """Values of the dataset panel's inputs, for the page that comes next."""
         self.cut = SceneCut()
         """What is used of each recording that is opened."""
         self._opened: tuple[Scenario, Path] | None = None
         """Base of the scenario that was opened from the dataset last, and its folder."""
-        self.open_window: Callable[[MapWindow], None] = lambda _window: None
-        """Opens a part of what was opened, or was to be opened, last."""
+        self._reached: tuple[Scenario, Path] | None = None
+        """What was open when one of the dataset was asked for last, and that one's folder."""
+        self._asked = self.cut
+        self._open_again: Callable[[SceneCut], None] = lambda _cut: None
+        """Opens another part of what was opened, or was to be opened, last."""
         self._uploaded: tuple[Scenario, Mapping[str, bytes]] | None = None
         """Base of the scenario that was uploaded last, and its files."""
         self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
 
-    def open_reference(self, reference: str, window: MapWindow | None = None) -> None:
-        """Open a demo or a scenario folder, or what a window of its map holds.
+    def open_reference(self, reference: str, cut: SceneCut | None = None) -> None:
+        """Open a demo or a scenario folder, or a part of it.
 
         Raises:
             InputError: it cannot be read; what was open stays open.
-            LargeMapError: it is too large; ``open_window`` opens a part of it.
+            LargeSceneError: it is too large or long; a part of it can be opened.
         """
-        self.open_window = partial(self.open_reference, reference)
-        scenario = open_part(reference, replace(self.cut, window=window))
+        self._asked = self.cut if cut is None else cut
+        self._open_again = partial(self.open_reference, reference)
+        scenario = open_part(reference, self._asked)
         self._open(scenario)
         self._offer(recipe_of_export(Path(scenario.provenance.source)))
 
     def open_upload(
-        self, files: Mapping[str, bytes], window: MapWindow | None = None
+        self, files: Mapping[str, bytes], cut: SceneCut | None = None
     ) -> None:
         """Open uploaded files; their bytes are kept beside the journal.
 
         Raises:
             InputError: they cannot be read; what was open stays open.
-            LargeMapError: they are too large; ``open_window`` opens a part of them.
+            LargeSceneError: it is too large or long; a part of it can be opened.
         """
-        self.open_window = partial(self.open_upload, files)
-        scenario, recipe = _from_upload(files, replace(self.cut, window=window))
+        self._asked = self.cut if cut is None else cut
+        self._open_again = partial(self.open_upload, files)
+        scenario, recipe = _from_upload(files, self._asked)
         self._uploaded = scenario, files
         self._open(scenario, files)
         self._offer(recipe)
 
+    def open_window(self, window: MapWindow) -> None:
+        """Open a part of the map of what was opened, or was to be opened, last.
+
+        Raises:
+            InputError: it cannot be read, or has no lane there.
+        """
+        self._open_again(replace(self._asked, window=window))
+
+    def open_moment(self, current_s: float, until_s: float) -> None:
+        """Open some time of what was opened, or was to be opened, last.
+
+        Raises:
+            InputError: it cannot be read, or is shorter.
+        """
+        cut = replace(self._asked, current_s=current_s, until_s=until_s)
+        self._open_again(cut)
+
     @property
     def can_cut(self) -> bool:
         """Whether the open recording is longer than models sample, or was cut to that."""
-        base = self.session.base
-        cut = replace(self.cut, until_s=FUTURE_S, window=self._window)
-        is_cut = base.provenance.cut == cut
-        return (is_cut or is_long(base)) and self.can_open_again
+        is_cut = self._cut_of_base.until_s == FUTURE_S
+        return (is_cut or is_long(self.session.base)) and self.can_open_again
 
     @property
     def can_open_again(self) -> bool:
@@ -223,21 +240,21 @@ class Workspace:
         return None
 
     @property
-    def _window(self) -> MapWindow | None:
-        cut = self.session.base.provenance.cut
-        return None if cut is None else cut.window
+    def _cut_of_base(self) -> SceneCut:
+        return self.session.base.provenance.cut or SceneCut()
 
     def lanes_of_file(self) -> tuple[Lane, ...]:
-        """All lanes of the file of the open scene; ``open_window`` opens a part of them.
+        """All lanes of the file of the open scene, a part of which can be opened then.
 
         Raises:
             InputError: it cannot be read any more.
         """
         files, source = self._files_of_base, self.session.base.provenance.source
+        self._asked = self._cut_of_base
         if files is not None:
-            self.open_window = partial(self.open_upload, files)
+            self._open_again = partial(self.open_upload, files)
             return lanes_of_file(lambda: scenario_and_recipe(files)[0])
-        self.open_window = partial(self.open_reference, source)
+        self._open_again = partial(self.open_reference, source)
         return lanes_of_file(lambda: open_scenario(source))
 
     def open_cut(self) -> None:
@@ -251,10 +268,11 @@ class Workspace:
         base = self.session.base
         until_s = FUTURE_S if is_long(base) else None
         self.cut = replace(self.cut, until_s=until_s)
+        cut = replace(self._cut_of_base, until_s=until_s)
         if (files := self._files_of_base) is not None:
-            self.open_upload(files, self._window)
+            self.open_upload(files, cut)
         else:
-            self.open_reference(base.provenance.source, self._window)
+            self.open_reference(base.provenance.source, cut)
 
     def open_edits(self, content: bytes) -> None:
         """Open the base of a recipe, with the recipe's edits as its history.
@@ -403,7 +421,14 @@ class Workspace:
         return True
 
     def open_from_dataset(self, card: ScenarioCard) -> None:
-        """Open a scenario that the search has found."""
+        """Open a scenario that the search has found.
+
+        Raises:
+            InputError: it cannot be read; what was open stays open.
+            LargeSceneError: it is too large or long; a part of it can be opened.
+        """
+        # One that is refused is passed as well by whoever goes on to the next.
+        self._reached = self.session.base, card.folder
         self.open_reference(str(card.folder))
         self._opened = self.session.base, card.folder
 
@@ -427,7 +452,9 @@ class Workspace:
         """
         if self.dataset is None or self.search is None:
             raise InputError("Start the editor with --data DIR to browse a dataset.")
-        folder = self.dataset_folder
+        base, folder = self._reached or (None, None)
+        if base is not self.session.base:
+            folder = self.dataset_folder
         if folder is not None:
             step = self.dataset.after if direction > 0 else self.dataset.before
             card = step(folder, self.search.wanted)

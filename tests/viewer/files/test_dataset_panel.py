@@ -9,6 +9,7 @@ from tests.experiments.evaluation.small_dataset import (
     write_dataset,
     write_scenario,
 )
+from tests.scene.test_time_cut import recording_of_minutes
 from tests.viewer.fake_browser import connected_tab, running_app, until
 
 
@@ -90,3 +91,29 @@ def test_splits_and_missing_futures_are_named_and_filtered(tmp_path):
         assert found("Split", "test") == [NONE_FOUND]
         tab.press("Open scenario")
         assert "No scenario passes the filter" in tab.refusal()
+
+
+def test_recordings_of_minutes_are_listed_and_asked_for_a_moment(tmp_path):
+    """They were counted among what cannot be read."""
+    root = write_dataset(tmp_path / "data")
+    recording_of_minutes(root / "train" / "bab")
+    with (
+        running_app(tmp_path / "library", "roundabout", data_root=root) as app,
+        connected_tab(app) as tab,
+    ):
+        listed = tab.field("Scenario")
+        until(lambda: len(listed.options) == 4)
+        (label,) = (one for one in listed.options if "minutes" in one)
+        assert "11 agents" in label
+        tab.type("Scenario", label)
+        tab.press("Open scenario")
+        tab.press("Open this part")
+        assert tab.session.base.time_axis.num_steps == 110
+        assert listed.value == label
+        # Who asks for the next and cancels is not asked again.
+        tab.press("Previous")
+        before = tab.session.base.scenario_id
+        assert before == "aaa"
+        for after in (before, "bbb"):
+            tab.press("Next")
+            assert tab.session.base.scenario_id == after
