@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from pd_editor.editor.scenario_store import open_scenario
     from pd_editor.editor.session import EditorSession
     from pd_editor.scene.formats.player import Player
+    from pd_editor.scene.formats.registry import add_formats
     from pd_editor.scene.scenario import Scenario
 
 __all__ = [
@@ -85,6 +86,7 @@ __all__ = [
     "Player",
     "Recipe",
     "Scenario",
+    "add_formats",
     "commands",
     "convert",
     "demo_names",
@@ -122,6 +124,7 @@ _HOMES = {
     "Player": "pd_editor.scene.formats.player",
     "Recipe": "pd_editor.editor.recipe",
     "Scenario": "pd_editor.scene.scenario",
+    "add_formats": "pd_editor.scene.formats.registry",
     "convert": "pd_editor.cli.convert",
     "demo_names": "pd_editor.base.installed_files",
     "doctor": "pd_editor.cli.doctor",

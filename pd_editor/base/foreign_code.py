@@ -1,23 +1,27 @@
 """A guard around code of others: its faults become sentences, the process stays as it is."""
 
 import contextlib
+import importlib
 import os
+import re
 import signal
 import sys
 import sysconfig
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from pd_editor.base.errors import GenerationError, LargeSceneError, PdEditorError
+from pd_editor.base.plain_text import nearest_or_all
 
 Value = TypeVar("Value")
 
 _OWN_CODE: Final = str(Path(__file__).parents[1])
+_REFERENCE: Final = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 _WAYS_OUT: Final = "_exit", "execv", "execve"
 """Functions of ``os`` that end this program without an exception."""
 _INSIDE: Final = threading.local()
@@ -50,6 +54,42 @@ def asked(
             if isinstance(error, KeyboardInterrupt) and was_interrupted():
                 raise
             raise kind(f"{place}{failed} ({described(error)}).") from error
+
+
+def is_reference(name: str) -> bool:
+    """Whether a name has the form ``package.module:attribute``."""
+    return _REFERENCE.fullmatch(name) is not None
+
+
+def object_of_reference(
+    reference: str, kind: type[PdEditorError] = GenerationError
+) -> Any:
+    """The object that ``package.module:attribute`` names.
+
+    Modules are looked for in the current folder as well.
+
+    Raises:
+        PdEditorError: of this kind: it cannot be imported, or is not there.
+    """
+    module_name, _, attribute = reference.partition(":")
+    folder = os.getcwd()
+    if folder not in sys.path:
+        # A console script has its own folder there, not the one that it was run in.
+        sys.path.append(folder)
+    failed = ": cannot be imported"
+    load = partial(importlib.import_module, module_name)
+    found: Any = asked(load, reference, failed, kind)
+    for part in attribute.split("."):
+        missing = object()
+        inner = asked(partial(getattr, found, part, missing), reference, failed, kind)
+        if inner is missing:
+            public = [name for name in dir(found) if not name.startswith("_")]
+            raise kind(
+                f"{reference}: {module_name} has no attribute {attribute!r}; "
+                f"{nearest_or_all(part, public)}."
+            )
+        found = inner
+    return found
 
 
 def origin_of(entry_point: EntryPoint) -> str:

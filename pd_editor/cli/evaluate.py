@@ -10,6 +10,7 @@ from typing import Annotated, Final
 import tyro
 
 from pd_editor.base.errors import GenerationError, InputError
+from pd_editor.base.foreign_code import is_reference
 from pd_editor.base.plain_text import nearest_or_all
 from pd_editor.cli.options.arguments import (
     AddressOption,
@@ -66,7 +67,6 @@ from pd_editor.scene.generation import (
     MAX_SAMPLES,
     MAX_SEED,
     ScenarioGenerator,
-    is_reference,
     supported_by,
 )
 from pd_editor.scene.time_cut import COMPARED

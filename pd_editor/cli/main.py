@@ -32,6 +32,7 @@ _PLACE_ERRORS: Final = frozenset(
     }
 )
 """What is due to the user's disk, wherever it is met."""
+FORMATS: Final = "--formats"
 _COMMANDS: Final = (
     "edit",
     "warp",
@@ -87,6 +88,23 @@ def _outline(name: str) -> Callable[[], None]:
     return outline
 
 
+def _without_formats(words: list[str]) -> list[str]:
+    """Add the formats that any command may name; the words without them."""
+    if FORMATS not in words:
+        return words
+    # Imported late: without it, some commands begin at once.
+    from pd_editor.base.foreign_code import is_reference
+    from pd_editor.scene.formats.registry import add_formats
+
+    first = words.index(FORMATS)
+    # The first one is meant as a format whatever it is.
+    last = first + 2
+    while last < len(words) and is_reference(words[last]):
+        last += 1
+    add_formats(*(words[first + 1 : last] or ("",)))
+    return words[:first] + words[last:]
+
+
 def _run(words: list[str]) -> object:
     """Run a command and return its result."""
     message = io.StringIO()
@@ -115,7 +133,8 @@ def _run(words: list[str]) -> object:
                 else "Edit traffic scenarios on real and perturbed roads. "
                 "SCENARIO is an Argoverse 2 scenario folder, a file of another format, "
                 "or the name of a demo: "
-                f"{', '.join(demo_names())}.",
+                f"{', '.join(demo_names())}. Each command takes {FORMATS} "
+                "package.module:attribute, which adds formats of your own.",
                 args=words[len(group) :],
             )
         except SystemExit as stop:
@@ -194,7 +213,7 @@ def _answered(words: list[str]) -> int:
         sys.stdout.write(f"pd-editor {version('pd-editor')}\n")
         return 0
     try:
-        outcome = _run(words)
+        outcome = _run(_without_formats(words))
     except PdEditorError as error:
         sys.stderr.write(f"pd-editor: {error}\n")
         return 2

@@ -6,7 +6,6 @@ caller can show progress and cancel.
 
 import hashlib
 import math
-import re
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, get_args, runtime_checkable
@@ -377,14 +376,6 @@ class GeneratorSpec:
     """Default tries of ``AVOIDANCE``; None if it does not select among several samples."""
     warm_up: Callable[[], None] | None = None
     """Loads the model ahead of the first call; to be run in a separate thread."""
-
-
-_REFERENCE: Final = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
-
-
-def is_reference(name: str) -> bool:
-    """Whether the name of a generator has the form ``package.module:attribute``."""
-    return _REFERENCE.fullmatch(name) is not None
 
 
 LANE_GUIDANCE: Final = "nearest-candidate"

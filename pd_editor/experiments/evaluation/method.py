@@ -8,6 +8,7 @@ from typing import Final
 
 from pd_editor.analysis.metrics.traffic_view import TrafficView, generated_traffic
 from pd_editor.base.errors import GenerationError
+from pd_editor.base.foreign_code import is_reference
 from pd_editor.base.plain_text import nearest_or_all
 from pd_editor.experiments.evaluation.reference_methods import (
     GROUND_TRUTH,
@@ -20,7 +21,6 @@ from pd_editor.scene.generation import (
     ScenarioGenerator,
     check_traffic,
     guidance_settings,
-    is_reference,
     run_to_end,
 )
 

@@ -6,14 +6,12 @@ group ``pd_editor.generators``, and a folder with ``generator.py``, which define
 function that makes one without arguments.
 """
 
-import importlib
 import importlib.util
 import operator
-import os
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
@@ -23,13 +21,8 @@ import numpy as np
 
 from pd_editor.analysis.guidance.report import guidance_reports
 from pd_editor.base.errors import GenerationError
-from pd_editor.base.foreign_code import asked
-from pd_editor.base.plain_text import (
-    MAX_ID_CHARACTERS,
-    is_plain,
-    nearest_or_all,
-    one_line,
-)
+from pd_editor.base.foreign_code import asked, object_of_reference
+from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, one_line
 from pd_editor.generation.generators.predictor_generator import PredictorGenerator
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
@@ -187,34 +180,6 @@ def _plain_sample(found: Any) -> TrafficSample:
 def installed_plugins() -> Mapping[str, EntryPoint]:
     """Entry points of installed packages, by name."""
     return {one.name: one for one in entry_points(group=ENTRY_POINTS)}
-
-
-def object_of_reference(reference: str) -> Any:
-    """The object that ``package.module:attribute`` names.
-
-    Modules are looked for in the current folder as well.
-
-    Raises:
-        GenerationError: it cannot be imported, or is not there.
-    """
-    module_name, _, attribute = reference.partition(":")
-    folder = os.getcwd()
-    if folder not in sys.path:
-        # A console script has its own folder there, not the one that it was run in.
-        sys.path.append(folder)
-    module = _imported(lambda: importlib.import_module(module_name), reference)
-    found: Any = module
-    for part in attribute.split("."):
-        missing = object()
-        inner = _imported(partial(getattr, found, part, missing), reference)
-        if inner is missing:
-            public = [name for name in dir(found) if not name.startswith("_")]
-            raise GenerationError(
-                f"{reference}: {module_name} has no attribute {attribute!r}; "
-                f"{nearest_or_all(part, public)}."
-            )
-        found = inner
-    return found
 
 
 def generator_of_reference(reference: str) -> ScenarioGenerator:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pd_editor.base.errors import GenerationError, InputError
-from pd_editor.base.foreign_code import origin_of
+from pd_editor.base.foreign_code import is_reference, origin_of
 from pd_editor.base.installed_files import models_folder
 from pd_editor.base.plain_text import is_plain, nearest_or_all, one_line
 from pd_editor.base.regular_file import check_regular, read_regular
@@ -35,7 +35,6 @@ from pd_editor.scene.generation import (
     Capability,
     GeneratorSpec,
     ScenarioGenerator,
-    is_reference,
     supported_by,
 )
 

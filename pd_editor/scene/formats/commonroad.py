@@ -191,7 +191,7 @@ def _bound(place: Place, name: str) -> Float[np.ndarray, "N 3"]:
 
 def _distinct(points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
     """Points without those that are where the one before is."""
-    steps = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
     return points[np.append(True, steps > 1e-6)[: len(points)]]
 
 

@@ -5,7 +5,6 @@ import os
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import cache
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -15,7 +14,7 @@ from pd_editor.base.errors import (
     InputError,
     LargeSceneError,
 )
-from pd_editor.base.foreign_code import asked, origin_of
+from pd_editor.base.foreign_code import asked
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.formats.packed_file import PACKED, unpacked_file
 from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
@@ -26,15 +25,16 @@ Value = TypeVar("Value")
 _LOG: Final = logging.getLogger(__name__)
 
 
-def foreign_format(point: EntryPoint, taken: Collection[str]) -> SceneFormat:
-    """The format that an entry point names; of its faults, users see one sentence.
+def foreign_format(
+    load: Callable[[], Any], place: str, taken: Collection[str]
+) -> SceneFormat:
+    """The format that is loaded from a place; of its faults, users see one sentence.
 
     Raises:
         InputError: it cannot be loaded, or is no format of a name that is not taken.
     """
-    place = f"The format {point.name!r} ({origin_of(point)})"
     found = asked(
-        lambda: _checked(point.load(), taken), place, " cannot be loaded", InputError
+        lambda: _checked(load(), taken), place, " cannot be loaded", InputError
     )
     knows = found.recognises
     reads: Any = found.read
@@ -49,8 +49,12 @@ def foreign_format(point: EntryPoint, taken: Collection[str]) -> SceneFormat:
                 return True
             if not path.name.lower().endswith(packed):
                 return False
-            with unpacked_file(path) as plain:
-                return bool(knows(plain))
+            # Most are known without links to a whole folder.
+            for is_alone in (True, False):
+                with unpacked_file(path, is_alone=is_alone) as plain:
+                    if knows(plain):
+                        return True
+            return False
 
         try:
             return asked(known, place, told, InputError)
@@ -81,14 +85,18 @@ def foreign_format(point: EntryPoint, taken: Collection[str]) -> SceneFormat:
 
 def _named(read: Callable[[Path], Any], plain: Path, path: Path) -> Any:
     """What is read of an unpacked file, with the name of the packed one in what is told."""
+
+    def renamed(error: InputError) -> str:
+        told = str(error).replace(str(plain), str(path))
+        return told.replace(str(plain.parent), str(path.parent))
+
     try:
         found = read(plain)
     except LargeSceneError as error:
         scene = replace(error.scene, path=path)
-        told = str(error).replace(str(plain), str(path))
-        raise type(error)(told, scene, error.data) from error
+        raise type(error)(renamed(error), scene, error.data) from error
     except InputError as error:
-        raise FormatError(str(error).replace(str(plain), str(path))) from error
+        raise FormatError(renamed(error)) from error
     if not isinstance(found, Scenario):
         return found
     origin = replace(found.provenance, source=os.path.realpath(path))

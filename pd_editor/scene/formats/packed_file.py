@@ -48,8 +48,10 @@ def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
 
 
 @contextmanager
-def unpacked_file(path: Path) -> Iterator[Path]:
+def unpacked_file(path: Path, *, is_alone: bool = False) -> Iterator[Path]:
     """A gzipped file unpacked, in a folder of its own and for the time; others as they are.
+
+    Unless ``is_alone``, links to what lies beside the file are there as well.
 
     Raises:
         FormatError: it cannot be read, is damaged, or too large.
@@ -60,6 +62,10 @@ def unpacked_file(path: Path) -> Iterator[Path]:
     with TemporaryDirectory() as folder:
         plain = Path(folder, unpacked_name(path.name))
         plain.write_bytes(read_unpacked(path)[0])
+        beside = () if is_alone else path.absolute().parent.iterdir()
+        for one in beside:
+            if one.name != plain.name:
+                (plain.parent / one.name).symlink_to(one)
         yield plain
 
 

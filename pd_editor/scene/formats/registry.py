@@ -2,14 +2,16 @@
 
 import logging
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final
 
 from pd_editor.base.errors import ExportError, InputError, LargeSceneError
+from pd_editor.base.foreign_code import is_reference, object_of_reference, origin_of
+from pd_editor.base.plain_text import one_line
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.commonroad import COMMONROAD
 from pd_editor.scene.formats.foreign_format import foreign_format
@@ -26,6 +28,8 @@ from pd_editor.scene.formats.tables import TABLES
 from pd_editor.scene.scenario import Scenario
 
 ENTRY_POINTS: Final = "pd_editor.formats"
+REFERENCES: Final = "PD_EDITOR_FORMATS"
+"""Environment variable with added formats, so that processes started from here have them."""
 OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     ARGOVERSE2,
     COMMONROAD,
@@ -48,11 +52,41 @@ def formats() -> dict[str, SceneFormat]:
     found = {one.name: one for one in OWN_FORMATS}
     for point in entry_points(group=ENTRY_POINTS):
         try:
-            value = foreign_format(point, found)
+            place = f"The format {point.name!r} ({origin_of(point)})"
+            value = foreign_format(point.load, place, found)
             found[value.name] = value
         except InputError as error:
             _LOG.warning("%s", error)
+    for reference in os.environ.get(REFERENCES, "").split():
+        value = _of_reference(reference, found)
+        found[value.name] = value
     return found
+
+
+def add_formats(*references: str) -> None:
+    """Add formats of your own, each named as ``package.module:attribute``.
+
+    Processes that are started from here on know them as well.
+
+    Raises:
+        InputError: one cannot be imported, is no format, or has the name of another.
+    """
+    for reference in references:
+        known, added = formats(), os.environ.get(REFERENCES, "").split()
+        if reference not in added:
+            _of_reference(reference, known)
+            os.environ[REFERENCES] = " ".join([*added, reference])
+            formats.cache_clear()
+
+
+def _of_reference(reference: str, taken: Collection[str]) -> SceneFormat:
+    if not is_reference(reference):
+        raise InputError(
+            f"{one_line(reference, 60)!r} names no format; expected "
+            "package.module:attribute."
+        )
+    load = partial(object_of_reference, reference, InputError)
+    return foreign_format(load, reference, taken)
 
 
 def format_of(path: Path) -> SceneFormat | None:

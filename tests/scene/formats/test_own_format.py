@@ -17,7 +17,13 @@ from pd_editor.scene.formats import dataset, registry
 from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack
 from pd_editor.scene.formats.recorded_map import CenterLane, lanes_of
-from pd_editor.scene.formats.registry import ENTRY_POINTS, formats, writer
+from pd_editor.scene.formats.registry import (
+    ENTRY_POINTS,
+    REFERENCES,
+    add_formats,
+    formats,
+    writer,
+)
 from tests.cli.shell import Shell, files_of
 
 BROKEN = """
@@ -403,3 +409,75 @@ def test_gzipped_files_of_a_format_open_as_they_are(broken, tmp_path: Path, kind
     path.write_bytes(gzip.compress(f"/{tmp_path}/none".encode()))
     with pytest.raises(FormatError, match=rf"^{path}: .*has no lane"):
         open_scenario(path)
+
+
+@pytest.mark.parametrize("asks_for_it", [False, True])
+def test_what_lies_beside_a_gzipped_file_is_found(
+    broken, tmp_path: Path, asks_for_it: bool
+):
+    """Readers saw the file alone, in a folder of its own."""
+    knows = "(path.parent / 'more' / 'lanes.csv').exists()" if asks_for_it else "True"
+    broken(
+        "read=lambda path, own=FORMAT.read: own(path.parent / path.read_text()), recognises="
+        f"lambda path: path.suffix == '.mine' and {knows}"
+    )
+    (tmp_path / "more").mkdir()
+    lanes = tmp_path / "more" / "lanes.csv"
+    lanes.write_text("lane,width_m,next,x_m,y_m\na,4,,0,0\na,4,,60,0\n")
+    path = tmp_path / "one.mine.gz"
+    path.write_bytes(gzip.compress(b"more"))
+    # What it is unpacked from does not hide it.
+    (tmp_path / "one.mine").write_text("less")
+    assert len(open_scenario(path).road_map.lanes) == 1
+    lanes.write_text("lane,width_m,next,x_m,y_m\n")
+    with pytest.raises(FormatError, match=f"^{path}: .*{lanes.parent}.* has no lane"):
+        open_scenario(path)
+    assert lanes.exists()
+
+
+@pytest.fixture
+def nothing_added(monkeypatch: pytest.MonkeyPatch):
+    """What a test adds is forgotten."""
+    monkeypatch.setenv(REFERENCES, "")
+    yield
+    formats.cache_clear()
+
+
+@pytest.mark.usefixtures("nothing_added")
+def test_a_format_is_named_without_being_installed(
+    shell: Shell, folder: Path, tmp_path: Path
+):
+    """Generators and policies were, formats had to be packages."""
+    named = ("--formats", "examples.csv_format:FORMAT")
+    with pytest.raises(InputError):
+        open_scenario(folder)
+    shutil.copytree(folder, folder.parent / "other_street")
+    # Other processes know it, too.
+    options = ("--to", "csv-folder", "--out", tmp_path / "out", "--workers", 2)
+    made = shell.run("convert", folder.parent, *named, *options)
+    assert made.code == 0, made.err
+    assert len(list((tmp_path / "out").iterdir())) == 2
+    again = shell.run(*named, "evaluate", "--data", made.lines[0], "--out", tmp_path / "e", "--methods", "ground-truth")  # fmt: skip
+    assert (again.code, again.err) == (0, "")
+    assert open_scenario(folder).scenario_id == "my_street"
+
+
+@pytest.mark.usefixtures("nothing_added")
+@pytest.mark.parametrize(
+    ("reference", "told"),
+    [
+        ("nowhere:FORMAT", "nowhere:FORMAT: cannot be imported (ModuleNotFoundError"),
+        ("examples.csv_format:FORMATS", "has no attribute 'FORMATS'"),
+        ("math:pi", "math:pi cannot be loaded (TypeError: got a float; expected a Sc"),
+        (
+            "examples/csv_format.py",
+            "'examples/csv_format.py' names no format; expected",
+        ),
+        ("pd_editor.scene.formats.sumo:SUMO", "there is a format 'sumo' already"),
+    ],
+)
+def test_what_is_no_format_is_refused(reference: str, told: str, shell: Shell):
+    assert told in shell.refused("threats", "queue", "--formats", reference)
+    with pytest.raises(InputError):
+        add_formats(reference)
+    assert "expected package.module:attribute" in shell.refused("find", "--formats")
