@@ -29,6 +29,8 @@ from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
 from pd_editor.scene.scene_limits import (
     MAX_AGENTS,
     MAX_COORDINATE_M,
+    MAX_POSITION_M,
+    MAX_STATES,
     MAX_STEPS,
     agents_excess,
     odd_agent,
@@ -127,10 +129,15 @@ class FileScene:
         times_s = self._now_s() + axis.times_s()
         signals, told = sampled_signals(self.signals, road_map.lanes, times_s)
         road_map = road_map.moved(lambda points: points - origin)
-        if odd := odd_agent(agents):
-            raise FormatError(f"{self.path}: {odd[:1].lower()}{odd[1:]}")
         excess = agents_excess(agents, road_map) if len(agents) else None
-        self._raise_for(road_excess(road_map) or excess, data)
+        too_large = road_excess(road_map)
+        # What is astray is so in each part of a small map.
+        is_small = np.ptp(road_map.bounds_m, axis=0).max() <= MAX_POSITION_M
+        is_astray = is_small and agents.is_valid.size <= MAX_STATES and not too_large
+        odd = odd_agent(agents) or (excess if is_astray else None)
+        if odd is not None:
+            raise FormatError(f"{self.path}: {odd[:1].lower()}{odd[1:]}")
+        self._raise_for(too_large or excess, data)
         focal_id = "" if row is None else agents.ids[row]
         return Scenario(
             scenario_id=_as_id(self.name),

@@ -144,7 +144,7 @@ def _offset(header: Place) -> Float[np.ndarray, "2"]:
     for one in header.children("offset"):
         shift = np.array([one.number("x"), one.number("y")])
         if (
-            not float(one.element.get("hdg") or 0)
+            not (one.element.get("hdg") and one.number("hdg"))
             and np.abs(shift).max() <= MAX_COORDINATE_M
         ):
             return shift
@@ -334,7 +334,7 @@ class _Road:
         s, t = place.number("s"), place.number("t")
         x, y, heading, _ = self.line.at(np.array([s]))[0]
         center = np.array([x - t * np.sin(heading), y + t * np.cos(heading)])
-        turn = heading + float(place.element.get("hdg") or 0.0)
+        turn = heading + (place.number("hdg") if place.element.get("hdg") else 0.0)
         axis = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         local = place.element.findall(".//cornerLocal")
         if local:

@@ -125,11 +125,12 @@ class Place:
             value = float(text)
         except ValueError:
             value = float("nan")
-        if not abs(value) < float("inf"):
+        # Squares of larger ones may be infinite.
+        if not abs(value) < 1e30:
             what = "its text" if name is None else name
-            raise self.error(
-                f"needs a finite number for {what}, not {text.strip()[:40]!r}."
-            )
+            is_finite = abs(value) < float("inf")
+            kind = "number below 1e30" if is_finite else "finite number"
+            raise self.error(f"needs a {kind} for {what}, not {text.strip()[:40]!r}.")
         return value
 
     def integer(self, name: str | None = None) -> int:

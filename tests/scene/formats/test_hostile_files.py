@@ -117,7 +117,7 @@ def test_values_that_occur_again_are_read_once(tmp_path: Path):
         (road(section(lane(-1), s=1e12)), "not in the order of s"),
         (
             road(section(lane(-1)), geometry=LINE.replace('x="0"', 'x="1e300"')),
-            "without a place",
+            "<geometry> needs a number below 1e30 for x",
         ),
     ],
 )
@@ -167,6 +167,35 @@ def test_a_part_of_the_map_is_no_cure_for_an_agent_of_no_size(tmp_path: Path):
     with pytest.raises(FormatError, match="size outside") as caught:
         open_scenario(path)
     assert not isinstance(caught.value, LargeMapError)
+
+
+def test_a_part_of_a_small_map_is_no_cure_for_an_agent_far_away(tmp_path: Path):
+    """The browser asked for a square, and refused each one with the same card."""
+    places = np.array(description()["tracks"]["7"]["state"]["position"], float)
+    places[-1] += 1e5
+    velocity = np.zeros((len(places), 2))
+    track = changed_track(position=places, velocity=velocity)
+    with pytest.raises(FormatError, match="km from the other ones") as caught:
+        open_scenario(pickled(tmp_path, track))
+    assert not isinstance(caught.value, LargeMapError)
+
+
+@pytest.mark.parametrize("heading", ["east", "nan", "1e300"])
+@pytest.mark.parametrize("of_offset", [True, False])
+def test_headings_that_are_no_numbers_are_told(
+    tmp_path: Path, heading: str, of_offset: bool
+):
+    """They ended in a traceback, or in crosswalks without a place."""
+    walk = f'<objects><object id="1" type="crosswalk" s="9" t="0" hdg="{heading}" length="3" width="4"/></objects>'
+    offset = f'<offset x="1" y="1" z="0" hdg="{heading}"/>'
+    road_text = road(section(lane(-1)), more="" if of_offset else walk)
+    header = f'<header revMajor="1" revMinor="7">{offset if of_offset else ""}</header>'
+    path = tmp_path / "one.xodr"
+    path.write_text(f"<OpenDRIVE>{header}\n{road_text}</OpenDRIVE>")
+    with pytest.raises(
+        FormatError, match=rf"line \d: .* number .*for hdg, not '{heading}'"
+    ):
+        open_scenario(path)
 
 
 def test_a_truncated_pickle_is_unreadable_and_holds_nothing_forbidden(tmp_path: Path):
