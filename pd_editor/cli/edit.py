@@ -3,58 +3,38 @@
 import contextlib
 import socket
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from pd_editor.base.errors import InputError
 from pd_editor.cli.options.arguments import (
-    AroundOption,
-    CurrentOption,
     OptionalFolder,
     OptionalFolders,
-    RadiusOption,
+    PartOptions,
     Switch,
-    UntilOption,
     several,
+    shown,
+    taking,
 )
-from pd_editor.scene.base_reference import SceneCut
-from pd_editor.scene.map_window import window_of
+
+if TYPE_CHECKING:
+    from pd_editor.viewer.viewer_app import ViewerApp
 
 DEFAULT_DEMO = "signalised-junction"
 
 
-def edit(
-    scenario: Annotated[
-        str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")
-    ] = DEFAULT_DEMO,
-    /,
-    *,
-    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1",
-    port: Annotated[int, tyro.conf.arg(metavar="PORT")] = 8080,
-    current: CurrentOption = None,
-    until: UntilOption = None,
-    around: AroundOption = None,
-    radius: RadiusOption = None,
-    data: OptionalFolder = None,
-    library: OptionalFolder = None,
-    state: OptionalFolder = None,
-    models: OptionalFolders = (),
-    token: Switch = False,
-    no_token: Switch = False,
-    debug: Switch = False,
-) -> None:
-    """Start the browser editor, print its address, and serve until interrupted.
+@dataclass(frozen=True, kw_only=True)
+class EditOptions(PartOptions):
+    """Options of ``pd-editor edit``.
 
     Args:
         scenario: A demo's name, an Argoverse 2 scenario folder, or a file of another format.
         host: Address to listen on; 0.0.0.0 lets other machines in. Folders of this machine are closed to them.
         port: Port to listen on; the next free one if it is taken.
-        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
-        until: Seconds after the current step that are kept, such as 6.
         around: Metres in the file's frame, about which a square of its map is used; the browser can choose it, too.
-        radius: Half the side of that square.
         data: Root of a dataset to browse: Argoverse 2, or files of other formats.
         library: Folder of kept scenarios, shared by all who are let in; each visitor has an own one if not given.
         state: Folder for unfinished work; ~/.local/state/pd-editor if not given.
@@ -63,44 +43,67 @@ def edit(
         no_token: Ask for no token although other machines can reach the editor.
         debug: Offer viser's own settings and scene tree in the page.
     """
-    if token and no_token:
+
+    scenario: Annotated[str | Path, tyro.conf.Positional, shown("[SCENARIO]")] = field(
+        default=DEFAULT_DEMO, kw_only=False
+    )
+    host: Annotated[str, shown("ADDRESS")] = "127.0.0.1"
+    port: Annotated[int, shown("PORT")] = 8080
+    data: OptionalFolder = None
+    library: OptionalFolder = None
+    state: OptionalFolder = None
+    models: OptionalFolders = ()
+    token: Switch = False
+    no_token: Switch = False
+    debug: Switch = False
+
+
+@taking(EditOptions)
+def edit(options: EditOptions) -> None:
+    """Start the browser editor, print its address, and serve until interrupted."""
+    if options.token and options.no_token:
         raise InputError("--token and --no-token exclude each other.")
-    _check_address(host, port)
+    _check_address(options.host, options.port)
     sys.stdout.write("Starting...\n")
     sys.stdout.flush()
     # Imported late, so that the first output appears at once.
-    from pd_editor.viewer.server.server_guard import is_loopback
     from pd_editor.viewer.viewer_app import ViewerApp
 
     app = ViewerApp(
-        reference=str(scenario),
-        cut=SceneCut(
-            current_s=current, until_s=until, window=window_of(around, radius)
-        ),
-        host=host,
-        port=port,
-        data_root=data,
-        library=library,
-        state=state,
-        models=several(models),
-        debug=debug,
-        token=True if token else False if no_token else None,
+        reference=str(options.scenario),
+        cut=options.cut,
+        host=options.host,
+        port=options.port,
+        data_root=options.data,
+        library=options.library,
+        state=options.state,
+        models=several(options.models),
+        debug=options.debug,
+        token=True if options.token else False if options.no_token else None,
     )
     # Interrupting is the normal end, not a failure, from the moment it serves.
     with contextlib.suppress(KeyboardInterrupt):
         try:
-            sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
-            sys.stdout.flush()
-            if not is_loopback(host):
-                name = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
-                who = "everybody who reaches it" if no_token else "whoever knows it"
-                sys.stderr.write(
-                    f"Warning: other machines reach the editor at {app.address_at(name)}"
-                    f" ; {who} can use it. The connection is not encrypted.\n"
-                )
+            _tell_address(app, options)
             app.run_forever()
         finally:
             app.stop()
+
+
+def _tell_address(app: "ViewerApp", options: EditOptions) -> None:
+    """Print the address, and warn if other machines reach it."""
+    from pd_editor.viewer.server.server_guard import is_loopback
+
+    host = options.host
+    sys.stdout.write(f"Path Diffuser Editor is at {app.address}\n")
+    sys.stdout.flush()
+    if not is_loopback(host):
+        name = socket.gethostname() if host in ("0.0.0.0", "::", "") else host
+        who = "everybody who reaches it" if options.no_token else "whoever knows it"
+        sys.stderr.write(
+            f"Warning: other machines reach the editor at {app.address_at(name)}"
+            f" ; {who} can use it. The connection is not encrypted.\n"
+        )
 
 
 def _check_address(host: str, port: int) -> None:

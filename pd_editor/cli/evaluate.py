@@ -1,26 +1,24 @@
 """``pd-editor evaluate``: evaluate generators on many scenes."""
 
-import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final
-
-import tyro
+from typing import Annotated, Any, Final
 
 from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.base.foreign_code import is_reference
 from pd_editor.base.plain_text import nearest_or_all
+from pd_editor.cli.many_scenes import EngineOptions
 from pd_editor.cli.options.arguments import (
-    AddressOption,
-    CurrentOption,
     FolderOption,
-    LimitOption,
+    Folders,
+    Number,
     Switch,
-    TimeLimitOption,
-    WorkersOption,
+    command_line,
     several,
+    shown,
+    taking,
 )
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.experiments.evaluation.evaluation import (
@@ -33,7 +31,6 @@ from pd_editor.experiments.evaluation.evaluation import (
     splits_of,
 )
 from pd_editor.experiments.evaluation.evaluation_task import (
-    DRIVING,
     AgentsChoice,
     EvaluationTask,
     StatesChoice,
@@ -55,7 +52,6 @@ from pd_editor.experiments.evaluation.report.sections import Findings, report_of
 from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
 from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.experiments.evaluation.summary import Summary, summarise
-from pd_editor.experiments.work_engine import EngineChoice, EngineName
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.generators import (
     DEFAULT_GENERATOR,
@@ -80,7 +76,6 @@ _BY_DEFAULT: Final = (
     f"(default: {' '.join(DEFAULT_METHODS)}; with sampled states "
     f"{' '.join(DEFAULT_PLACING_METHODS)})"
 )
-_Roots = str | Path | tuple[str | Path, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,38 +102,51 @@ class Evaluation:
         return "\n".join([*map(str, self.files), *remarks])
 
 
-def evaluate(
-    *,
-    data: Annotated[_Roots, tyro.conf.arg(metavar="DIR [DIR ...]")],
-    out: FolderOption,
-    methods: Annotated[
-        tuple[str, ...] | None,
-        tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint=_BY_DEFAULT),
-    ] = None,
-    states: StatesChoice = "recorded",
-    agents: AgentsChoice = "all",
-    warps: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(metavar="WARP [WARP ...]"),
-    ] = ("none",),
-    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
-    development: Annotated[
-        tuple[str, ...], tyro.conf.arg(metavar="SPLIT [SPLIT ...]")
-    ] = ("train",),
-    limit: LimitOption = None,
-    current: CurrentOption = None,
-    engine: EngineName = "local",
-    address: AddressOption = None,
-    workers: WorkersOption = None,
-    time_limit: TimeLimitOption = None,
-    device: DeviceName = "auto",
-    resume: Switch = False,
-) -> Evaluation:
-    """Evaluate methods on many scenes and write rows, tables and a report.
+@dataclass(frozen=True, kw_only=True)
+class TrialOptions(EngineOptions):
+    """How methods are tried on many scenes.
 
     Args:
         data: Folders of Argoverse 2 scenarios or of files of other formats; folders below them are searched. Also names of demos, or demos for all.
+        limit: Use only the first N scenarios.
+        current: Seconds of each recording that count as observed; the last of their steps becomes the current one.
+        time_limit: Seconds that a method may take for a scene; a method that takes longer has no rows of that scene, and the rest goes on.
+        device: Where models compute; auto takes a GPU if there is one.
+        resume: Go on with an earlier run of the same settings.
+    """
+
+    data: Folders
+    limit: Annotated[int | None, shown("N", "(default: all)")] = None
+    current: Annotated[float | None, shown("S", "(default: the file's)")] = None
+    time_limit: Annotated[float | None, shown("S", "(default: none)")] = None
+    device: DeviceName = "auto"
+    resume: Switch = False
+
+    def scope(self) -> dict[str, Any]:
+        """What plans of trials share.
+
+        Raises:
+            InputError: a limit is out of range.
+        """
+        limit, limit_s = self.limit, self.time_limit
+        if limit_s is not None and not MIN_LIMIT_S <= limit_s <= MAX_LIMIT_S:
+            raise InputError(
+                f"--time-limit is {limit_s:g} s; expected {MIN_LIMIT_S:g} to "
+                f"{MAX_LIMIT_S:g}."
+            )
+        return {
+            "data": tuple(map(Path, several(self.data))),
+            "limit": None if limit is None else within(1, limit, MAX_SEED, "limit"),
+            "limit_s": limit_s,
+            "cut": replace(COMPARED, current_s=self.current),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions(TrialOptions):
+    """Options of ``pd-editor evaluate``.
+
+    Args:
         out: New folder for finished scenes, rows.parquet, report.md and report.html.
         methods: Reference methods, generators (also with options: path-diffuser:lanes=0.6,tries=1,steps=10), folders of models, and generators or predictors of your own as package.module:attribute; ground-truth is what others are compared with.
         states: Keep the recorded initial states and generate trajectories, or sample initial states as well: as many agents of each kind as the log has within 62 m of the focal agent.
@@ -147,37 +155,44 @@ def evaluate(
         samples: Samples of each scene, for methods that sample at random.
         seed: Random seed; the same seed gives the same numbers.
         development: Splits on which settings were chosen; headline figures are of the other splits alone.
-        limit: Use only the first N scenarios.
-        current: Seconds of each recording that count as observed; the last of their steps becomes the current one.
-        engine: Processes of this machine, or Ray (extra "cluster").
-        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
-        workers: Work items that run at a time; they do not change the numbers.
-        time_limit: Seconds that a method may take for a scene; a method that takes longer has no rows of that scene, and the rest goes on.
-        device: Where models compute; auto takes a GPU if there is one.
-        resume: Go on with an earlier run of the same settings.
     """
-    task = EvaluationTask(states=states, agents=agents)
+
+    data: Folders
+    out: FolderOption
+    methods: Annotated[
+        tuple[str, ...] | None, shown("NAME [NAME ...]", _BY_DEFAULT)
+    ] = None
+    states: StatesChoice = "recorded"
+    agents: AgentsChoice = "all"
+    warps: Annotated[tuple[str, ...], shown("WARP [WARP ...]")] = ("none",)
+    samples: Number = 6
+    seed: Number = 0
+    development: Annotated[tuple[str, ...], shown("SPLIT [SPLIT ...]")] = ("train",)
+
+
+@taking(EvaluateOptions)
+def evaluate(options: EvaluateOptions) -> Evaluation:
+    """Evaluate methods on many scenes and write rows, tables and a report."""
+    task = EvaluationTask(states=options.states, agents=options.agents)
     plan = EvaluationPlan(
         task=task,
-        data=tuple(map(Path, several(data))),
-        methods=_methods(methods, device, task),
-        conditions=road_conditions(several(warps)),
-        num_samples=within(1, samples, MAX_SAMPLES, "samples"),
-        seed=within(0, seed, MAX_SEED, "seed"),
-        limit=None if limit is None else within(1, limit, MAX_SEED, "limit"),
-        development=several(development),
-        limit_s=limit_in_s(time_limit),
-        cut=replace(COMPARED, current_s=current),
+        methods=_methods(options.methods, options.device, task),
+        conditions=road_conditions(several(options.warps)),
+        num_samples=within(1, options.samples, MAX_SAMPLES, "samples"),
+        seed=within(0, options.seed, MAX_SEED, "seed"),
+        development=several(options.development),
+        **options.scope(),
     )
-    choice = EngineChoice(name=engine, address=address, num_workers=workers)
-    found = scenes_of(plan.data, plan.limit)
+    choice, found = options.choice, scenes_of(plan.data, plan.limit)
     with choice.engine() as runner:
-        folder = EvaluationFolder(Path(out), plan.settings, resume=resume)
+        folder = EvaluationFolder(
+            Path(options.out), plan.settings, resume=options.resume
+        )
         record = run_evaluation(
             plan, found, folder, runner, on_progress=work_shown("scenes on roads")
         )
-    splits = splits_of(plan, found)
-    return _reported(plan, splits, folder, record, _command(plan, out))
+    command = command_line("evaluate", replace(options, resume=False))
+    return _reported(plan, splits_of(plan, found), folder, record, command)
 
 
 def _reported(
@@ -274,19 +289,6 @@ def _places_agents(name: str, make: Callable[[str], ScenarioGenerator]) -> bool:
     return "states" in supported_by(make(name))
 
 
-def limit_in_s(value: float | None) -> float | None:
-    """Validate a time limit in seconds, if there is one.
-
-    Raises:
-        InputError: it is out of range.
-    """
-    if value is not None and not MIN_LIMIT_S <= value <= MAX_LIMIT_S:
-        raise InputError(
-            f"--time-limit is {value:g} s; expected {MIN_LIMIT_S:g} to {MAX_LIMIT_S:g}."
-        )
-    return value
-
-
 def within(least: int, value: int, most: int, name: str) -> int:
     """Validate a number of an option.
 
@@ -313,19 +315,3 @@ def _check_something_left(found: Findings, record: RunRecord, report: Path) -> N
             raise GenerationError(
                 f"{name}: failed on every scene, see {report}{reason}."
             )
-
-
-def _command(plan: EvaluationPlan, out: str | Path) -> str:
-    """Command line that reproduces the numbers."""
-    words = ["pd-editor", "evaluate", "--data", *map(str, plan.data)]
-    words += ["--out", str(out), "--methods", *(one.name for one in plan.methods)]
-    if plan.task != DRIVING:
-        words += ["--states", plan.task.states, "--agents", plan.task.agents]
-    words += ["--warps", *(one.label for one in plan.conditions)]
-    words += ["--samples", str(plan.num_samples), "--seed", str(plan.seed)]
-    if plan.development != ("train",):
-        words += ["--development", *plan.development]
-    words += [] if plan.limit is None else ["--limit", str(plan.limit)]
-    now_s = plan.cut.current_s
-    words += [] if now_s is None else ["--current", f"{now_s:g}"]
-    return shlex.join(words)

@@ -1,25 +1,25 @@
 """``pd-editor export``: write scenarios, with a name, tags and a note."""
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
-import tyro
 
 from pd_editor.base.errors import EditError, ExportError
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.options.arguments import (
-    CurrentOption,
+    CutOptions,
     FocalOption,
-    FolderOption,
     FormatOption,
     NameOption,
     NoteOption,
+    ResultOptions,
+    SeveralScenarios,
     Switch,
     TagsOption,
-    UntilOption,
+    taking,
 )
 from pd_editor.cli.output.outcome import (
     Outcome,
@@ -42,45 +42,38 @@ from pd_editor.scene.formats.registry import format_of, writer
 ZIP_NAME: Final = "scenarios.zip"
 
 
-def export(
-    scenarios: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="SCENARIO|RECIPE [...]", help_behavior_hint="(required)"),
-    ],
-    /,
-    *,
-    out: FolderOption,
-    format: FormatOption = ARGOVERSE2.name,
-    current: CurrentOption = None,
-    until: UntilOption = None,
-    focal: FocalOption = "",
-    name: NameOption = "",
-    tags: TagsOption = (),
-    note: NoteOption = "",
-    zip: Switch = False,
-    verify: Switch = False,
-    overwrite: Switch = False,
-) -> Outcome:
-    """Write scenarios as new folders, or all in one zip, each with a recipe.json.
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(CutOptions, ResultOptions):
+    """Options of ``pd-editor export``.
 
     Args:
         scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, or recipe.json files.
         out: Folder that receives DIR/<name>/, or the zip.
         format: Name of the format to write.
-        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
-        until: Seconds after the current step that are kept, such as 6.
         focal: Id of the agent that becomes the focal one.
         name: Id of the written scenario, for one scenario only.
         tags: Words to find it by, kept in its recipe.
         note: A sentence about it, kept in its recipe.
         zip: Write DIR/scenarios.zip with a folder for each scenario and an index.csv.
         verify: Load the result with av2's own loaders and with the editor's reader, too.
-        overwrite: Replace what an earlier run wrote.
     """
-    writer(format)  # A format that cannot be written is refused before files are read.
-    several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
-    references = tuple(map(str, several))
+
+    scenarios: SeveralScenarios = field(kw_only=False)
+    format: FormatOption = ARGOVERSE2.name
+    focal: FocalOption = ""
+    name: NameOption = ""
+    tags: TagsOption = ()
+    note: NoteOption = ""
+    zip: Switch = False
+    verify: Switch = False
+
+
+@taking(ExportOptions)
+def export(options: ExportOptions) -> Outcome:
+    """Write scenarios as new folders, or all in one zip, each with a recipe.json."""
+    name, scenarios = options.name, options.scenarios
+    writer(options.format)  # What cannot be written is refused before files are read.
+    references = scenarios if isinstance(scenarios, tuple) else (scenarios,)
     if not references:
         raise EditError("Missing SCENARIO; see pd-editor export --help.")
     if name and len(references) > 1:
@@ -88,28 +81,29 @@ def export(
             f"--name is for one scenario; {len(references)} were given, which are named "
             "by their edits."
         )
-    if zip and verify:
+    if options.zip and options.verify:
         raise ExportError("--verify looks at folders; give --zip or --verify.")
-    if verify and format != ARGOVERSE2.name:
+    if options.verify and options.format != ARGOVERSE2.name:
         raise ExportError(f"--verify is for {ARGOVERSE2.name}; leave it out.")
-    cut = SceneCut(current_s=current, until_s=until)
-    sessions = [
-        opened_session(one, described(name, tags, note), cut) for one in references
-    ]
-    for session in sessions if focal else ():
-        session.apply(SetFocalAgent(agent_id=focal))
-    opened = tuple(session.scenario for session in sessions)
-    if zip:
-        return Outcome(
-            folders=(_zipped(Path(out), sessions, format, overwrite),), scenarios=opened
+    about = described(name, options.tags, options.note)
+    sessions = [opened_session(str(one), about, options.cut) for one in references]
+    for session in sessions if options.focal else ():
+        session.apply(SetFocalAgent(agent_id=options.focal))
+    folders = _zipped(options, sessions) if options.zip else _written(options, sessions)
+    return Outcome(
+        folders=folders,
+        scenarios=tuple(session.scenario for session in sessions),
+        remarks=tuple(map(_verified, folders)) if options.verify else (),
+    )
+
+
+def _written(options: ExportOptions, sessions: list[EditorSession]) -> tuple[Path, ...]:
+    return tuple(
+        write_session(
+            options.out, one, overwrite=options.overwrite, format_name=options.format
         )
-    written, remarks = [], []
-    for session in sessions:
-        folder = write_session(out, session, overwrite=overwrite, format_name=format)
-        if verify:
-            remarks.append(_verified(folder))
-        written.append(folder)
-    return Outcome(folders=tuple(written), scenarios=opened, remarks=tuple(remarks))
+        for one in sessions
+    )
 
 
 def _verified(folder: Path) -> str:
@@ -159,12 +153,10 @@ def opened_session(reference: str, variant: Variant, cut: SceneCut) -> EditorSes
     return session
 
 
-def _zipped(
-    out: Path, sessions: list[EditorSession], format_name: str, overwrite: bool
-) -> Path:
+def _zipped(options: ExportOptions, sessions: list[EditorSession]) -> tuple[Path, ...]:
     """Write one zip; the second of two scenarios of the same name gets -2."""
-    target = out / ZIP_NAME
-    if os.path.exists(target) and not overwrite:
+    target = Path(options.out) / ZIP_NAME
+    if os.path.exists(target) and not options.overwrite:
         raise ExportError(f"{target}: is there already; add --overwrite to replace it.")
     made: dict[str, dict[str, bytes]] = {}
     rows = []
@@ -174,8 +166,10 @@ def _zipped(
         if name != recipe.result_id:
             session.describe(replace(session.variant, name=name))
             recipe = undated_recipe(session)
-        made[name] = exported_files(session.scenario, recipe, session.base, format_name)
+        made[name] = exported_files(
+            session.scenario, recipe, session.base, options.format
+        )
         rows.append(index_row(session.scenario, session.base, recipe))
     content = zip_folders(made, {INDEX_NAME: index_csv(rows)})
     write_whole(target, content)
-    return target
+    return (target,)

@@ -1,32 +1,25 @@
 """``pd-editor generate``: regenerate trajectories, or resample all traffic."""
 
 import sys
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import tyro
 
 from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.sample_ranking import Ranking
 from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.base.errors import GenerationError
-from pd_editor.cli.many_scenes import SCENE_FILES, over_scenes
+from pd_editor.cli.many_scenes import ManyOptions, PartsOptions, over_scenes
 from pd_editor.cli.options.arguments import (
-    AddressOption,
-    AroundOption,
-    CurrentOption,
-    DensestOption,
     FocalOption,
-    FolderOption,
     NameOption,
-    OptionalWorkers,
-    RadiusOption,
+    Number,
     Switch,
-    UntilOption,
     several,
+    shown,
 )
 from pd_editor.cli.options.guide_option import guidance_terms_of
 from pd_editor.cli.options.kept_agents import (
@@ -42,6 +35,7 @@ from pd_editor.cli.output.progress import run_showing_progress
 from pd_editor.cli.output.sample_table import SampleTable
 from pd_editor.editor.commands import (
     AddGuidance,
+    Command,
     SampleSignals,
     SetAgentActivity,
     SetFocalAgent,
@@ -49,10 +43,9 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import edit_findings
-from pd_editor.editor.scenario_store import check_free, open_scenario
+from pd_editor.editor.scenario_store import check_free, open_part
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
-from pd_editor.experiments.work_engine import EngineName
 from pd_editor.generation.defaults import (
     DEFAULT_WEIGHT,
     NUM_TRIES,
@@ -64,7 +57,6 @@ from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.generation import (
     GenerationRequest,
-    GuidanceSetting,
     Quality,
     Region,
     ScenarioGenerator,
@@ -81,103 +73,14 @@ from pd_editor.scene.roles.traffic_choice import (
 )
 from pd_editor.scene.scenario import Scenario
 
-AgentsOption = Annotated[
-    str | tuple[str, ...],
-    tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(default: all)"),
-]
-StandingOption = Annotated[
-    str | tuple[str, ...],
-    tyro.conf.arg(metavar="ID [ID ...]", help_behavior_hint="(optional)"),
-]
-NumAgentsOption = Annotated[
-    str | int | tuple[str, ...],
-    tyro.conf.arg(metavar="N|KIND=N|fit", help_behavior_hint="(optional)"),
-]
-GuideOption = Annotated[
-    str | tuple[str, ...],
-    tyro.conf.arg(metavar="TERM [TERM ...]", help_behavior_hint="(optional)"),
-]
-RegionOption = Annotated[
-    tuple[float, float, float] | None,
-    tyro.conf.arg(metavar="X Y HALF_SIDE", help_behavior_hint="(optional)"),
-]
-KindsOption = Annotated[
-    str | tuple[str, ...],
-    tyro.conf.arg(metavar="KIND [KIND ...]", help_behavior_hint="(default: all)"),
-]
-LocksOption = Annotated[
-    str | tuple[str, ...],
-    tyro.conf.arg(metavar="ID=WHAT [...]", help_behavior_hint="(optional)"),
-]
-StepsOption = Annotated[
-    int | None,
-    tyro.conf.arg(metavar="N", help_behavior_hint="(default: the model's own)"),
-]
-TriesOption = Annotated[
-    int | None,
-    tyro.conf.arg(metavar="N", help_behavior_hint=f"(default: {NUM_TRIES})"),
-]
-WeightOption = Annotated[
-    float | None,
-    tyro.conf.arg(metavar="W", help_behavior_hint=f"(default: {DEFAULT_WEIGHT})"),
-]
-ShareOption = Annotated[
-    float | None, tyro.conf.arg(metavar="P", help_behavior_hint="(as on such roads)")
-]
-RankOption = Annotated[Ranking, tyro.conf.arg(metavar="METRIC")]
-PickOption = Annotated[
-    int | None, tyro.conf.arg(metavar="K", help_behavior_hint="(default: all)")
-]
+_Ids = Annotated[str | tuple[str, ...], shown("ID [ID ...]", "(optional)")]
 
 
-@over_scenes(SCENE_FILES)
-def generate(
-    scenario: str | Path,
-    /,
-    *,
-    out: FolderOption,
-    agents: AgentsOption = (),
-    resample_states: Switch = False,
-    num_agents: NumAgentsOption = (),
-    add: Switch = False,
-    replace_ego_and_focal: Switch = False,
-    moving_share: ShareOption = None,
-    only_on_road: Switch = False,
-    no_past: Switch = False,
-    region: RegionOption = None,
-    only_kinds: KindsOption = (),
-    lock: LocksOption = (),
-    parked: StandingOption = (),
-    waiting: StandingOption = (),
-    sample_signals: Switch = False,
-    quality: Quality = "fast",
-    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
-    rank: RankOption = "realism",
-    pick: PickOption = None,
-    steps: StepsOption = None,
-    guide: GuideOption = (),
-    keep_to_lanes: WeightOption = None,
-    tries: TriesOption = None,
-    no_yielding: Switch = False,
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
-    model: Annotated[str, tyro.conf.arg(metavar="NAME")] = DEFAULT_GENERATOR,
-    device: DeviceName = "auto",
-    current: CurrentOption = None,
-    until: UntilOption = None,
-    around: AroundOption = None,
-    radius: RadiusOption = None,
-    densest: DensestOption = None,  # noqa: ARG001
-    focal: FocalOption = "",
-    name: NameOption = "",
-    overwrite: Switch = False,
-    engine: EngineName = "local",  # noqa: ARG001
-    address: AddressOption = None,  # noqa: ARG001
-    workers: OptionalWorkers = None,  # noqa: ARG001
-) -> Outcome:
-    """Regenerate trajectories, or resample all traffic if the model can.
+@dataclass(frozen=True, kw_only=True)
+class GenerateOptions(PartsOptions, ManyOptions):
+    """Options of ``pd-editor generate``.
 
     Args:
-        scenario: Demos, Argoverse 2 scenario folders, files of other formats, folders of these, or patterns; demos for all demos. What is written already stays as it is.
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
         agents: Ids of the agents to drive; the others keep their trajectories.
         resample_states: Resample the initial states of these agents, too. Without a region, agents more than 20 m from all lanes keep theirs.
@@ -205,70 +108,86 @@ def generate(
         seed: Random seed; the same seed gives the same files.
         model: path-diffuser, lane-follower (trajectories only), the folder of a trained model, or a generator or predictor of your own as package.module:attribute.
         device: Where a model computes; auto takes a GPU if there is one.
-        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
-        until: Seconds after the current step that are kept, such as 6.
-        around: Metres in the file's frame, about which a square of its map is used; for maps beyond the limits of a scene.
-        radius: Half the side of that square.
-        densest: Use the N squares with the greatest length of lanes, each as a scene of its own.
         focal: Id of the agent that becomes the focal one.
         name: Id of the new scenario, such as 000c4929-s3.
         overwrite: Replace what earlier runs wrote.
-        engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
-        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
-        workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
-    generator = make_generator(model, device=device)
-    opened = open_scenario(
-        scenario, current_s=current, until_s=until, around=around, radius_m=radius
-    )
-    terms = guidance_terms_of((guide,) if isinstance(guide, str) else guide)
-    edits = (
-        *([SetFocalAgent(agent_id=focal)] if focal else []),
-        *_activities(several(parked), several(waiting)),
-        *([SampleSignals(seed=seed)] if sample_signals else []),
-        *(AddGuidance(term=term) for term in terms),
-        *lock_commands(several(lock)),
-    )
-    kinds = wanted_kinds(several(only_kinds))
-    session = EditorSession(opened)
-    for command in edits:
-        session.apply(command)
-    base = session.scenario
-    asked_region = None if region is None else _region(opened, *region)
-    wanted, asks_number = several(agents), num_agents != ()
-    counts, fits = _wanted_counts(num_agents)
-    _refuse_contradictions(
-        bool(wanted), asks_number, resample_states, add, replace_ego_and_focal
-    )
-    removed, driven = _roles(
-        base, wanted, asks_number, add, replace_ego_and_focal, asked_region, kinds
-    )
-    request = GenerationRequest(
-        scenario=base.without_agents(removed),
-        agent_ids=driven,
-        num_new_agents=counts,
-        samples_num_agents=fits,
-        resampled_state_ids=resamplable_agent_ids(base, driven)
-        if resample_states
-        else (),
-        moving_share=moving_share,
-        only_on_road=only_on_road,
-        back_casts=not no_past,
-        region=asked_region if resample_states or asks_number else None,
-        quality=quality,
-        num_samples=samples,
-        num_denoising_steps=steps,
-        guidance=_guidance(keep_to_lanes, tries, yields=not no_yielding),
-        seed=seed,
-    )
-    if pick is not None and not 1 <= pick <= samples:
-        raise GenerationError(
-            f"--pick is {pick}; expected 1 to {samples}, the number of samples."
+
+    agents: Annotated[
+        str | tuple[str, ...], shown("ID [ID ...]", "(default: all)")
+    ] = ()
+    resample_states: Switch = False
+    num_agents: Annotated[
+        str | int | tuple[str, ...], shown("N|KIND=N|fit", "(optional)")
+    ] = ()
+    add: Switch = False
+    replace_ego_and_focal: Switch = False
+    moving_share: Annotated[float | None, shown("P", "(as on such roads)")] = None
+    only_on_road: Switch = False
+    no_past: Switch = False
+    region: Annotated[
+        tuple[float, float, float] | None, shown("X Y HALF_SIDE", "(optional)")
+    ] = None
+    only_kinds: Annotated[
+        str | tuple[str, ...], shown("KIND [KIND ...]", "(default: all)")
+    ] = ()
+    lock: Annotated[str | tuple[str, ...], shown("ID=WHAT [...]", "(optional)")] = ()
+    parked: _Ids = ()
+    waiting: _Ids = ()
+    sample_signals: Switch = False
+    quality: Quality = "fast"
+    samples: Number = 1
+    rank: Annotated[Ranking, shown("METRIC")] = "realism"
+    pick: Annotated[int | None, shown("K", "(default: all)")] = None
+    steps: Annotated[int | None, shown("N", "(default: the model's own)")] = None
+    guide: Annotated[str | tuple[str, ...], shown("TERM [TERM ...]", "(optional)")] = ()
+    keep_to_lanes: Annotated[
+        float | None, shown("W", f"(default: {DEFAULT_WEIGHT})")
+    ] = None
+    tries: Annotated[int | None, shown("N", f"(default: {NUM_TRIES})")] = None
+    no_yielding: Switch = False
+    seed: Number = 0
+    model: Annotated[str, shown("NAME")] = DEFAULT_GENERATOR
+    device: DeviceName = "auto"
+    focal: FocalOption = ""
+    name: NameOption = ""
+
+    @property
+    def samples_agents(self) -> bool:
+        """Whether new agents are asked for."""
+        return self.num_agents != ()
+
+    def edits(self) -> tuple[Command, ...]:
+        """What is edited before anything is generated.
+
+        Raises:
+            GenerationError: an agent is parked and waits, or a lock cannot be read.
+            InputError: a guidance term cannot be read.
+        """
+        guide = (self.guide,) if isinstance(self.guide, str) else self.guide
+        terms = guidance_terms_of(guide)
+        return (
+            *([SetFocalAgent(agent_id=self.focal)] if self.focal else []),
+            *_activities(several(self.parked), several(self.waiting)),
+            *([SampleSignals(seed=self.seed)] if self.sample_signals else []),
+            *(AddGuidance(term=term) for term in terms),
+            *lock_commands(several(self.lock)),
         )
+
+
+@over_scenes(GenerateOptions)
+def generate(scenario: str, options: GenerateOptions) -> Outcome:
+    """Regenerate trajectories, or resample all traffic if the model can."""
+    generator = make_generator(options.model, device=options.device)
+    opened = open_part(scenario, options.cut)
+    edits = options.edits()
+    terms = tuple(one.term for one in edits if isinstance(one, AddGuidance))
+    base = _edited(opened, edits).scenario
+    request, removed = _request(options, opened, base)
     _check_supports(generator, request, has_terms=bool(terms))
-    names = _names(opened, name, request)
+    names = _names(opened, options.name, request)
     for one in names:
-        check_free(out, one, opened, overwrite=overwrite)
+        check_free(options.out, one, opened, overwrite=options.overwrite)
     _tell_problems(request, terms)
     check_room(request, len(removed))
     traffic = run_showing_progress(generator.generate(request))
@@ -277,33 +196,31 @@ def generate(
         traffic_command(request, traffic, index, removed_ids=removed)
         for index in range(len(names))
     ]
-    table, written = None, range(len(names))
-    if samples > 1:
+    table, written = None, list(range(len(names)))
+    if options.samples > 1:
         recorded = scene_findings(opened)
         results = (
             (one, edit_findings(one, opened, (*edits, command), recorded))
             for command in commands
             for one in (apply_within_locks(command, base),)
         )
-        table = SampleTable.of(results, [one.sample for one in commands], rank, pick)
+        drawn = [one.sample for one in commands]
+        table = SampleTable.of(results, drawn, options.rank, options.pick)
         written = sorted(table.picked)
-    sessions = [EditorSession(opened) for _ in written]
-    for index, session in zip(written, sessions, strict=True):
-        session.describe(described(names[index]))
-        for command in (*edits, commands[index]):
-            session.apply(command)
+    sessions = [
+        _edited(opened, (*edits, commands[index]), names[index]) for index in written
+    ]
     guidance = GuidanceTable(
         names=tuple(names[index] for index in written),
-        reports=reports_of(traffic.guidance, list(written)),
+        reports=reports_of(traffic.guidance, written),
     )
-    folders = _write(out, sessions, names, table, guidance, overwrite=overwrite)
     return Outcome(
-        folders=folders,
+        folders=_write(options, sessions, names, table, guidance),
         scenarios=tuple(session.scenario for session in sessions),
         remarks=(
             *(() if table is None else table.lines(names)),
             *(guidance.lines() if guidance.reports else ()),
-            *kept_remarks(base, wanted, driven),
+            *kept_remarks(base, several(options.agents), request.agent_ids),
             *traffic.notes,
             *(note for index in written for note in commands[index].notes),
             *traffic.measures,
@@ -311,24 +228,64 @@ def generate(
     )
 
 
+def _edited(
+    opened: Scenario, commands: Sequence[Command], name: str = ""
+) -> EditorSession:
+    session = EditorSession(opened)
+    session.describe(described(name))
+    for command in commands:
+        session.apply(command)
+    return session
+
+
+def _request(
+    options: GenerateOptions, opened: Scenario, base: Scenario
+) -> tuple[GenerationRequest, tuple[str, ...]]:
+    """What to generate, and ids of the agents that it replaces."""
+    region = None if options.region is None else _region(opened, *options.region)
+    counts, fits = _wanted_counts(options.num_agents)
+    _refuse_contradictions(options)
+    removed, driven = _roles(options, base, region)
+    places = options.resample_states or options.samples_agents
+    return GenerationRequest(
+        scenario=base.without_agents(removed),
+        agent_ids=driven,
+        num_new_agents=counts,
+        samples_num_agents=fits,
+        resampled_state_ids=resamplable_agent_ids(base, driven)
+        if options.resample_states
+        else (),
+        moving_share=options.moving_share,
+        only_on_road=options.only_on_road,
+        back_casts=not options.no_past,
+        region=region if places else None,
+        quality=options.quality,
+        num_samples=options.samples,
+        num_denoising_steps=options.steps,
+        guidance=guidance_settings(
+            options.keep_to_lanes, options.tries, yields=not options.no_yielding
+        ),
+        seed=options.seed,
+    ), removed
+
+
 def _write(
-    out: str | Path,
+    options: GenerateOptions,
     sessions: Sequence[EditorSession],
     names: Sequence[str],
     table: SampleTable | None,
     guidance: GuidanceTable,
-    *,
-    overwrite: bool,
 ) -> tuple[Path, ...]:
     """Write the scenarios and the tables that go with them."""
+    out = Path(options.out)
     folders = tuple(
-        write_session(out, session, overwrite=overwrite) for session in sessions
+        write_session(out, session, overwrite=options.overwrite) for session in sessions
     )
     whole = names[0].removesuffix("-1")
     if table is not None:
-        table.write(Path(out) / f"{whole}-samples.csv", names)
+        table.write(out / f"{whole}-samples.csv", names)
     if guidance.reports:
-        guidance.write(Path(out) / f"{whole}-guidance.csv")
+        guidance.write(out / f"{whole}-guidance.csv")
     return folders
 
 
@@ -429,41 +386,37 @@ def _region(scenario: Scenario, x: float, y: float, half_side: float) -> Region:
     )
 
 
-def _refuse_contradictions(
-    names_agents: bool,
-    samples_agents: bool,
-    resamples_states: bool,
-    adds: bool,
-    replaces_ego_and_focal: bool,
-) -> None:
-    """Raise for options that contradict each other."""
-    if resamples_states and samples_agents:
+def _refuse_contradictions(options: GenerateOptions) -> None:
+    """Raise for options that contradict each other, or are out of range."""
+    samples_agents, weight = options.samples_agents, options.keep_to_lanes
+    if options.resample_states and samples_agents:
         raise GenerationError(
             "--resample-states is for agents that stay, --num-agents for new ones; give "
             "one of them."
         )
-    if names_agents and samples_agents and not adds:
+    if options.agents and samples_agents and not options.add:
         raise GenerationError(
             "--num-agents puts new agents in the place of all, so no agent is left for "
             "--agents; give --add to keep them."
         )
-    if adds and not samples_agents:
+    if options.add and not samples_agents:
         raise GenerationError("--add needs --num-agents, which says how many.")
-    if replaces_ego_and_focal and (adds or not samples_agents):
+    if options.replace_ego_and_focal and (options.add or not samples_agents):
         raise GenerationError(
             "--replace-ego-and-focal needs --num-agents without --add: new agents "
             "replace nothing otherwise."
         )
+    if weight is not None and not 0 <= weight <= 1:
+        raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
+    if options.pick is not None and not 1 <= options.pick <= options.samples:
+        raise GenerationError(
+            f"--pick is {options.pick}; expected 1 to {options.samples}, the number of "
+            "samples."
+        )
 
 
 def _roles(
-    opened: Scenario,
-    wanted: tuple[str, ...],
-    samples_agents: bool,
-    adds: bool,
-    replaces_ego_and_focal: bool,
-    region: Region | None,
-    kinds: Collection[AgentKind],
+    options: GenerateOptions, opened: Scenario, region: Region | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids of the agents that are replaced, and of those whose trajectories are generated.
 
@@ -471,20 +424,13 @@ def _roles(
     keeps the two tracks that predictors and data sets need; so do locked agents. Of a
     region, or of some kinds, only those agents count.
     """
-    removed = ()
-    if samples_agents and not adds:
-        keeps = not replaces_ego_and_focal
+    removed, samples_agents = (), options.samples_agents
+    kinds, wanted = wanted_kinds(several(options.only_kinds)), several(options.agents)
+    if samples_agents and not options.add:
+        keeps = not options.replace_ego_and_focal
         removed = replaceable_agent_ids(opened, keeps_ego=keeps, keeps_focal=keeps)
         removed = agents_within(opened, removed, kinds, region)
-    if samples_agents and not (wanted and adds):
+    if samples_agents and not (wanted and options.add):
         return removed, ()
     place = None if samples_agents else region
     return removed, driven_agents(opened, wanted, kinds, place)
-
-
-def _guidance(
-    weight: float | None, tries: int | None, *, yields: bool
-) -> tuple[GuidanceSetting, ...]:
-    if weight is not None and not 0 <= weight <= 1:
-        raise GenerationError(f"--keep-to-lanes must be between 0 and 1, not {weight}.")
-    return guidance_settings(weight, tries, yields=yields)

@@ -9,11 +9,10 @@ import tyro
 
 from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import user_path
-from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
-from pd_editor.cli.options.arguments import AddressOption, WorkersOption, several
+from pd_editor.cli.many_scenes import SCENE_FILES, EngineOptions, scenes_of
+from pd_editor.cli.options.arguments import several, shown, taking
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.experiments.scene_index.index_file import INDEX_NAME, IndexWriter
-from pd_editor.experiments.work_engine import EngineChoice, EngineName
 from pd_editor.experiments.work_engine.work_engine import WorkFailure
 
 
@@ -33,42 +32,36 @@ class Indexed:
         )
 
 
-_Roots = Annotated[
-    str | Path | tuple[str | Path, ...],
-    tyro.conf.Positional,
-    tyro.conf.arg(metavar="ROOT [...]", help_behavior_hint="(required)"),
-]
-_File = Annotated[
-    str | Path | None,
-    tyro.conf.arg(metavar="FILE", help_behavior_hint=f"(default: ROOT/{INDEX_NAME})"),
-]
-
-
-def index(
-    root: _Roots,
-    /,
-    *,
-    out: _File = None,
-    engine: EngineName = "local",
-    address: AddressOption = None,
-    workers: WorkersOption = None,
-) -> Indexed:
-    """Read manoeuvres, interactions and facts of scenes into a file for pd-editor find.
-
-    Only new and changed scenes are read again; an interrupted run goes on where it was.
+@dataclass(frozen=True, kw_only=True)
+class IndexOptions(EngineOptions):
+    """Options of ``pd-editor index``.
 
     Args:
         root: Folders of scenes of any format that is read, scenes, or patterns.
         out: Parquet file of the index.
-        engine: Processes of this machine, or Ray (extra "cluster").
-        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
         workers: Scenes at a time, each in a process of its own.
     """
-    roots = several(root)
+
+    root: Annotated[
+        str | Path | tuple[str | Path, ...],
+        tyro.conf.Positional,
+        shown("ROOT [...]", "(required)"),
+    ] = field(kw_only=False)
+    out: Annotated[
+        str | Path | None, shown("FILE", f"(default: ROOT/{INDEX_NAME})")
+    ] = None
+
+
+@taking(IndexOptions)
+def index(options: IndexOptions) -> Indexed:
+    """Read manoeuvres, interactions and facts of scenes into a file for pd-editor find.
+
+    Only new and changed scenes are read again; an interrupted run goes on where it was.
+    """
+    roots = several(options.root)
     if not roots:
         raise InputError("Missing ROOT; see pd-editor index --help.")
-    file = _file(roots, out)
-    choice = EngineChoice(name=engine, address=address, num_workers=workers)
+    file, choice = _file(roots, options.out), options.choice
     scenes = [one for each in roots for one in scenes_of(str(each), SCENE_FILES, file)]
     writer = IndexWriter(file, dict.fromkeys(scenes))
     earlier = len(writer.done)

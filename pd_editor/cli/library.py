@@ -22,6 +22,7 @@ from pd_editor.cli.options.arguments import (
     FormatOption,
     NoteOption,
     OptionalWorkers,
+    SeveralScenarios,
     Switch,
     TagsOption,
     several,
@@ -93,11 +94,7 @@ class Listed:
 
 def add(
     folder: _Folder,
-    scenarios: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="SCENARIO|RECIPE [...]", help_behavior_hint="(required)"),
-    ],
+    scenarios: SeveralScenarios,
     /,
     *,
     tags: TagsOption = (),

@@ -2,23 +2,30 @@
 
 import functools
 import glob
-import inspect
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from secrets import token_hex
-from typing import Annotated, Any, Concatenate, Final, ParamSpec
+from typing import Annotated, Any, Final, ParamSpec, TypeVar
 
 import tyro
 
 from pd_editor.base.errors import EditError, FolderInUseError, InputError
 from pd_editor.base.installed_files import ALL_DEMOS, demo_names
 from pd_editor.base.regular_file import check_path
+from pd_editor.cli.options.arguments import (
+    OptionalWorkers,
+    PartOptions,
+    ResultOptions,
+    several,
+    shown,
+    taking,
+)
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.editor.scenario_store import (
@@ -28,86 +35,121 @@ from pd_editor.editor.scenario_store import (
     read_once,
 )
 from pd_editor.editor.variant import short_id
-from pd_editor.experiments.work_engine import EngineChoice, InThisProcess, run_items
+from pd_editor.experiments.work_engine import (
+    EngineChoice,
+    EngineName,
+    InThisProcess,
+    run_items,
+)
 from pd_editor.scene.formats.registry import is_foreign_scene
 from pd_editor.scene.map_window import densest_windows, window_of
 
-Options = ParamSpec("Options")
+Fields = ParamSpec("Fields")
+Many = TypeVar("Many", bound="ManyOptions")
 Scenes = str | Path | tuple[str | Path, ...]
 SCENE_FILES: Final = "scenario_*.parquet"
 """Pattern of the file that makes a folder a scene."""
 MOST_WINDOWS: Final = 1000
-Finish = Callable[[Outcome, tuple[str, ...], Mapping[str, Any]], Outcome]
-_Item = tuple[str, dict[str, Any]]
-"""A scene, and options of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineOptions:
+    """Where many items of work run.
+
+    Args:
+        engine: Processes of this machine, or Ray (extra "cluster").
+        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
+        workers: Work items that run at a time; they do not change the numbers.
+    """
+
+    engine: EngineName = "local"
+    address: Annotated[str | None, shown("ADDRESS", "(default: this machine)")] = None
+    workers: Annotated[int | None, shown("N", "(default: cores)")] = None
+
+    @property
+    def choice(self) -> EngineChoice:
+        """The engine; raises as its constructor does."""
+        return EngineChoice(
+            name=self.engine, address=self.address, num_workers=self.workers
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManyOptions(EngineOptions, ResultOptions):
+    """Options of a command of one scene that takes several.
+
+    Args:
+        scenario: Demos, Argoverse 2 scenario folders, files of other formats, folders of these, or patterns; demos for all demos. What is written already stays as it is.
+        engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
+        workers: Scenes at a time, each in a process of its own; they do not change the results.
+    """
+
+    scenario: Annotated[
+        Scenes, tyro.conf.Positional, shown("SCENARIO [...]", "(required)")
+    ] = field(kw_only=False)
+    workers: OptionalWorkers = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartsOptions(PartOptions):
+    """What is used of recordings and their maps.
+
+    Args:
+        densest: Use the N squares with the greatest length of lanes, each as a scene of its own.
+    """
+
+    densest: Annotated[int | None, shown("N", "(optional)")] = None
 
 
 def over_scenes(
-    files: str,
-    finish: Finish = lambda outcome, _scenes, _options: outcome,
-) -> Callable[
-    [Callable[Concatenate[str | Path, Options], Outcome]],
-    Callable[Concatenate[Scenes, Options], Outcome],
-]:
+    options: Callable[Fields, Many],
+    files: str = SCENE_FILES,
+    noun: str = "SCENARIO",
+    finish: Callable[[Outcome, Many], Outcome] = lambda outcome, _options: outcome,
+) -> Callable[[Callable[[str, Many], Outcome]], Callable[Fields, Outcome]]:
     """Let a command of one scene take several, folders of scenes, and patterns.
 
     What an earlier run wrote is left alone, and an error of one scene does not stop the
-    others. The command has the options ``out``, ``name`` and ``overwrite``; its
-    ``engine``, ``address`` and ``workers`` are read here alone.
+    others.
 
     Args:
+        options: class of the command's options.
         files: pattern of the file that makes a folder one scene.
-        finish: adds a report of all scenes, which are given as named, to the outcome.
+        noun: what the shell calls a scene.
+        finish: adds a report of all scenes to the outcome.
     """
 
-    def of_many(
-        command: Callable[Concatenate[str | Path, Options], Outcome],
-    ) -> Callable[Concatenate[Scenes, Options], Outcome]:
-        signature = inspect.signature(command)
-        name, noun = command.__name__, next(iter(signature.parameters)).upper()
+    def of_many(command: Callable[[str, Many], Outcome]) -> Callable[Fields, Outcome]:
+        name = command.__name__
 
         @functools.wraps(command)
-        def run(
-            scenes: Scenes, /, *values: Options.args, **options: Options.kwargs
-        ) -> Outcome:
-            several = scenes if isinstance(scenes, tuple) else (scenes,)
-            out = Path(os.path.abspath(str(options.get("out"))))
-            named = [scenes_of(str(one), files, out) for one in several]
+        def run(asked: Many) -> Outcome:
+            out = Path(os.path.abspath(str(asked.out)))
+            named = [scenes_of(str(one), files, out) for one in several(asked.scenario)]
             found = list(dict.fromkeys(chain.from_iterable(named)))
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
-            items: dict[str, _Item] = {one: (one, {}) for one in found}
-            asked = dict(options)
-            densest = options.pop("densest", None)
+            has_parts = getattr(asked, "densest", None) is not None
             # Of a run within one, such as of one window, it is that of the whole.
-            this_run = "" if densest is None else token_hex(8)
+            this_run = token_hex(8) if has_parts else ""
             with read_once(this_run) if this_run else nullcontext():
-                if this_run:
-                    items = _windows(found, densest, options)
+                items = (
+                    _windows(found, asked)
+                    if has_parts
+                    else {one: replace(asked, scenario=one) for one in found}
+                )
                 if len(items) == 1:
-                    ((scene, own),) = items.values()
-                    options.update(own)
-                    made = command(scene, *values, **options)
+                    (one,) = items.values()
+                    made = command(str(one.scenario), one)
                 else:
-                    made = _run_all(name, items, options, this_run)
-            return finish(made, tuple(map(str, several)), asked)
+                    made = _run_all(name, items, asked, this_run)
+            return finish(made, asked)
 
-        run.of_one = command  # type: ignore[attr-defined]
-        _take_several(run, signature, noun)
-        return run
+        taken = taking(options)(run)
+        taken.of_one = command  # type: ignore[attr-defined]
+        return taken
 
     return of_many
-
-
-def _take_several(run: Any, signature: inspect.Signature, noun: str) -> None:
-    """Tell the shell that the first parameter of a function takes several scenes."""
-    first, *others = signature.parameters.values()
-    del run.__wrapped__
-    words = tyro.conf.arg(metavar=f"{noun} [...]", help_behavior_hint="(required)")
-    several = Annotated[Scenes, tyro.conf.Positional, words]
-    first = first.replace(annotation=several)
-    run.__signature__ = signature.replace(parameters=[first, *others])
-    run.__annotations__ = {**run.__annotations__, first.name: several}
 
 
 def scenes_of(reference: str, files: str, out: Path) -> list[str]:
@@ -147,45 +189,42 @@ def scenes_of(reference: str, files: str, out: Path) -> list[str]:
     return list(map(str, inside))
 
 
-def _windows(
-    scenes: list[str], count: object, options: dict[str, Any]
-) -> dict[str, _Item]:
+def _windows(scenes: list[str], asked: Any) -> dict[str, Any]:
     """The densest parts of each scene, by names that say where they are."""
-    window = window_of((0.0, 0.0), options.pop("radius", None))
+    window = window_of((0.0, 0.0), asked.radius)
     assert window is not None, "it is around a place"
-    if options.pop("around", None) is not None:
+    if asked.around is not None:
         raise InputError("--around and --densest exclude each other.")
+    count = asked.densest
     if not isinstance(count, int) or not 1 <= count <= MOST_WINDOWS:
         raise InputError(f"--densest is {count}; expected 1 to {MOST_WINDOWS}.")
-    found: dict[str, _Item] = {}
+    found = {}
     for scene in scenes:
         lanes = lanes_of_file(functools.partial(open_scenario, scene))
         for one in densest_windows(lanes, count, window.radius_m):
-            around = {"around": (one.x_m, one.y_m), "radius": one.radius_m}
-            found[f"{scene} around {one.x_m:g} {one.y_m:g}"] = scene, around
+            place = (one.x_m, one.y_m)
+            found[f"{scene} around {one.x_m:g} {one.y_m:g}"] = replace(
+                asked, scenario=scene, around=place, radius=one.radius_m, densest=None
+            )
     return found
 
 
 def _run_all(
-    command: str, items: Mapping[str, _Item], options: dict[str, Any], this_run: str
+    command: str, items: Mapping[str, Many], asked: Many, this_run: str
 ) -> Outcome:
     """Call a command on every scene, or part of one."""
     scenes = list(items)
-    if options.get("name"):
+    if getattr(asked, "name", ""):
         raise EditError(
             f"--name is for one scenario; {len(scenes)} were given, which are named by "
             "their edits."
         )
-    workers, name = options.pop("workers", None), options.pop("engine", "local")
-    choice = EngineChoice(
-        name=name, address=options.pop("address", None), num_workers=workers
-    )
-    is_here = name == "local" and workers is None
+    choice, is_here = asked.choice, asked.engine == "local" and asked.workers is None
     done: dict[str, Outcome] = {}
     with nullcontext(InThisProcess()) if is_here else choice.engine() as engine:
         failures = run_items(
             engine,
-            functools.partial(_outcome, command, options, this_run),
+            functools.partial(_outcome, command, this_run),
             items,
             on_value=done.__setitem__,
             on_progress=work_shown("scenes"),
@@ -216,12 +255,9 @@ def _run_all(
     )
 
 
-def _outcome(
-    command: str, options: Mapping[str, Any], this_run: str, item: _Item
-) -> Outcome:
+def _outcome(command: str, this_run: str, options: ManyOptions) -> Outcome:
     """Call a command on a scene; scenarios are left out, since they may be many."""
     module = import_module(f"{__package__}.{command}")
-    scene, own = item
     with read_once(this_run):
-        made = getattr(module, command).of_one(scene, **options, **own)
+        made = getattr(module, command).of_one(options.scenario, options)
     return replace(made, scenarios=())

@@ -2,21 +2,26 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Final
-
-import tyro
 
 from pd_editor.base.errors import EditError, ExportError
 from pd_editor.base.regular_file import user_path, write_whole
 from pd_editor.cli.export import opened_session
 from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
-from pd_editor.cli.options.arguments import CurrentOption, Switch, UntilOption
+from pd_editor.cli.options.arguments import (
+    CutOptions,
+    ResultOptions,
+    SeveralScenarios,
+    Switch,
+    several,
+    shown,
+    taking,
+)
 from pd_editor.cli.output.outcome import Outcome, described
 from pd_editor.cli.output.progress import ProgressLine
-from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS, picture
@@ -29,50 +34,19 @@ _FIELDS: Final = {
     "names": "has_names",
     "width": "width_mm",
     "height": "height_px",
+    "follow": "follow",
     "radius": "radius_m",
 }
 """Names of options in the looks of films and figures."""
 
 
-def render(
-    scenarios: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(metavar="SCENARIO|RECIPE [...]", help_behavior_hint="(required)"),
-    ],
-    /,
-    *,
-    out: Annotated[str | Path, tyro.conf.arg(metavar="FILE")],
-    current: CurrentOption = None,
-    until: UntilOption = None,
-    at: Annotated[
-        tuple[float, ...],
-        tyro.conf.arg(metavar="S [S ...]", help_behavior_hint="(default: 0)"),
-    ] = (),
-    compare: Switch = False,
-    names: Switch = False,
-    width: Annotated[
-        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(default: 180)")
-    ] = None,
-    height: Annotated[
-        int | None,
-        tyro.conf.arg(metavar="PX", help_behavior_hint="(default: 1080; a GIF: 480)"),
-    ] = None,
-    follow: Annotated[
-        str, tyro.conf.arg(metavar="ID", help_behavior_hint="(optional)")
-    ] = "",
-    radius: Annotated[
-        float | None, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 40)")
-    ] = None,
-    overwrite: Switch = False,
-) -> Outcome:
-    """Write scenes as an HTML page that plays offline, or one as a film or a figure.
+@dataclass(frozen=True, kw_only=True)
+class RenderOptions(CutOptions, ResultOptions):
+    """Options of ``pd-editor render``.
 
     Args:
         scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, recipe.json files, folders of scenes, or patterns; demos for all demos. Films and figures take one, pd-editor convert --to mp4 many.
         out: File to write: .html plays, .mp4, .webm and .gif are films, .pdf, .svg and .png figures.
-        current: Seconds of the recording that count as observed; the last of their steps becomes the current one.
-        until: Seconds after the current step that are kept, such as 6.
         at: Moments of a figure side by side, in seconds after the current step.
         compare: Draw above a figure the scene before its recipe warped the road; in a page, two scenes side by side on one clock.
         names: Write agents' ids into a figure.
@@ -82,25 +56,33 @@ def render(
         radius: Metres from the middle of a film or figure to its upper edge.
         overwrite: Replace the file.
     """
-    several = scenarios if isinstance(scenarios, tuple) else (scenarios,)
-    target = user_path(str(out))
-    is_pair = compare and target.suffix.lower() == ".html"
-    asked = {
-        "at": at,
-        "compare": compare and not is_pair,
-        "names": names,
-        "width": width,
-        "height": height,
-        "follow": follow,
-        "radius": radius,
-    }
+
+    scenarios: SeveralScenarios = field(kw_only=False)
+    out: Annotated[str | Path, shown("FILE")]
+    at: Annotated[tuple[float, ...], shown("S [S ...]", "(default: 0)")] = ()
+    compare: Switch = False
+    names: Switch = False
+    width: Annotated[float | None, shown("MM", "(default: 180)")] = None
+    height: Annotated[int | None, shown("PX", "(default: 1080; a GIF: 480)")] = None
+    follow: Annotated[str, shown("ID", "(optional)")] = ""
+    radius: Annotated[float | None, shown("M", "(default: 40)")] = None
+
+
+@taking(RenderOptions)
+def render(options: RenderOptions) -> Outcome:
+    """Write scenes as an HTML page that plays offline, or one as a film or a figure."""
+    target = user_path(str(options.out))
+    is_pair = options.compare and target.suffix.lower() == ".html"
+    asked = {name: getattr(options, name) for name in _FIELDS}
+    asked["compare"] = options.compare and not is_pair
     look = _look(target, {name: one for name, one in asked.items() if one})
-    if os.path.exists(target) and not overwrite:
+    if os.path.exists(target) and not options.overwrite:
         raise ExportError(f"{target}: is there already; add --overwrite to replace it.")
-    named = (scenes_of(str(one), SCENE_FILES, target) for one in several)
-    cut = SceneCut(current_s=current, until_s=until)
+    named = (
+        scenes_of(str(one), SCENE_FILES, target) for one in several(options.scenarios)
+    )
     sessions = [
-        opened_session(one, described(""), cut)
+        opened_session(one, described(""), options.cut)
         for one in dict.fromkeys(chain.from_iterable(named))
     ]
     found = tuple(replace(one.scenario, scenario_id=one.name) for one in sessions)
@@ -156,7 +138,7 @@ def _look(target: Path, asked: Mapping[str, Any]) -> FigureLook | FilmLook | Non
         )
     look = LOOKS.get(ending)
     known = {one.name for one in fields(look)} if look is not None else set()
-    named = {_FIELDS.get(name, name): one for name, one in asked.items()}
+    named = {_FIELDS[name]: one for name, one in asked.items()}
     for option, name in zip(asked, named, strict=True):
         if name not in known:
             raise ExportError(f"--{option}: a file .{ending} has no such option.")

@@ -1,6 +1,7 @@
 """``pd-editor replay``: reproduce a scenario from its recipe."""
 
 import os
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -8,13 +9,8 @@ import tyro
 
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.regular_file import check_path, read_regular
-from pd_editor.cli.many_scenes import over_scenes
-from pd_editor.cli.options.arguments import (
-    AddressOption,
-    FolderOption,
-    OptionalWorkers,
-    Switch,
-)
+from pd_editor.cli.many_scenes import ManyOptions, Scenes, over_scenes
+from pd_editor.cli.options.arguments import Switch, shown
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.editor.recipe import (
     MAX_RECIPE_BYTES,
@@ -25,59 +21,57 @@ from pd_editor.editor.recipe import (
 from pd_editor.editor.recipe import replay as replay_recipe
 from pd_editor.editor.scenario_store import RECIPE_NAME, export_into
 from pd_editor.editor.scenario_store import open_base as open_base_of
-from pd_editor.experiments.work_engine import EngineName
 from pd_editor.generation.generators import make_generator
 from pd_editor.scene.scenario import Scenario
 
 
-@over_scenes(RECIPE_NAME)
-def replay(
-    recipe: str | Path,
-    /,
-    *,
-    out: FolderOption,
-    base: Annotated[
-        str | Path | None,
-        tyro.conf.arg(metavar="SCENARIO", help_behavior_hint="(optional)"),
-    ] = None,
-    regenerate: Switch = False,
-    model: Annotated[
-        str, tyro.conf.arg(metavar="NAME", help_behavior_hint="(as in the recipe)")
-    ] = "",
-    overwrite: Switch = False,
-    engine: EngineName = "local",  # noqa: ARG001
-    address: AddressOption = None,  # noqa: ARG001
-    workers: OptionalWorkers = None,  # noqa: ARG001
-) -> Outcome:
-    """Apply a recipe's commands to its base scenario and write the result.
+@dataclass(frozen=True, kw_only=True)
+class RecipeOptions:
+    """What a recipe needs that it may not have.
 
     Args:
-        recipe: Files recipe.json, exported folders, folders of such folders, or patterns. What is written already stays as it is.
-        out: Folder that receives DIR/<name>/.
         base: Where the base scenario is, if not where the recipe says.
-        regenerate: Generate generated traffic again, and say whether it is equal.
         model: What regenerates, if the recipe's name of it is not enough: the folder of a model, or package.module:attribute.
-        overwrite: Replace what an earlier run wrote.
-        engine: Processes of this machine, or Ray (extra "cluster"), for several scenes.
-        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
-        workers: Scenes at a time, each in a process of its own; they do not change the results.
     """
+
+    base: Annotated[str | Path | None, shown("SCENARIO", "(optional)")] = None
+    model: Annotated[str, shown("NAME", "(as in the recipe)")] = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions(RecipeOptions, ManyOptions):
+    """Options of ``pd-editor replay``.
+
+    Args:
+        scenario: Files recipe.json, exported folders, folders of such folders, or patterns. What is written already stays as it is.
+        regenerate: Generate generated traffic again, and say whether it is equal.
+    """
+
+    scenario: Annotated[
+        Scenes, tyro.conf.Positional, shown("RECIPE [...]", "(required)")
+    ] = field(kw_only=False)
+    regenerate: Switch = False
+
+
+@over_scenes(ReplayOptions, RECIPE_NAME, "RECIPE")
+def replay(recipe: str, options: ReplayOptions) -> Outcome:
+    """Apply a recipe's commands to its base scenario and write the result."""
     parsed, where = read_recipe(Path(recipe))
-    opened = open_base(parsed, where, base)
+    opened = open_base(parsed, where, options.base)
     remarks: tuple[str, ...] = ()
-    if regenerate:
+    if options.regenerate:
         scenario, parsed, entries = regenerated(
-            parsed, opened, lambda name: make_generator(model or name)
+            parsed, opened, lambda name: make_generator(options.model or name)
         )
         remarks = tuple(map(_verdict, entries))
     else:
         scenario = replay_recipe(parsed, opened)
     folder = export_into(
-        out,
+        options.out,
         scenario,
         parsed,
         base=opened.as_referred_to(parsed.base),
-        overwrite=overwrite,
+        overwrite=options.overwrite,
     )
     return Outcome(folders=(folder,), scenarios=(scenario,), remarks=remarks)
 

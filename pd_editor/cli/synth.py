@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
 from pd_editor.base.errors import InputError, SynthesisError
+from pd_editor.cli.many_scenes import EngineOptions
 from pd_editor.cli.options.arguments import (
-    AddressOption,
     FolderOption,
+    Number,
     OptionalFolders,
     Switch,
-    WorkersOption,
     folders,
+    shown,
+    taking,
 )
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.experiments.synthesis.dataset.builder import (
@@ -33,7 +33,6 @@ from pd_editor.experiments.synthesis.dataset.scene_source import (
     scenario_folders,
 )
 from pd_editor.experiments.synthesis.realism.realism_report import realism_report
-from pd_editor.experiments.work_engine import EngineChoice, EngineName
 
 _MAX_REASONS = 5
 
@@ -66,31 +65,9 @@ class Synthesis:
         return "\n".join(lines)
 
 
-FamiliesOption = Annotated[
-    tuple[str, ...],
-    tyro.conf.arg(metavar="NAME [NAME ...]", help_behavior_hint="(default: all)"),
-]
-
-
-def synth(
-    *,
-    out: FolderOption,
-    num: Annotated[int, tyro.conf.arg(metavar="N")],
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
-    families: FamiliesOption = (),
-    maps: OptionalFolders = (),
-    networks: OptionalFolders = (),
-    shards: Switch = False,
-    report: OptionalFolders = (),
-    noise: Switch = False,
-    engine: EngineName = "local",
-    address: AddressOption = None,
-    workers: WorkersOption = None,
-    resume: Switch = False,
-) -> Synthesis:
-    """Simulate traffic on procedural roads, real maps or in cities, as Argoverse 2 scenarios.
-
-    Needs SUMO (pip install 'pd-editor[synth]').
+@dataclass(frozen=True, kw_only=True)
+class SynthOptions(EngineOptions):
+    """Options of ``pd-editor synth``.
 
     Args:
         out: New folder for the scenarios, and manifest.json with what they are.
@@ -102,25 +79,43 @@ def synth(
         report: Write realism.md too: distances to real scenes below the first folder, and between those and scenes below a second one, if given.
         shards: Write compact shards for training instead of scenario folders.
         noise: Add a tracker's noise to states and break off tracks; not with --shards.
-        engine: Processes of this machine, or Ray (extra "cluster").
-        address: Address of a Ray cluster, such as auto or head:6379; a new one on this machine unless given.
         workers: Work items that run at a time; they do not change the files.
         resume: Go on with an earlier run of the same settings.
     """
+
+    out: FolderOption
+    num: Number
+    seed: Number = 0
+    families: Annotated[
+        tuple[str, ...], shown("NAME [NAME ...]", "(default: all)")
+    ] = ()
+    maps: OptionalFolders = ()
+    networks: OptionalFolders = ()
+    shards: Switch = False
+    report: OptionalFolders = ()
+    noise: Switch = False
+    resume: Switch = False
+
+
+@taking(SynthOptions)
+def synth(options: SynthOptions) -> Synthesis:
+    """Simulate traffic on procedural roads, real maps or in cities, as Argoverse 2 scenarios.
+
+    Needs SUMO (pip install 'pd-editor[synth]').
+    """
     began = time.monotonic()
-    choice = EngineChoice(name=engine, address=address, num_workers=workers)
-    real_roots = _real_roots(report)
+    choice, real_roots = options.choice, _real_roots(options.report)
     plan = DatasetPlan(
-        num=num,
-        seed=seed,
-        families=tuple(dict.fromkeys(families)),
-        maps=folders(maps),
-        networks=folders(networks),
-        as_shards=shards,
-        with_noise=noise,
+        num=options.num,
+        seed=options.seed,
+        families=tuple(dict.fromkeys(options.families)),
+        maps=folders(options.maps),
+        networks=folders(options.networks),
+        as_shards=options.shards,
+        with_noise=options.noise,
     )
     with choice.engine() as runner:
-        folder = DatasetFolder(Path(out), plan.settings, resume=resume)
+        folder = DatasetFolder(Path(options.out), plan.settings, resume=options.resume)
         record = build_dataset(plan, folder, runner, on_progress=work_shown("networks"))
     if not record.num_windows:
         reason = next(iter(record.failures.values()), "no network has traffic")
@@ -128,7 +123,7 @@ def synth(
     return Synthesis(
         folder=folder.path,
         record=record,
-        num_requested=num,
+        num_requested=options.num,
         elapsed_s=time.monotonic() - began,
         files=(folder.path / MANIFEST_NAME, *_reported(folder, real_roots)),
     )

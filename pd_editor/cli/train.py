@@ -5,7 +5,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
@@ -16,10 +16,13 @@ from pd_editor.base.errors import WorkDone
 from pd_editor.base.installed_files import models_folder
 from pd_editor.base.regular_file import check_path
 from pd_editor.cli.options.arguments import (
+    Number,
     OptionalFolder,
     OptionalFolders,
     Switch,
     several,
+    shown,
+    taking,
 )
 from pd_editor.cli.output.progress import ProgressLine, preparation_shown
 from pd_editor.experiments.training.outcome import Training
@@ -29,79 +32,20 @@ from pd_editor.generation.generators import SHIPPED_MODEL
 
 if TYPE_CHECKING:
     from pd_editor.experiments.training.config.run_request import RunRequest
-    from pd_editor.experiments.training.config.settings import Settings
     from pd_editor.experiments.training.loop.train_loop import TrainingProgress
-    from pd_editor.experiments.training.monitoring import Monitoring, SampleCheck
+    from pd_editor.experiments.training.monitoring import SampleCheck
     from pd_editor.experiments.training.training_run import Hardware
 
 StageName = Literal["init", "traj", "all"]
 _STAGES: tuple[Literal["init", "traj"], ...] = ("init", "traj")
 _OPTIONAL = "(optional)"
+_OptionalCount = Annotated[int | None, shown("N", _OPTIONAL)]
+_OptionalNumber = Annotated[float | None, shown("X", _OPTIONAL)]
 
 
-_Roots = Annotated[
-    str | Path | tuple[str | Path, ...],
-    tyro.conf.arg(metavar="DIR [DIR ...]", help_behavior_hint="(required)"),
-]
-_Shares = Annotated[
-    tuple[float, ...],
-    tyro.conf.arg(metavar="W [W ...]", help_behavior_hint="(default: by scenes)"),
-]
-_OptionalCount = Annotated[
-    int | None, tyro.conf.arg(metavar="N", help_behavior_hint=_OPTIONAL)
-]
-_OptionalNumber = Annotated[
-    float | None, tyro.conf.arg(metavar="X", help_behavior_hint=_OPTIONAL)
-]
-
-
-def train(
-    stage: Annotated[StageName, tyro.conf.Positional],
-    /,
-    *,
-    data: _Roots = (),
-    validate: OptionalFolders = (),
-    weights: _Shares = (),
-    out: OptionalFolder = None,
-    preset: Literal["auto", "default", "gpu", "av2", "tiny"] = "auto",
-    minutes: _OptionalNumber = None,
-    steps: _OptionalCount = None,
-    batch_size: _OptionalCount = None,
-    learning_rate: _OptionalNumber = None,
-    device: Literal["auto", "cpu", "cuda"] = "auto",
-    devices: Annotated[int, tyro.conf.arg(metavar="N")] = 1,
-    threads: _OptionalCount = None,
-    precision: Literal["auto", "32", "bf16"] = "auto",
-    cache: OptionalFolder = None,
-    seed: _OptionalCount = None,
-    start: Annotated[
-        Path | None,
-        tyro.conf.arg(name="from", metavar="MODEL", help_behavior_hint=_OPTIONAL),
-    ] = None,
-    windows: _OptionalCount = None,
-    copies: _OptionalCount = None,
-    config: Annotated[
-        str | Path | tuple[str | Path, ...],
-        tyro.conf.arg(metavar="FILE [FILE ...]", help_behavior_hint=_OPTIONAL),
-    ] = (),
-    settings: Annotated[
-        tuple[str, ...],
-        tyro.conf.arg(
-            name="set", metavar="NAME=VALUE [...]", help_behavior_hint=_OPTIONAL
-        ),
-    ] = (),
-    fields: Switch = False,
-    evaluate_every: Annotated[
-        float | None,
-        tyro.conf.arg(metavar="MIN", help_behavior_hint="(default: never)"),
-    ] = None,
-    tensorboard: Switch = False,
-    resume: Switch = False,
-) -> Training:
-    """Train initial states (init), trajectories (traj) or both (all) on scenarios.
-
-    For a model of your own Argoverse 2: train all --data av2/train --validate av2/val
-    --from models/path-diffuser --preset av2 --out models/path-diffuser-av2. Ctrl-C stops after the step in hand; --resume goes on as if nothing had happened.
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions:
+    """Options of ``pd-editor train``.
 
     Args:
         stage: Stage to train: init (initial states), traj (trajectories), or all, which trains one after the other and joins them into a model.
@@ -130,45 +74,121 @@ def train(
         tensorboard: Write losses and figures of samples for TensorBoard (extra "monitor") into the folder tensorboard of the run.
         resume: Go on with the run in the folder; its settings are taken from there, but for --evaluate-every and --tensorboard.
     """
-    from pd_editor.experiments.training.config.run_request import RunRequest
-    from pd_editor.experiments.training.config.settings import settings_of
-    from pd_editor.experiments.training.monitoring import Monitoring
-    from pd_editor.experiments.training.training_run import Hardware
 
-    stages = _STAGES if stage == "all" else (stage,)
-    if fields:
-        _list_fields(stages)
-    files = [Path(one) for one in several(config)]
-    given = {one: settings_of(files, settings, one) for one in stages}
-    request = RunRequest(
-        stage=stages[0],
-        settings=given[stages[0]],
-        data=_absolute(data) or None,
-        validate=_absolute(validate) or None,
-        weights=weights or None,
-        preset=None if preset == "auto" else preset,
-        minutes=minutes,
-        steps=steps,
-        batch_size=batch_size,
-        learning_rate=learning_rate,
-        precision=None if precision == "auto" else precision,
-        seed=seed,
-        start=None if start is None else _absolute(start)[0],
-        windows=windows,
-        copies=copies,
-    )
-    hardware = Hardware(device=device, num_devices=devices, threads=threads)
-    monitoring = Monitoring(
-        evaluate_minutes=evaluate_every,
-        check_of=partial(_sample_check, device),
-        has_tensorboard=tensorboard,
-    )
-    if stage == "all":
-        trained = _both_trained(
-            request, given, hardware, monitoring, out, cache, resume=resume
+    stage: Annotated[StageName, tyro.conf.Positional] = field(kw_only=False)
+    data: Annotated[
+        str | Path | tuple[str | Path, ...], shown("DIR [DIR ...]", "(required)")
+    ] = ()
+    validate: OptionalFolders = ()
+    weights: Annotated[
+        tuple[float, ...], shown("W [W ...]", "(default: by scenes)")
+    ] = ()
+    out: OptionalFolder = None
+    preset: Literal["auto", "default", "gpu", "av2", "tiny"] = "auto"
+    minutes: _OptionalNumber = None
+    steps: _OptionalCount = None
+    batch_size: _OptionalCount = None
+    learning_rate: _OptionalNumber = None
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    devices: Number = 1
+    threads: _OptionalCount = None
+    precision: Literal["auto", "32", "bf16"] = "auto"
+    cache: OptionalFolder = None
+    seed: _OptionalCount = None
+    start: Annotated[Path | None, shown("MODEL", _OPTIONAL, name="from")] = None
+    windows: _OptionalCount = None
+    copies: _OptionalCount = None
+    config: Annotated[
+        str | Path | tuple[str | Path, ...], shown("FILE [FILE ...]", _OPTIONAL)
+    ] = ()
+    settings: Annotated[
+        tuple[str, ...], shown("NAME=VALUE [...]", _OPTIONAL, name="set")
+    ] = ()
+    fields: Switch = False
+    evaluate_every: Annotated[float | None, shown("MIN", "(default: never)")] = None
+    tensorboard: Switch = False
+    resume: Switch = False
+
+    @property
+    def stages(self) -> tuple[Literal["init", "traj"], ...]:
+        """Stages to train."""
+        return _STAGES if self.stage == "all" else (self.stage,)
+
+    def request(self, stage: Literal["init", "traj"]) -> "RunRequest":
+        """What is asked of the run of a stage.
+
+        Raises:
+            TrainingError: a file or a value of single fields cannot be read.
+        """
+        from pd_editor.experiments.training.config.run_request import RunRequest
+        from pd_editor.experiments.training.config.settings import settings_of
+
+        files = [Path(one) for one in several(self.config)]
+        return RunRequest(
+            stage=stage,
+            settings=settings_of(files, self.settings, stage),
+            data=_absolute(self.data) or None,
+            validate=_absolute(self.validate) or None,
+            weights=self.weights or None,
+            preset=None if self.preset == "auto" else self.preset,
+            minutes=self.minutes,
+            steps=self.steps,
+            batch_size=self.batch_size,
+            learning_rate=self.learning_rate,
+            precision=None if self.precision == "auto" else self.precision,
+            seed=self.seed,
+            start=None if self.start is None else _absolute(self.start)[0],
+            windows=self.windows,
+            copies=self.copies,
         )
-    else:
-        trained = _trained(request, hardware, monitoring, out, cache, resume=resume)
+
+    @property
+    def hardware(self) -> "Hardware":
+        """Devices and threads; raises as its constructor does."""
+        from pd_editor.experiments.training.training_run import Hardware
+
+        return Hardware(
+            device=self.device, num_devices=self.devices, threads=self.threads
+        )
+
+    def trained(self, request: "RunRequest", run: Path, *, resume: bool) -> Training:
+        """Train a stage in a folder, with progress on stderr."""
+        from pd_editor.experiments.training.data.training_data import default_cache
+        from pd_editor.experiments.training.monitoring import Monitoring
+        from pd_editor.experiments.training.training_run import run_asked_for
+
+        return run_asked_for(
+            request,
+            run,
+            default_cache() if self.cache is None else Path(self.cache),
+            self.hardware,
+            resume=resume,
+            monitoring=Monitoring(
+                evaluate_minutes=self.evaluate_every,
+                check_of=partial(_sample_check, self.device),
+                has_tensorboard=self.tensorboard,
+            ),
+            on_preparation=preparation_shown(),
+            on_progress=_progress_shown(),
+        )
+
+
+@taking(TrainOptions)
+def train(options: TrainOptions) -> Training:
+    """Train initial states (init), trajectories (traj) or both (all) on scenarios.
+
+    For a model of your own Argoverse 2: train all --data av2/train --validate av2/val
+    --from models/path-diffuser --preset av2 --out models/path-diffuser-av2. Ctrl-C stops after the step in hand; --resume goes on as if nothing had happened.
+    """
+    if options.fields:
+        _list_fields(options.stages)
+    requests = [options.request(one) for one in options.stages]
+    folder = Path("runs") / options.stage if options.out is None else Path(options.out)
+    trained = (
+        _both_trained(options, requests, folder)
+        if options.stage == "all"
+        else options.trained(requests[0], folder, resume=options.resume)
+    )
     if not trained.is_first:
         # The other processes of several devices report nothing.
         raise WorkDone(0)
@@ -191,37 +211,22 @@ def _absolute(roots: str | Path | tuple[str | Path, ...]) -> tuple[str, ...]:
 
 
 def _both_trained(
-    request: "RunRequest",
-    settings: Mapping[str, "Settings"],
-    hardware: "Hardware",
-    monitoring: "Monitoring",
-    out: Path | None,
-    cache: Path | None,
-    *,
-    resume: bool,
+    options: TrainOptions, requests: Sequence["RunRequest"], folder: Path
 ) -> Training:
     """Train one stage after the other, then join them into a model."""
     from pd_editor.cli.model import model
     from pd_editor.experiments.training.training_run import config_asked_for
 
-    folder = Path("runs/all") if out is None else Path(out)
-    runs = {stage: folder / "runs" / stage for stage in _STAGES}
+    runs = [folder / "runs" / one.stage for one in requests]
     # Asked before the first of several processes makes a folder.
-    begun = [stage for stage in _STAGES if resume and runs[stage].exists()]
-    requests = {
-        stage: replace(request, stage=stage, settings=settings[stage])
-        for stage in _STAGES
-    }
-    for stage, run in runs.items():
+    begun = [options.resume and run.exists() for run in runs]
+    asked = list(zip(requests, runs, begun, strict=True))
+    for request, run, resume in asked:
         # What is wrong with the second stage is told before the first one is trained.
-        config_asked_for(requests[stage], run, hardware, resume=stage in begun)
+        config_asked_for(request, run, options.hardware, resume=resume)
     found: list[Training] = []
-    for stage, run in runs.items():
-        found.append(
-            _trained(
-                requests[stage], hardware, monitoring, run, cache, resume=stage in begun
-            )
-        )
+    for request, run, resume in asked:
+        found.append(options.trained(request, run, resume=resume))
         if found[-1].is_stopped:
             return replace(found[-1], folder=folder)
     init, traj = found
@@ -233,30 +238,6 @@ def _both_trained(
         model=folder,
         steps=init.steps + traj.steps,
         minutes=init.minutes + traj.minutes,
-    )
-
-
-def _trained(
-    request: "RunRequest",
-    hardware: "Hardware",
-    monitoring: "Monitoring",
-    out: Path | None,
-    cache: Path | None,
-    *,
-    resume: bool,
-) -> Training:
-    from pd_editor.experiments.training.data.training_data import default_cache
-    from pd_editor.experiments.training.training_run import run_asked_for
-
-    return run_asked_for(
-        request,
-        Path("runs") / request.stage if out is None else Path(out),
-        default_cache() if cache is None else Path(cache),
-        hardware,
-        resume=resume,
-        monitoring=monitoring,
-        on_preparation=preparation_shown(),
-        on_progress=_progress_shown(),
     )
 
 

@@ -66,7 +66,7 @@ def test_an_interrupted_run_keeps_what_it_read(
     scenes: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(
-        "pd_editor.cli.index.EngineChoice.engine", interrupted_after_one
+        "pd_editor.cli.many_scenes.EngineChoice.engine", interrupted_after_one
     )
     with pytest.raises(KeyboardInterrupt):
         pd_editor.index(scenes)

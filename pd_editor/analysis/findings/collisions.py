@@ -244,8 +244,10 @@ def short_times(view: TrafficView, others: Iterable[Finding]) -> list[Finding]:
                 np.array([step]),
                 value=float(least[row]),
                 limit=CRITICAL_S,
-                words=f" {words}",
-                message=f"would hit another agent at constant speed: {words}.",
+                words=(
+                    f" {words}",
+                    f"would hit another agent at constant speed: {words}.",
+                ),
             )
         )
     return found

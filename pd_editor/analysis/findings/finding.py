@@ -153,12 +153,14 @@ def finding_of_agent(
     steps: Int[np.ndarray, "N"],
     *,
     value: float,
-    words: str,
-    message: str,
+    words: tuple[str, str],
     limit: float = 0.0,
     worst: int | None = None,
 ) -> Finding:
-    """A finding of one agent at increasing steps; ``words`` follow its id or name."""
+    """A finding of one agent at increasing steps.
+
+    The first of ``words`` follows its id as headline, the second its name as message.
+    """
     agents, first = scenario.agents, int(steps[0])
     x, y = agents.position_m[row, first].tolist()
     return Finding(
@@ -168,8 +170,8 @@ def finding_of_agent(
         worst_step=first if worst is None else worst,
         value=value,
         limit=limit,
-        headline=f"{agents.ids[row]}{words}",
-        message=f"{capitalised(agent_name(agents, row))} {message}",
+        headline=f"{agents.ids[row]}{words[0]}",
+        message=f"{capitalised(agent_name(agents, row))} {words[1]}",
         place_m=(x, y),
     )
 

@@ -127,12 +127,12 @@ def friction_problems(scenario: Scenario) -> list[Finding]:
                 value=lateral,
                 limit=limit,
                 worst=worst + now,
-                words=f": {speed:.1f} m/s, friction holds {held:.1f}",
-                message=(
+                words=(
+                    f": {speed:.1f} m/s, friction holds {held:.1f}",
                     "is too fast for its curve"
                     f" {_when(scenario, int(steps[0]) + now, worst + now)}:"
                     f" {speed:.1f} m/s, where friction holds {held:.1f} m/s"
-                    f" (mu {mu:.2f})."
+                    f" (mu {mu:.2f}).",
                 ),
             )
         )

@@ -112,8 +112,7 @@ def _beyond_limits(
                 value=abs(float(value[row, worst])),
                 limit=abs(limit),
                 worst=int(worst + first[row]),
-                words=f" {words}",
-                message=f"moves harder than {_THAN[kind]}: {words}.",
+                words=(f" {words}", f"moves harder than {_THAN[kind]}: {words}."),
             )
         )
     return found
@@ -143,8 +142,10 @@ def against_traffic(view: TrafficView) -> list[Finding]:
                 np.flatnonzero(wrong[row]) + now,
                 value=seconds,
                 limit=LEAST_AGAINST_S,
-                words=f" against traffic for {seconds:.1f} s",
-                message=f"drives against its lane for {seconds:.1f} s.",
+                words=(
+                    f" against traffic for {seconds:.1f} s",
+                    f"drives against its lane for {seconds:.1f} s.",
+                ),
             )
         )
     return found
@@ -162,8 +163,10 @@ def without_past(scenario: Scenario) -> list[Finding]:
             row,
             np.array([now]),
             value=0.0,
-            words=" without a past",
-            message="has no observed past, so loaders of the data leave it out.",
+            words=(
+                " without a past",
+                "has no observed past, so loaders of the data leave it out.",
+            ),
         )
         for row in np.flatnonzero(new).tolist()
     ]

@@ -35,8 +35,10 @@ def road_departures(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[Fin
                 row,
                 steps[beyond[row]],
                 value=float(beyond[row].sum() * scenario.time_axis.step_s),
-                words=" beyond the mapped road",
-                message="is where nothing is mapped: its lane ends at the map's edge.",
+                words=(
+                    " beyond the mapped road",
+                    "is where nothing is mapped: its lane ends at the map's edge.",
+                ),
             )
             for row in _rows(beyond)
         ),
@@ -68,8 +70,10 @@ def _off_road(
         row,
         off,
         value=most,
-        words=f" off the road, {_in_metres(at_first) if is_now else furthest}",
-        message=f"{message}.",
+        words=(
+            f" off the road, {_in_metres(at_first) if is_now else furthest}",
+            f"{message}.",
+        ),
         worst=int(off[worst]),
     )
 

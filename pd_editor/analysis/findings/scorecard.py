@@ -216,8 +216,10 @@ def _means(
                 scenario.agents.row_of[ids[row]],
                 np.array([scenario.current_step + worst[row]]),
                 value=float(value[row]),
-                words=_WORDS[kind].format(value[row]),
-                message=f"is told beside {MEANS[name][0].lower()}.",
+                words=(
+                    _WORDS[kind].format(value[row]),
+                    f"is told beside {MEANS[name][0].lower()}.",
+                ),
             )
             for row in np.flatnonzero(told).tolist()
         ]

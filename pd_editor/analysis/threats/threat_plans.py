@@ -126,53 +126,100 @@ class ThreatPlans:
         return self.track.taken(np.array([0]))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelFit:
+    """What a model of trajectories makes of plans."""
+
+    reference_m: Float[np.ndarray, "H 2"]
+    """Trajectory that plans should be near, such as the unguided one."""
+    step_s: float
+    """Time between the steps of all trajectories."""
+    fitted: Callable[[Float[np.ndarray, "N H 2"]], Float[np.ndarray, "N H 2"]]
+    """Maps planned positions to what the model can represent."""
+
+
 def threat_plans(
     scenario: Scenario,
     row: int,
     threatened: Track,
     aim: ThreatAim,
     *,
-    reference_m: Float[np.ndarray, "H 2"] | None = None,
     kept: Sequence[Track] = (),
     others: Sequence[Track] = (),
-    step_s: float | None = None,
-    fitted: Callable[[Float[np.ndarray, "N H 2"]], Float[np.ndarray, "N H 2"]]
-    | None = None,
+    model: ModelFit | None = None,
     most: int = 8,
 ) -> ThreatPlans:
     """Plans of the agent at ``row`` against a known trajectory; none if infeasible.
 
-    Of equal plans, those closer to ``reference_m``, such as the unguided trajectory,
-    come first, and those that do not hit ``others`` on the way: they may make way unless
-    they stand. None hits ``kept`` ones.
+    Of equal plans, those closer to a model's reference come first, and those that do not
+    hit ``others`` on the way: they may make way unless they stand. None hits ``kept``
+    ones.
 
     Args:
         scenario: the scene, with the attacker's current state.
         row: row of the attacker.
         threatened: trajectory of the threatened agent.
         aim: what is asked for.
-        reference_m: trajectory that plans should be near.
         kept: trajectories of other agents that do not make way.
         others: trajectories of other agents that may change.
-        step_s: time between the steps of all trajectories; None: the scenario's.
-        fitted: maps planned positions to what a model can represent.
+        model: what a model makes of plans; None: they are at the scenario's steps.
         most: number of plans that are returned.
     """
-    axis_step_s = scenario.time_axis.step_s if step_s is None else step_s
-    attacker = _Attacker.of(scenario, row, len(threatened.position_m), axis_step_s)
+    step_s = scenario.time_axis.step_s if model is None else model.step_s
+    attacker = _Attacker.of(scenario, row, len(threatened.position_m), step_s)
     meetings = _meetings(attacker, threatened, aim)
     if not len(meetings.step):
-        none = np.zeros(0)
-        return ThreatPlans(
-            track=attacker.track(attacker.candidate_m[:0]),
-            gap_m=none,
-            meeting_step=meetings.step,
-            cost=none,
-            obstacle=_obstacle(meetings.least_demand, none, none > 0, none > 0),
-        )
+        return _no_plans(attacker, meetings)
     tracks, at = _planned(attacker, threatened, aim, meetings)
-    if fitted is not None:
-        tracks = attacker.track(fitted(tracks.position_m))
+    if model is not None:
+        tracks = attacker.track(model.fitted(tracks.position_m))
+    share, cost = _demand(attacker, tracks, at, meetings, aim, model)
+    can = share <= (_MOST_OF_LIMITS if model is None else 1.0)
+    if aim.approach == "brakes":
+        can &= hardest_braking_mps2(tracks, at, attacker.step_s) > HARD_BRAKING_MPS2
+    some = np.flatnonzero(can)
+    some = some[np.argsort(cost[some], kind="stable")][:_MOST_COMPARED]
+    tracks, at, cost = tracks.taken(some), at[some], cost[some]
+    allowed, off_cost = _on_road(scenario, attacker, tracks, at)
+    reaches, least, missed_cost = _outcome(tracks, threatened, aim, at)
+    cost = cost + off_cost + missed_cost
+    best = np.flatnonzero(reaches & allowed)
+    fixed = [*kept, *(one for one in others if _stands(one))]
+    best = best[_hits_on_the_way(tracks.taken(best), at[best], fixed) == 0]
+    best = best[np.argsort(cost[best], kind="stable")][:_MOST_ON_THE_WAY]
+    cost[best] += _hits_on_the_way(tracks.taken(best), at[best], others)
+    best = best[np.argsort(cost[best], kind="stable")][:most]
+    return ThreatPlans(
+        track=tracks.taken(best),
+        gap_m=least[best],
+        meeting_step=at[best],
+        cost=cost[best],
+        obstacle=None
+        if len(best)
+        else _obstacle(meetings.least_demand, share, reaches, allowed),
+    )
+
+
+def _no_plans(attacker: "_Attacker", meetings: "_Meetings") -> ThreatPlans:
+    none = np.zeros(0)
+    return ThreatPlans(
+        track=attacker.track(attacker.candidate_m[:0]),
+        gap_m=none,
+        meeting_step=meetings.step,
+        cost=none,
+        obstacle=_obstacle(meetings.least_demand, none, none > 0, none > 0),
+    )
+
+
+def _demand(
+    attacker: "_Attacker",
+    tracks: Track,
+    at: Int[np.ndarray, "N"],
+    meetings: "_Meetings",
+    aim: ThreatAim,
+    model: ModelFit | None,
+) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """Share of the attacker's limits that each plan takes, and cost of its motion."""
     used = exertion(
         tracks.position_m,
         attacker.velocity_mps,
@@ -184,46 +231,36 @@ def threat_plans(
     cost = used.effort + 0.1 * (meetings.offset_m**2).sum(axis=1) / 10.0**2
     late_s = np.maximum(at * attacker.step_s - _LATE_S, 0)
     cost += 0.05 * late_s**2
-    if reference_m is not None:
-        apart = np.linalg.norm(tracks.position_m - reference_m, axis=-1)
+    if model is not None:
+        apart = np.linalg.norm(tracks.position_m - model.reference_m, axis=-1)
         cost += (apart**2).mean(axis=1) / 10.0**2
-    can = used.share <= (1.0 if fitted is not None else _MOST_OF_LIMITS)
-    if aim.approach == "brakes":
-        can &= hardest_braking_mps2(tracks, at, attacker.step_s) > HARD_BRAKING_MPS2
-    some = np.flatnonzero(can)
-    some = some[np.argsort(cost[some], kind="stable")][:_MOST_COMPARED]
-    tracks, at, cost = tracks.taken(some), at[some], cost[some]
+    return used.share, cost
+
+
+def _on_road(
+    scenario: Scenario, attacker: "_Attacker", tracks: Track, at: Int[np.ndarray, "N"]
+) -> tuple[Bool[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """Whether plans stay on the road until soon after the meeting, and what it costs."""
     off = is_off_road(scenario, tracks.position_m[:, 1:])
     starts_off = is_off_road(scenario, tracks.position_m[:, 0])
-    later = np.arange(1, tracks.position_m.shape[1]) <= at[:, None] + 5
-    cost = cost + np.where(starts_off, 0.0, (off & later).mean(axis=1))
-    allowed = ~(off & later).any(axis=1) | starts_off | attacker.walks
+    off &= np.arange(1, tracks.position_m.shape[1]) <= at[:, None] + 5
+    allowed = ~off.any(axis=1) | starts_off | attacker.walks
+    return allowed, np.where(starts_off, 0.0, off.mean(axis=1))
+
+
+def _outcome(
+    tracks: Track, threatened: Track, aim: ThreatAim, at: Int[np.ndarray, "N"]
+) -> tuple[Bool[np.ndarray, "N"], Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """Whether plans lead to what is asked, their gaps, and the cost of what they miss."""
     gap = gaps_m(tracks, threatened)[:, 1:]
     touches = (gap <= 0).any(axis=1)
     least = counted_gaps_m(tracks, threatened, gap, aim.approach)
     if aim.is_contact:
-        first = 1 + np.argmax(gap <= 0, axis=1)
-        reaches = touches & (np.abs(first - at) <= 8)
-        cost = cost + 0.05 * np.abs(first - at)
-    else:
-        reaches = (np.abs(least - aim.gap_m) <= GAP_TOLERANCE_M) & ~touches
-        cost = cost + 2.0 * ((least - aim.gap_m) / GAP_TOLERANCE_M) ** 2
-    best = np.flatnonzero(reaches & allowed)
-    fixed = [*kept, *(one for one in others if _stands(one))]
-    best = best[_hits_on_the_way(tracks.taken(best), at[best], fixed) == 0]
-    best = best[np.argsort(cost[best], kind="stable")][:_MOST_ON_THE_WAY]
-    cost = cost[best] + _hits_on_the_way(tracks.taken(best), at[best], others)
-    order = np.argsort(cost, kind="stable")[:most]
-    best, cost = best[order], cost[order]
-    return ThreatPlans(
-        track=tracks.taken(best),
-        gap_m=least[best],
-        meeting_step=at[best],
-        cost=cost,
-        obstacle=None
-        if len(best)
-        else _obstacle(meetings.least_demand, used.share, reaches, allowed),
-    )
+        late = np.abs(1 + np.argmax(gap <= 0, axis=1) - at)
+        return touches & (late <= 8), least, 0.05 * late
+    missed = least - aim.gap_m
+    reaches = (np.abs(missed) <= GAP_TOLERANCE_M) & ~touches
+    return reaches, least, 2.0 * (missed / GAP_TOLERANCE_M) ** 2
 
 
 def _obstacle(

@@ -1,6 +1,6 @@
 """Command that applies generated traffic."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
@@ -154,12 +154,8 @@ class ReplaceTraffic(Command):
 
     def apply(self, scenario: Scenario) -> Scenario:
         """Scenario with the generated traffic."""
-        sample, axis = self.sample, scenario.time_axis
-        if sample.position_m.shape[1] != axis.num_future_steps + 1:
-            raise EditError(
-                f"The generated traffic has {sample.position_m.shape[1]} steps; this"
-                f" scenario needs {axis.num_future_steps + 1}."
-            )
+        self._check_steps(scenario)
+        sample = self.sample
         locked = tuple(n for n in self.request.removed_ids if n in scenario.locks)
         if locked:
             raise locked_agents_error(scenario, locked)
@@ -167,30 +163,10 @@ class ReplaceTraffic(Command):
         had_ego = EGO_ID in scenario.agents.row_of
         scenario = scenario.without_agents(self.request.removed_ids)
         there = scenario.agents.row_of
-        gone = [name for name in self.request.agent_ids if name not in there]
-        if gone:
-            raise EditError(
-                f"Agent {gone[0]} is not in the scenario any more, so the generated"
-                " traffic does not fit it."
-            )
-        clash = [
-            name
-            for name in sample.ids
-            if name in there and name not in self.request.agent_ids
-        ]
-        if clash:
-            raise EditError(
-                f"There is already an agent {clash[0]!r} here, so the generated traffic"
-                " does not fit."
-            )
+        self._check_agents(there)
         if had_ego and EGO_ID not in there:
             scenario = scenario.with_agents(
                 scenario.agents, f"The ego vehicle ({EGO_ID}) was removed."
-            )
-        if self.past is not None and self.past.heading_rad.shape[1] > axis.current_step:
-            raise EditError(
-                f"The made-up past has {self.past.heading_rad.shape[1]} steps; this"
-                f" scenario has {axis.current_step} before the current one."
             )
         if not sample.ids:
             return with_focal_agent(scenario, place)
@@ -199,17 +175,56 @@ class ReplaceTraffic(Command):
             f"{what} of {agents_in_words(sample.ids)} was sampled by {self.generator},"
             f" seed {self.seed}."
         )
-        new = [name for name in sample.ids if name not in there]
-        for name in new:
+        agents = self._with_motion(self._with_new(scenario), scenario)
+        return with_focal_agent(scenario.with_agents(agents, note), place)
+
+    def _check_steps(self, scenario: Scenario) -> None:
+        sample, axis = self.sample, scenario.time_axis
+        if sample.position_m.shape[1] != axis.num_future_steps + 1:
+            raise EditError(
+                f"The generated traffic has {sample.position_m.shape[1]} steps; this"
+                f" scenario needs {axis.num_future_steps + 1}."
+            )
+        if self.past is not None and self.past.heading_rad.shape[1] > axis.current_step:
+            raise EditError(
+                f"The made-up past has {self.past.heading_rad.shape[1]} steps; this"
+                f" scenario has {axis.current_step} before the current one."
+            )
+
+    def _check_agents(self, there: Collection[str]) -> None:
+        gone = [name for name in self.request.agent_ids if name not in there]
+        if gone:
+            raise EditError(
+                f"Agent {gone[0]} is not in the scenario any more, so the generated"
+                " traffic does not fit it."
+            )
+        clash = [
+            name
+            for name in self.sample.ids
+            if name in there and name not in self.request.agent_ids
+        ]
+        if clash:
+            raise EditError(
+                f"There is already an agent {clash[0]!r} here, so the generated traffic"
+                " does not fit."
+            )
+
+    def _with_new(self, scenario: Scenario) -> AgentTracks:
+        """The agents, and blank tracks of those that are new."""
+        sample, agents = self.sample, scenario.agents
+        new = [n for n, name in enumerate(sample.ids) if name not in agents.row_of]
+        for name in (sample.ids[n] for n in new):
             reuses = self.request.may_reuse_ids or name in self.request.removed_ids
             check_new_id(scenario, name, may_be_retired=reuses)
-        check_number_of_agents(len(there) + len(new))
-        old = np.array([name in there for name in sample.ids])
-        agents = scenario.agents
-        if (~old).any():
-            agents = agents.joined(
-                blank_tracks(sample, np.flatnonzero(~old), axis.num_steps)
-            )
+        check_number_of_agents(len(agents.ids) + len(new))
+        if not new:
+            return agents
+        steps = scenario.time_axis.num_steps
+        return agents.joined(blank_tracks(sample, np.array(new), steps))
+
+    def _with_motion(self, agents: AgentTracks, scenario: Scenario) -> AgentTracks:
+        """The agents with their generated futures, and pasts of those that begin anew."""
+        sample, axis = self.sample, scenario.time_axis
         now = axis.current_step
         rows = agents.rows(sample.ids)
         same = agents.is_valid[rows, now] & (
@@ -233,8 +248,7 @@ class ReplaceTraffic(Command):
                     velocity_mps=sample.velocity_mps[some, first - now :],
                 )
         agents = with_past(agents, rows[~same], now, self.past)
-        agents = _with_activity(agents, rows, ~same, sample)
-        return with_focal_agent(scenario.with_agents(agents, note), place)
+        return _with_activity(agents, rows, ~same, sample)
 
 
 def check_sample(sample: TrafficSample) -> None:

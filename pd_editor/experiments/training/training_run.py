@@ -196,6 +196,58 @@ def run_asked_for(
     return _train(config, run, prepared, fabric, watch, monitoring, on_progress)
 
 
+def _begun(
+    config: RunConfig,
+    run: RunFolder,
+    prepared: "_Prepared",
+    fabric: Fabric,
+    watch: SampleWatch | None,
+) -> tuple[TrainLoop, Callable[[], None]]:
+    """The loop of a run, new or where an earlier one was, and what writes its results."""
+    stage, data = STAGES[config.stage], prepared.data
+    model_config = config_from_json(stage.kind.config_type, config.model, run.path)
+    model = stage.fresh_model(model_config, data.basis, config.seed)
+    sampling: Mapping[str, Any] = stage.kind.default_sampling()
+    sees_warps = config.augmentation["warp_share"] > 0
+    if config.start:
+        earlier = starting_model(Path(config.start)).stage(config.stage)
+        sampling = earlier.sampling
+        sees_warps |= saw_warps(earlier.about)
+        if not os.path.exists(run.state_path):
+            start_from(model, earlier.model.state_dict(), config.start)
+    stage.fit_statistics(model, data.store)
+    loop = TrainLoop(
+        config if watch is None else _with_checkpoints(config, watch.minutes),
+        model,
+        stage.loss(config.loss, config.own_samples),
+        training_data(data.store, config.budget, config.seed, prepared.validation),
+        run,
+        fabric,
+    )
+    if os.path.exists(run.state_path):
+        loop.resume(stage.kind.statistics)
+    own = _sampling_of_data(config)
+
+    def write_results() -> None:
+        stage.measure(loop.averaged_model, data.store)
+        trained = TrainedStage(
+            kind=stage.kind,
+            config=model_config,
+            model=loop.averaged_model,
+            sampling={
+                part: with_settings(
+                    value, {**own.get(part, {}), **config.sampling.get(part, {})}, part
+                )
+                for part, value in sampling.items()
+            },
+            about={**_about(config, data, loop), "saw_warps": bool(sees_warps)},
+        )
+        save_model(run.model_path, {stage.kind.name: trained})
+        write_curves(run, config)
+
+    return loop, write_results
+
+
 def _train(
     config: RunConfig,
     run: RunFolder,
@@ -205,55 +257,7 @@ def _train(
     monitoring: Monitoring,
     on_progress: Callable[[TrainingProgress], None],
 ) -> Training:
-    stage = STAGES[config.stage]
-    model_config = config_from_json(stage.kind.config_type, config.model, run.path)
-    model = stage.fresh_model(model_config, prepared.data.basis, config.seed)
-    sampling: Mapping[str, Any] = stage.kind.default_sampling()
-    sees_warps = config.augmentation["warp_share"] > 0
-    if config.start:
-        earlier = starting_model(Path(config.start)).stage(config.stage)
-        sampling = earlier.sampling
-        sees_warps |= saw_warps(earlier.about)
-        if not os.path.exists(run.state_path):
-            start_from(model, earlier.model.state_dict(), config.start)
-    stage.fit_statistics(model, prepared.data.store)
-    loop = TrainLoop(
-        config if watch is None else _with_checkpoints(config, watch.minutes),
-        model,
-        stage.loss(config.loss, config.own_samples),
-        training_data(
-            prepared.data.store, config.budget, config.seed, prepared.validation
-        ),
-        run,
-        fabric,
-    )
-    if os.path.exists(run.state_path):
-        loop.resume(stage.kind.statistics)
-
-    of_data = _sampling_of_data(config)
-
-    def write_results() -> None:
-        stage.measure(loop.averaged_model, prepared.data.store)
-        trained = TrainedStage(
-            kind=stage.kind,
-            config=model_config,
-            model=loop.averaged_model,
-            sampling={
-                part: with_settings(
-                    value,
-                    {**of_data.get(part, {}), **config.sampling.get(part, {})},
-                    part,
-                )
-                for part, value in sampling.items()
-            },
-            about={
-                **_about(config, prepared.data, loop),
-                "saw_warps": bool(sees_warps),
-            },
-        )
-        save_model(run.model_path, {stage.kind.name: trained})
-        write_curves(run, config)
-
+    loop, write_results = _begun(config, run, prepared, fabric, watch)
     first_step = loop.train_state.step + 1
     is_charted = monitoring.has_tensorboard and fabric.is_global_zero
     charts = tensorboard_log(run, first_step) if is_charted else nullcontext()

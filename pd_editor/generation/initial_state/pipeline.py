@@ -15,7 +15,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
@@ -306,8 +306,7 @@ def place_in_squares(
     sampler, conflicts = options.sampler, options.conflicts
     num_rounds = 0 if conflicts is None else conflicts.settings.num_rounds
     # The number of rounds is not known ahead, so each counts half of what remains.
-    ends = 1 - 0.5 ** np.arange(1, num_rounds + 2)
-    ends[-1] = 1.0
+    ends = np.append(1 - 0.5 ** np.arange(1, num_rounds + 1), 1.0)
     place = partial(_place_once, model, maps={})
     found = yield from place(
         dict.fromkeys(placings, scenario),
@@ -317,17 +316,11 @@ def place_in_squares(
         progress=lambda part: progress(ends[0] * part),
     )
     own = {name for squares in placings.values() for one in squares for name in one.ids}
-    kept = KeptPaths.of(
-        scenario, [n for n in scenario.agents.ids if n in own.union(generated_ids)]
-    )
+    own |= set(generated_ids)
+    kept = KeptPaths.of(scenario, [n for n in scenario.agents.ids if n in own])
     for index, (begin, end) in enumerate(pairwise(ends)):
         assert conflicts is not None, "without it there are no rounds"
-        again: dict[int, tuple[str, ...]] = {}
-        for sample, squares in placings.items():
-            ids = [name for one in squares for name in one.ids]
-            random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
-            if ids := conflicts.conflicting(found[sample], ids, random, kept):
-                again[sample] = ids
+        again = _offenders(conflicts, found, placings, kept, (seed, index))
         if not again:
             break
         num_steps = min(sampler.num_steps, conflicts.settings.num_steps)
@@ -347,6 +340,24 @@ def place_in_squares(
         for sample, ids in again.items():
             found[sample] = conflicts.best_of(versions[sample], ids, kept)
     return [_slowed(found[sample], squares) for sample, squares in placings.items()]
+
+
+def _offenders(
+    conflicts: ConflictSearch,
+    found: Mapping[int, Scenario],
+    placings: Mapping[int, Sequence[SquarePlacement]],
+    kept: KeptPaths,
+    seed_and_round: tuple[int, int],
+) -> dict[int, tuple[str, ...]]:
+    """Agents of each sample that break a placement rule, where there are some."""
+    seed, index = seed_and_round
+    again = {}
+    for sample, squares in placings.items():
+        placed = [name for one in squares for name in one.ids]
+        random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
+        if ids := conflicts.conflicting(found[sample], placed, random, kept):
+            again[sample] = ids
+    return again
 
 
 def _versions(
@@ -506,10 +517,7 @@ def place_agents(
     guidance = options.guidance
     if placing.traits.only_on_road:
         guidance = guidance.within_lanes()
-    may_stop = np.zeros(scene.has_agent.shape, bool)
-    for stops, one, random in zip(may_stop, tasks, randoms, strict=True):
-        numbers = random.random(one.num_agents)[one.rows]
-        stops[: len(numbers)] = numbers < guidance.stopped_in_junctions
+    may_stop = _may_stop(scene, tasks, randoms, guidance.stopped_in_junctions)
     steps = sample_initial_states(
         model,
         scene,
@@ -518,9 +526,7 @@ def place_agents(
         task=task,
         config=options.sampler,
         sampler=options.steps,
-        guide=guidance.of(
-            scene, model.schedule, task, torch.from_numpy(may_stop).to(device)
-        ),
+        guide=guidance.of(scene, model.schedule, task, may_stop),
         square=square,
         rows=[(one.num_agents, one.rows) for one in tasks],
         road_map=maps[square],
@@ -531,6 +537,20 @@ def place_agents(
         yield progress((step.index + 1) / step.num_steps)
     assert clean is not None, "there is at least one step"
     return _placed(tasks, scene, task, clean)
+
+
+def _may_stop(
+    scene: SceneTensors,
+    tasks: Sequence[SquareTask],
+    randoms: Sequence[np.random.Generator],
+    share: float,
+) -> Bool[torch.Tensor, "B A"]:
+    """Which agents may stand in a junction, at random."""
+    may_stop = np.zeros(scene.has_agent.shape, bool)
+    for stops, one, random in zip(may_stop, tasks, randoms, strict=True):
+        numbers = random.random(one.num_agents)[one.rows]
+        stops[: len(numbers)] = numbers < share
+    return torch.from_numpy(may_stop).to(scene.has_agent.device)
 
 
 def _conditioning(

@@ -9,7 +9,9 @@ from torch import Tensor
 
 from pd_editor.generation.core.noise_schedule import noised
 from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
+from pd_editor.generation.trajectory.network.features import Neighbors
 from pd_editor.generation.trajectory.trajectory_overlap import overlap_depth_m
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -77,15 +79,7 @@ def trajectory_loss(
     )
     context = model.encode_context(scene)
     predictions = model.predictions(noisy, model.encode_level(level), context)
-    noise_share = model.schedule.sigma(level).square()
-    if config.counted_error == "noise":
-        ratio = model.schedule.alpha(level).square() / noise_share
-        # Given agents have no noise.
-        weight = torch.where(is_sampled, ratio, 0.0)
-    else:
-        weight = is_sampled / noise_share.clamp_min(_LEAST_VARIANCE)
-    weight = weight / (is_sampled.sum() * config.num_levels).clamp_min(1)
-    weight = torch.where(starts(model, scene), config.starting_weight * weight, weight)
+    weight = _weight(model, scene, level, is_sampled, config)
     scale = model.decoder.get_buffer("scale_m")
     mixed = _component_weights(scale, config.metre_share)
 
@@ -105,20 +99,51 @@ def trajectory_loss(
     )
     if config.overlap_weight:
         few = int(config.num_levels * _MOST_OVERLAP_LEVEL) or 1
-        error_m = ((predictions[-1][:few] - clean).square() @ metres).detach().sqrt()
-        depth = overlap_depth_m(
-            model.decoder, predictions[-1][:few], context.neighbors, scene
-        )
-        there = overlap_depth_m(model.decoder, clean[None], context.neighbors, scene)
+        last = predictions[-1][:few]
+        error_m = ((last - clean).square() @ metres).detach().sqrt()
         is_near = (level[:few] < _MOST_OVERLAP_LEVEL) & (error_m < _MOST_ERROR_M)
-        # Both agents of a pair: one with a large error must not push others away.
-        others = context.neighbors.row_of_all()[:, :, 1:]
-        both = is_near.flatten(1)[:, others]
-        squared = ((depth - there).clamp_min(0).square() * both).sum(-1)
-        counts = is_sampled * is_near
-        parts["overlap"] = (squared * counts).sum() / counts.sum().clamp_min(1)
+        parts["overlap"] = _overlap(
+            model.decoder, last, scene, context.neighbors, is_near, is_sampled
+        )
         loss = loss + config.overlap_weight * parts["overlap"]
     return loss, {name: part.detach() for name, part in parts.items()}
+
+
+def _weight(
+    model: TrajectoryDenoiser,
+    scene: SceneTensors,
+    level: Float[Tensor, "S B A"],
+    is_sampled: Bool[Tensor, "*#S B A"],
+    config: TrajectoryLossConfig,
+) -> Float[Tensor, "S B A"]:
+    """Weight of each agent's error at its level; 0 for given ones."""
+    noise_share = model.schedule.sigma(level).square()
+    if config.counted_error == "noise":
+        ratio = model.schedule.alpha(level).square() / noise_share
+        # Given agents have no noise.
+        weight = torch.where(is_sampled, ratio, 0.0)
+    else:
+        weight = is_sampled / noise_share.clamp_min(_LEAST_VARIANCE)
+    weight = weight / (is_sampled.sum() * config.num_levels).clamp_min(1)
+    return torch.where(starts(model, scene), config.starting_weight * weight, weight)
+
+
+def _overlap(
+    decoder: TrajectoryDecoder,
+    latent: Float[Tensor, "S B A 10"],
+    scene: SceneTensors,
+    neighbors: Neighbors,
+    is_near: Bool[Tensor, "S B A"],
+    is_sampled: Bool[Tensor, "*#S B A"],
+) -> Float[Tensor, ""]:
+    """Mean square depth of overlaps of agents near the truth that it does not have."""
+    depth = overlap_depth_m(decoder, latent, neighbors, scene)
+    there = overlap_depth_m(decoder, scene.future[None], neighbors, scene)
+    # Both agents of a pair: one with a large error must not push others away.
+    both = is_near.flatten(1)[:, neighbors.row_of_all()[:, :, 1:]]
+    squared = ((depth - there).clamp_min(0).square() * both).sum(-1)
+    counts = is_sampled * is_near
+    return (squared * counts).sum() / counts.sum().clamp_min(1)
 
 
 def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"]:

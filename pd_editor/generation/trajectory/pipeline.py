@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final, TypeVar
 
 import numpy as np
@@ -246,8 +246,7 @@ def sample_task(
     if not run.task.is_sampled.any():
         return SampledTrajectories(motion=run.task.no_motion(len(samples)))
     lanes, terms = run.lane_guide(), run.term_guide()
-    asks_unguided = options.samples_unguided
-    compares = asks_unguided and terms is not None and continuation is None
+    compares = options.samples_unguided and terms is not None and continuation is None
     motions: list[Motion] = []
     unguided: list[Motion] = []
     distances: list[torch.Tensor] = []
@@ -265,11 +264,8 @@ def sample_task(
         ):
             latent = step.clean
             share = (step.index + 1) / step.num_steps * len(chunk)
-            predicted = latent[:count:tries]
-            yield progress(
-                (first + share) / len(samples),
-                lambda predicted=predicted: run.motion(predicted),
-            )
+            done = (first + share) / len(samples)
+            yield progress(done, partial(run.motion, latent[:count:tries]))
         assert latent is not None, "there is at least one step"
         if continues is not None:
             latent = continues.corrected(latent, run.model.decoder)
@@ -277,14 +273,12 @@ def sample_task(
             closed = terms.closed(latent[:count], run.keep)
             latent = torch.cat([closed, latent[count:]])
         if run.threats:
-            if asks_unguided and terms is None:
+            if options.samples_unguided and terms is None:
                 # Without other terms, the first sampling is the unguided one.
                 unguided += run.selected(latent)
             for again in run.threatened(latent[:count], numbers, known_noise):
-                yield progress(
-                    (first + len(chunk)) / len(samples),
-                    lambda again=again: run.motion(again),
-                )
+                done = (first + len(chunk)) / len(samples)
+                yield progress(done, partial(run.motion, again))
                 latent = torch.cat([again, latent[count:]])
         distances.append(lanes.distances_m(latent[:count]))
         found = run.selected(latent)

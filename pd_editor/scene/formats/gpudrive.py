@@ -8,7 +8,6 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import (
     NO_HEADINGS,
@@ -23,13 +22,13 @@ from pd_editor.scene.formats.packed_file import (
     stem_of,
 )
 from pd_editor.scene.formats.recorded_map import (
-    FAULTS,
     CenterLane,
-    crosswalk_of,
+    crosswalks_of,
     lane_numbers,
     lanes_of,
     made_of,
     points_of,
+    read_as,
 )
 from pd_editor.scene.formats.recording_writers import WAYMO_CURRENT_STEP, gpudrive_files
 from pd_editor.scene.formats.scene_format import SceneFormat
@@ -54,75 +53,59 @@ def read(path: Path) -> Scenario:
         FormatError: the file is damaged, or of something else.
     """
     content, data = read_unpacked(path)
-    try:
-        found = _decoded(content)
-        about = found.get("metadata") or {}
-        step_s = TimeAxis().step_s
-        tracks = [
-            made_of(path, "object", _track, row, one, step_s)
-            for row, one in enumerate(found["objects"])
-        ]
-        roads = [
-            made_of(path, "road", _road, row, one)
-            for row, one in enumerate(found["roads"])
-        ]
-        told = about.get("sdc_track_index")
-        ego = -1 if told is None else int(told)
-        asked = [
-            int(one["track_index"]) for one in about.get("tracks_to_predict") or ()
-        ]
-        number = max((len(one["position"]) for one in found["objects"]), default=0)
-        states = found.get("tl_states") or {}
-        row_of = {
-            str(one.get("id", row)): str(row) for row, one in enumerate(found["roads"])
-        }
-        lanes = [
-            CenterLane(key=str(row), line=line)
-            for row, (kind, line) in enumerate(roads)
-            if kind == "lane"
-        ]
-        numbers = lane_numbers(lanes)
-        signals = [
-            made_of(
-                path,
-                "signal",
-                _signal,
-                key,
-                one,
-                numbers.get(row_of.get(key, "")),
-                step_s,
-            )
-            for key, one in states.items()
-        ]
-        name = str(found.get("scenario_id") or stem_of(path))
-    except FAULTS as error:
-        raise FormatError(
-            f"{path}: is no valid GPUDrive scene ({type(error).__name__}: {error})."
-        ) from error
-    walks = [
-        crosswalk_of(10**6 + row, line)
-        for row, (kind, line) in enumerate(roads)
-        if kind == "crosswalk" and len(line) > 2
+    with read_as(path, "GPUDrive scene"):
+        scene = _scene(path, _decoded(content))
+    return scene.scenario(data)
+
+
+def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
+    objects, about = found["objects"], found.get("metadata") or {}
+    step_s = TimeAxis().step_s
+    tracks = (
+        made_of(path, "object", _track, row, one, step_s)
+        for row, one in enumerate(objects)
+    )
+    roads = [
+        (row, *made_of(path, "road", _road, row, one))
+        for row, one in enumerate(found["roads"])
     ]
+    asked = [int(one["track_index"]) for one in about.get("tracks_to_predict") or ()]
+    told = about.get("sdc_track_index")
+    number = max((len(one["position"]) for one in objects), default=0)
+    row_of = {
+        str(one.get("id", row)): str(row) for row, one in enumerate(found["roads"])
+    }
+    lanes = [
+        CenterLane(key=str(row), line=line)
+        for row, kind, line in roads
+        if kind == "lane"
+    ]
+    numbers = lane_numbers(lanes)
+    states = found.get("tl_states") or {}
+    signals = [
+        made_of(
+            path, "signal", _signal, key, one, numbers.get(row_of.get(key, "")), step_s
+        )
+        for key, one in states.items()
+    ]
+    areas = [one for one in roads if len(one[2]) > 2]
     return FileScene(
         path=path,
-        name=name,
+        name=str(found.get("scenario_id") or stem_of(path)),
         lanes=made_of(path, "map", lanes_of, lanes),
-        crosswalks=tuple(one for one in walks if one is not None),
-        more_paved=[
-            valid_area(line)
-            for kind, line in roads
-            if kind == "driveway" and len(line) > 2
-        ],
+        crosswalks=crosswalks_of(
+            (10**6 + row, line) for row, kind, line in areas if kind == "crosswalk"
+        ),
+        more_paved=[valid_area(line) for _, kind, line in areas if kind == "driveway"],
         tracks=tuple(one for one in tracks if one is not None),
         signals=tuple(signals),
         current_s=step_s * min(WAYMO_CURRENT_STEP, max(number - 2, 0)),
-        ego_id=_id_of(found["objects"], ego),
-        focal_id=_id_of(found["objects"], asked[0] if asked else -1),
+        ego_id=_id_of(objects, -1 if told is None else int(told)),
+        focal_id=_id_of(objects, asked[0] if asked else -1),
         city="waymo",
-        notes=(NO_HEADINGS,) * any("heading" not in one for one in found["objects"]),
+        notes=(NO_HEADINGS,) * any("heading" not in one for one in objects),
         attribution="Recorded by the Waymo Open Motion Dataset, under its own licence.",
-    ).scenario(data)
+    )
 
 
 def _decoded(data: bytes) -> Any:

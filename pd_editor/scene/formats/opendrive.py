@@ -32,7 +32,7 @@ from pd_editor.scene.formats.openscenario import (
     scenario_root,
 )
 from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
-from pd_editor.scene.formats.recorded_map import crosswalk_of
+from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
@@ -113,11 +113,7 @@ def read(path: Path) -> Scenario:
         path=path,
         name=stem_of(path),
         lanes=network.lanes(),
-        crosswalks=tuple(
-            walk
-            for number, ring in enumerate(walks, start=10**6)
-            if (walk := crosswalk_of(number, ring)) is not None
-        ),
+        crosswalks=crosswalks_of(enumerate(walks, start=10**6)),
         more_paved=paved,
         signals=signals,
         tracks=motion.tracks,

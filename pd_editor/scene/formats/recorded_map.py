@@ -1,6 +1,7 @@
 """Lanes of recorded maps that know centre lines only (Waymo, nuScenes, GPUDrive)."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -23,7 +24,7 @@ from pd_editor.scene.scene_limits import MAX_COORDINATE_M
 
 Result = TypeVar("Result")
 
-FAULTS: Final = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
+_FAULTS: Final = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 """What values of other kinds and shapes than expected raise."""
 USUAL_WIDTH_M: Final = 3.5
 _WIDTHS_M: Final = (2.2, 6.0)
@@ -106,11 +107,34 @@ def made_of(
         return make(name, *about)
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
-    except FAULTS as error:
+    except _FAULTS as error:
         lacks = f"is damaged ({type(error).__name__}: {error})"
         if isinstance(error, KeyError):
             lacks = f"has no {error}"
         raise FormatError(f"{path}: its {what} {str(name)[:40]!r} {lacks}.") from error
+
+
+@contextmanager
+def read_as(path: Path, noun: str) -> Iterator[None]:
+    """Tell of what fails inside that a file is none of its format.
+
+    Raises:
+        FormatError: a value has another kind or shape than expected.
+    """
+    try:
+        yield
+    except _FAULTS as error:
+        raise FormatError(
+            f"{path}: is no valid {noun} ({type(error).__name__}: {error})."
+        ) from error
+
+
+def crosswalks_of(
+    rings: Iterable[tuple[int, Float[np.ndarray, "N 2"]]],
+) -> tuple[Crosswalk, ...]:
+    """Crosswalks of numbered polygons; what is none is left out."""
+    found = (crosswalk_of(number, ring) for number, ring in rings)
+    return tuple(one for one in found if one is not None)
 
 
 def lane_numbers(found: Sequence[CenterLane]) -> dict[str, int]:

@@ -1,13 +1,13 @@
 """Writes scenes as ScenarioNet descriptions and as GPUDrive scenes."""
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
@@ -64,35 +64,12 @@ def scenarionet_files(scenario: Scenario) -> WrittenScene:
     first = int(scenario.agents.is_valid[scenario.agents.row_of[ego]].argmax())
     scenario = _since(scenario, first) if first else scenario
     agents, axis = scenario.agents, scenario.time_axis
-    time_s = axis.step_s * np.arange(axis.num_steps)
     place = agents.position_m + scenario.origin_city_m
     tracks = {
         name: _track(scenario, row, name, place[row])
         for row, name in enumerate(agents.ids)
     }
-    focal = scenario.focal_id
-    about: dict[str, Any] = {
-        "id": scenario.scenario_id,
-        "scenario_id": scenario.scenario_id,
-        "dataset": DATASET,
-        "map": scenario.city,
-        "coordinate": "right-handed",
-        "metadrive_processed": False,
-        "sample_rate": axis.step_s,
-        "ts": time_s,
-        "sdc_id": ego,
-        "current_time_index": axis.current_step,
-        "tracks_to_predict": (
-            {focal: {"track_id": focal, "track_index": agents.row_of[focal]}}
-            if focal in agents.row_of
-            else {}
-        ),
-        "object_summary": {name: _summary(one) for name, one in tracks.items()},
-        "number_summary": {
-            "num_objects": len(agents),
-            "object_types": sorted({one["type"] for one in tracks.values()}),
-        },
-    }
+    about = _about(scenario, ego, tracks)
     name = f"sd_{DATASET}_{VERSION}_{scenario.scenario_id}.pkl"
     content = {
         "id": scenario.scenario_id,
@@ -127,6 +104,35 @@ def scenarionet_files(scenario: Scenario) -> WrittenScene:
     )
 
 
+def _about(
+    scenario: Scenario, ego: str, tracks: Mapping[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """What a ScenarioNet description and the summary of its data set tell of a scene."""
+    agents, axis, focal = scenario.agents, scenario.time_axis, scenario.focal_id
+    return {
+        "id": scenario.scenario_id,
+        "scenario_id": scenario.scenario_id,
+        "dataset": DATASET,
+        "map": scenario.city,
+        "coordinate": "right-handed",
+        "metadrive_processed": False,
+        "sample_rate": axis.step_s,
+        "ts": axis.step_s * np.arange(axis.num_steps),
+        "sdc_id": ego,
+        "current_time_index": axis.current_step,
+        "tracks_to_predict": (
+            {focal: {"track_id": focal, "track_index": agents.row_of[focal]}}
+            if focal in agents.row_of
+            else {}
+        ),
+        "object_summary": {name: _summary(one) for name, one in tracks.items()},
+        "number_summary": {
+            "num_objects": len(agents),
+            "object_types": sorted({one["type"] for one in tracks.values()}),
+        },
+    }
+
+
 def gpudrive_files(scenario: Scenario) -> WrittenScene:
     """File of a GPUDrive scene: Waymo's 91 steps around the current one.
 
@@ -142,33 +148,12 @@ def gpudrive_files(scenario: Scenario) -> WrittenScene:
     is_valid = agents.is_valid[:, column] & known
     rows = np.flatnonzero(is_valid.any(axis=1)).tolist()
     place = agents.position_m + scenario.origin_city_m
-    objects = []
-    for number, row in enumerate(rows):
-        there = is_valid[row]
-        last = place[row, column[np.flatnonzero(there)[-1]]]
-        kind = _TYPES.get(agents.kinds[row], "other").lower()
-        objects.append(
-            {
-                "position": _points(place[row, column], there),
-                "width": float(agents.size_m[row, 1]),
-                "length": float(agents.size_m[row, 0]),
-                "height": DEFAULT_HEIGHT_M[agents.kinds[row]],
-                "heading": np.where(
-                    there, agents.heading_rad[row, column], UNKNOWN_M
-                ).tolist(),
-                "velocity": _points(agents.velocity_mps[row, column], there, False),
-                "valid": there.tolist(),
-                "goalPosition": {"x": float(last[0]), "y": float(last[1]), "z": 0.0},
-                "type": kind
-                if kind in ("vehicle", "pedestrian", "cyclist")
-                else "other",
-                "id": number,
-                "mark_as_expert": False,
-            }
-        )
-    index = {agents.ids[row]: number for number, row in enumerate(rows)}
+    objects = [
+        _object(scenario, row, number, place[row], column, is_valid[row])
+        for number, row in enumerate(rows)
+    ]
+    index, focal = {agents.ids[row]: n for n, row in enumerate(rows)}, scenario.focal_id
     rank = {lane: number for number, lane in enumerate(scenario.road_map.lane_of)}
-    focal = scenario.focal_id
     content = {
         "name": f"{scenario.scenario_id}.json",
         "scenario_id": scenario.scenario_id,
@@ -208,6 +193,34 @@ def gpudrive_files(scenario: Scenario) -> WrittenScene:
             "Ids: objects are numbered; ids.csv has both.",
         ),
     )
+
+
+def _object(
+    scenario: Scenario,
+    row: int,
+    number: int,
+    place: Float[np.ndarray, "T 2"],
+    column: Int[np.ndarray, "S"],
+    there: Bool[np.ndarray, "S"],
+) -> dict[str, Any]:
+    """An agent at some steps, at which it may not be there."""
+    agents = scenario.agents
+    x, y = place[column[np.flatnonzero(there)[-1]]].tolist()
+    kind = _TYPES.get(agents.kinds[row], "other").lower()
+    heading = np.where(there, agents.heading_rad[row, column], UNKNOWN_M)
+    return {
+        "position": _points(place[column], there),
+        "width": float(agents.size_m[row, 1]),
+        "length": float(agents.size_m[row, 0]),
+        "height": DEFAULT_HEIGHT_M[agents.kinds[row]],
+        "heading": heading.tolist(),
+        "velocity": _points(agents.velocity_mps[row, column], there, False),
+        "valid": there.tolist(),
+        "goalPosition": {"x": x, "y": y, "z": 0.0},
+        "type": kind if kind in ("vehicle", "pedestrian", "cyclist") else "other",
+        "id": number,
+        "mark_as_expert": False,
+    }
 
 
 def _since(scenario: Scenario, first: int) -> Scenario:

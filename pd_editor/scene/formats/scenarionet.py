@@ -18,13 +18,13 @@ from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import ending_of, stem_of
 from pd_editor.scene.formats.plain_pickle import read_plain_pickle
 from pd_editor.scene.formats.recorded_map import (
-    FAULTS,
     CenterLane,
-    crosswalk_of,
+    crosswalks_of,
     lane_numbers,
     lanes_of,
     made_of,
     points_of,
+    read_as,
 )
 from pd_editor.scene.formats.recording_writers import scenarionet_files
 from pd_editor.scene.formats.scene_format import SceneFormat
@@ -62,67 +62,71 @@ def read(path: Path) -> Scenario:
         raise FormatError(
             f"{path}: is no scenario description; expected {', '.join(tables)}."
         )
+    with read_as(path, "scenario description"):
+        scene = _scene(path, found)
+    return scene.scenario(data)
+
+
+def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
     about, features = found["metadata"], found["map_features"]
-    try:
-        told_s = about.get("ts")
-        time_s = (
-            TimeAxis().step_s * np.arange(int(found["length"]))
-            if told_s is None
-            else np.array(told_s, float).ravel()
-        )
-        tracks = [
-            track
-            for name, one in found["tracks"].items()
-            if (track := made_of(path, "track", _track, str(name), one, time_s))
-        ]
-        lanes = [
-            made_of(path, "lane", _lane, str(key), one)
-            for key, one in features.items()
-            if str(one["type"]).startswith("LANE_") and len(one["polyline"]) > 1
-        ]
-        walks = [
-            crosswalk_of(number, points_of(one["polygon"]))
-            for number, one in enumerate(features.values(), start=10**6)
-            if one["type"] == "CROSSWALK"
-        ]
-        drives = [
-            valid_area(points_of(one["polygon"]))
-            for one in features.values()
-            if one["type"] == "DRIVEWAY" and len(one["polygon"]) > 2
-        ]
-        numbers = lane_numbers(lanes)
-        states = found.get("dynamic_map_states") or {}
-        signals = [
-            made_of(path, "signal", _signal, str(key), one, numbers, time_s)
-            for key, one in states.items()
-        ]
-        told = int(about.get("current_time_index", 0))
-        # Whole recordings name no current step, or the first one.
-        usual_s = usual_now_s(float(time_s[0]), float(time_s[-1]))
-        current_s = float(time_s[told]) if 0 < told < len(time_s) else usual_s
-    except FAULTS as error:
-        raise FormatError(
-            f"{path}: is no valid scenario description ({type(error).__name__}: {error})."
-        ) from error
+    time_s = _times_s(found)
+    tracks = [
+        track
+        for name, one in found["tracks"].items()
+        if (track := made_of(path, "track", _track, str(name), one, time_s))
+    ]
+    lanes = [
+        made_of(path, "lane", _lane, str(key), one)
+        for key, one in features.items()
+        if str(one["type"]).startswith("LANE_") and len(one["polyline"]) > 1
+    ]
+    areas = {
+        number: (one["type"], points_of(one["polygon"]))
+        for number, one in enumerate(features.values(), start=10**6)
+        if one["type"] in ("CROSSWALK", "DRIVEWAY")
+    }
+    numbers = lane_numbers(lanes)
+    states = found.get("dynamic_map_states") or {}
+    signals = [
+        made_of(path, "signal", _signal, str(key), one, numbers, time_s)
+        for key, one in states.items()
+    ]
+    now = int(about.get("current_time_index", 0))
+    # Whole recordings name no current step, or the first one.
+    usual_s = usual_now_s(float(time_s[0]), float(time_s[-1]))
     source = " ".join(str(about.get(name, "")) for name in ("dataset", "map")).strip()
     asked = about.get("tracks_to_predict") or {}
+    no_heading = any(
+        one["state"].get("heading") is None for one in found["tracks"].values()
+    )
     return FileScene(
         path=path,
         name=str(found.get("id") or stem_of(path)),
         lanes=made_of(path, "map", lanes_of, lanes),
-        crosswalks=tuple(one for one in walks if one is not None),
-        more_paved=drives,
+        crosswalks=crosswalks_of(
+            (n, ring) for n, (kind, ring) in areas.items() if kind == "CROSSWALK"
+        ),
+        more_paved=[
+            valid_area(ring)
+            for kind, ring in areas.values()
+            if kind == "DRIVEWAY" and len(ring) > 2
+        ],
         tracks=tuple(tracks),
         signals=tuple(signals),
-        current_s=current_s,
+        current_s=float(time_s[now]) if 0 < now < len(time_s) else usual_s,
         ego_id=str(about.get("sdc_id", "")),
         focal_id=str(next(iter(asked), "")),
         city=str(about.get("map") or about.get("dataset") or ""),
-        notes=(NO_HEADINGS,)
-        if any(one["state"].get("heading") is None for one in found["tracks"].values())
-        else (),
+        notes=(NO_HEADINGS,) * no_heading,
         attribution=f"Recorded by {source}, under its own licence." if source else "",
-    ).scenario(data)
+    )
+
+
+def _times_s(found: Mapping[str, Any]) -> np.ndarray:
+    told_s = found["metadata"].get("ts")
+    if told_s is None:
+        return TimeAxis().step_s * np.arange(int(found["length"]))
+    return np.array(told_s, float).ravel()
 
 
 def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack | None:

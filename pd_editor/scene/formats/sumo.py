@@ -20,7 +20,7 @@ from pd_editor.scene.formats.file_scene import (
 )
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.packed_file import head_of, stem_of, unpacked_name
-from pd_editor.scene.formats.recorded_map import crosswalk_of
+from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.sumo_net import (
     CROSSWALK,
@@ -113,12 +113,12 @@ def read(path: Path) -> Scenario:
         data += more
     lanes, number = _lanes(net)
     polygons = _polygons(beside.get("add"), roots.get("add"))
-    walks = [crosswalk_of(n, ring) for n, ring in enumerate(polygons[CROSSWALK], 10**6)]
+    walks = crosswalks_of(enumerate(polygons[CROSSWALK], 10**6))
     return FileScene(
         path=path,
         name=name,
         lanes=lanes,
-        crosswalks=(*net.crosswalks(1), *(one for one in walks if one is not None)),
+        crosswalks=(*net.crosswalks(1), *walks),
         more_paved=[*net.paved_beside_lanes(), *map(valid_area, polygons[PAVED])],
         tracks=tracks,
         signals=tuple(_signals(root, net, number)),

@@ -164,10 +164,9 @@ class _Chosen:
             path,
             speed_mps=start.speed_mps[plans.agent[path]],
             target_mps=target,
-            acceleration_mps2=np.array([p.acceleration_mps2 for p in SPEED_PLANS])[
-                plan
-            ],
-            braking_mps2=np.array([p.braking_mps2 for p in SPEED_PLANS])[plan],
+            most_mps2=np.array(
+                [(one.acceleration_mps2, one.braking_mps2) for one in SPEED_PLANS]
+            )[plan].T,
             num_steps=num_steps,
             step_s=step_s,
             leaders=ahead,

@@ -19,16 +19,15 @@ def drive(
     *,
     speed_mps: Float[np.ndarray, "K"],
     target_mps: Float[np.ndarray, "K"],
-    acceleration_mps2: Float[np.ndarray, "K"],
-    braking_mps2: Float[np.ndarray, "K"],
+    most_mps2: Float[np.ndarray, "2 K"],
     num_steps: int,
     step_s: float,
     leaders: BoxesAhead | None = None,
 ) -> Float[np.ndarray, "K {num_steps}+1"]:
     """Distance travelled along a path at each step, given an initial speed.
 
-    The speed approaches its target with at most the given acceleration and braking, and
-    brakes for curves with at most ``MAX_BRAKING_MPS2``. Drivers with a leader, which
+    The speed approaches its target with at most the acceleration and braking in
+    ``most_mps2``, and brakes for curves with at most ``MAX_BRAKING_MPS2``. Drivers with a leader, which
     keeps its speed, also keep a gap to it (IDM); ``leaders.driver`` indexes K.
     """
     num_points = paths.heading_rad.shape[1]
@@ -37,7 +36,7 @@ def drive(
     speed, place = speed_mps.copy(), np.zeros(len(path))
     reached = np.zeros((num_steps + 1, len(path)))
     scale, response = 1 / SPACING_M, step_s / RESPONSE_S
-    most, least = acceleration_mps2 * step_s, -braking_mps2 * step_s
+    most, least = most_mps2[0] * step_s, -most_mps2[1] * step_s
     # First row: change of speed for the target; second row: for the curves.
     wanted = np.stack([target_mps, target_mps])
     lowest = np.stack([least, np.minimum(least, -MAX_BRAKING_MPS2 * step_s)])

@@ -1,5 +1,6 @@
 """Unfinished work of all scenarios: a button with its amount, and a dialog."""
 
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from typing import Any, Final
 
@@ -62,7 +63,6 @@ class UnfinishedPanel:
         found = self._shelf.unfinished()
         self._show_count(len(found))
         gui = self._ui.client.gui
-        ticked: dict[int, bool] = {}
         self._dialog = gui.add_modal("Unfinished work")
         with self._dialog:
             gui.add_markdown(
@@ -78,6 +78,26 @@ class UnfinishedPanel:
             if len(found) > MAX_LISTED:
                 gui.add_markdown(f"... and {len(found) - MAX_LISTED} older ones")
             close = gui.add_button("Close", color="gray")
+
+        self._ui.on_click(close, self._close_dialog)
+        self._follow_ticks(found, buttons, discard)
+        self._rows = rows
+        rows.draw_later(
+            self._ui.post,
+            [
+                (button, partial(_picture, work.place))
+                for button, work in zip(buttons, found, strict=False)
+            ],
+        )
+
+    def _follow_ticks(
+        self,
+        found: Sequence[KeptWork],
+        buttons: Sequence[viser.GuiButtonHandle],
+        discard: viser.GuiButtonHandle,
+    ) -> None:
+        """Continue the one that is pressed, or tick it once some are to be discarded."""
+        ticked: dict[int, bool] = {}
 
         def pressed(number: int) -> None:
             if not ticked:
@@ -109,15 +129,6 @@ class UnfinishedPanel:
         for number, button in enumerate(buttons):
             self._ui.on_click(button, lambda number=number: pressed(number))
         self._ui.on_click(discard, discarded)
-        self._ui.on_click(close, self._close_dialog)
-        self._rows = rows
-        rows.draw_later(
-            self._ui.post,
-            [
-                (button, partial(_picture, work.place))
-                for button, work in zip(buttons, found, strict=False)
-            ],
-        )
 
     def _close_dialog(self) -> None:
         if self._dialog is not None:

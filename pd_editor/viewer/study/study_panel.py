@@ -93,9 +93,24 @@ class StudyPanel:
         self._shown: Study | None = None
         self._gallery: dict[str, Path] = {}
         self._report: Path | None = None
-        gui = ui.client.gui
-        names = (*generators, *REFERENCE_METHODS)
-        dataset = ui.workspace.dataset
+        self._add_plan(ui.client.gui)
+        self._add_results(ui.client.gui)
+        ui.on_click(self._run, self.run, failure="Study not started")
+        ui.on_click(self._resume, self.resume, failure="Study not resumed")
+        ui.on_click(self._download, self._download_report)
+        ui.on_click(self._cancel, self.cancel)
+        ui.on_click(self._open, self._open_chosen)
+        for handle in (self._metric, self._kind):
+            ui.on_change(handle, lambda _value: self._draw())
+        self._settings = self._kept_settings()
+        self._settings.restore()
+        self._study.on_change = self._listener = lambda: ui.post(self._show, "study")
+        self._show()
+
+    def _add_plan(self, gui: viser.GuiApi) -> None:
+        """What is studied, and the run."""
+        names = (*self._generators, *REFERENCE_METHODS)
+        dataset = self._ui.workspace.dataset
         with gui.add_folder("Perturbation study"):
             self._data = gui.add_text(
                 "Data",
@@ -148,6 +163,9 @@ class StudyPanel:
             self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
             self._bar = gui.add_progress_bar(0.0, visible=False)
             self._note = FixedText(gui, 2)
+
+    def _add_results(self, gui: viser.GuiApi) -> None:
+        """Curves, worst scenes and the report."""
         with gui.add_folder("Severity curves"):
             self._metric = gui.add_dropdown(
                 "Metric",
@@ -170,17 +188,6 @@ class StudyPanel:
                 color="gray",
                 disabled=True,
             )
-        ui.on_click(self._run, self.run, failure="Study not started")
-        ui.on_click(self._resume, self.resume, failure="Study not resumed")
-        ui.on_click(self._download, self._download_report)
-        ui.on_click(self._cancel, self.cancel)
-        ui.on_click(self._open, self._open_chosen)
-        for handle in (self._metric, self._kind):
-            ui.on_change(handle, lambda _value: self._draw())
-        self._settings = self._kept_settings()
-        self._settings.restore()
-        self._study.on_change = self._listener = lambda: ui.post(self._show, "study")
-        self._show()
 
     def _kept_settings(self) -> KeptSettings:
         inputs: Mapping[str, Any] = {

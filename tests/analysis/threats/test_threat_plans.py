@@ -17,6 +17,7 @@ from pd_editor.analysis.threats.threat_feasibility import (
 )
 from pd_editor.analysis.threats.threat_plans import (
     GAP_TOLERANCE_M,
+    ModelFit,
     ThreatAim,
     ThreatObstacle,
     ThreatPlans,
@@ -154,7 +155,9 @@ def test_plans_near_the_reference_come_first() -> None:
     some = threat_plans(scenario, 1, other, aim, most=30).track.position_m
     apart = np.linalg.norm(some - some[0], axis=-1).mean(axis=1)
     far = some[np.argmax(apart)]
-    near = threat_plans(scenario, 1, other, aim, reference_m=far, most=1)
+    step_s = scenario.time_axis.step_s
+    model = ModelFit(reference_m=far, step_s=step_s, fitted=lambda one: one)
+    near = threat_plans(scenario, 1, other, aim, model=model, most=1)
     apart_now = np.linalg.norm(near.track.position_m[0] - far, axis=-1).mean()
     assert apart_now < 0.6 * apart.max()
 

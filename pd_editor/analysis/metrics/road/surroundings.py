@@ -17,6 +17,7 @@ from pd_editor.analysis.metrics.road.off_road import drivable_ground, is_off_roa
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.analysis.metrics.values import MetricValues, measured
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -108,14 +109,12 @@ def nearest_lane(
     return lane_m, _folded_deg(heading_rad - direction[nearest])
 
 
-def _features(
-    view: TrafficView, evaluated: Bool[np.ndarray, "A"]
-) -> Float[np.ndarray, "V F"]:
-    scenario, others = view.scenario, view.everyone
-    present = others.is_valid[:, 0] & _is_vehicle(others.kinds)
-    count = len(others)
+def _noisy(
+    others: AgentStates,
+) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+    """Positions, headings and speeds, with a tracker's noise."""
     # Noise depends on the agent's id, not on the order or pose of the scene.
-    noise = np.array([_noise_of(name) for name in others.ids]).reshape(count, 4)
+    noise = np.array([_noise_of(name) for name in others.ids]).reshape(len(others), 4)
     heading = others.heading_rad[:, 0]
     ahead = unit_vector(heading)
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
@@ -124,8 +123,15 @@ def _features(
     heading = heading + _HEADING_NOISE_RAD * noise[:, 2]
     speed = np.hypot(*others.velocity_mps[:, 0].T)
     noisy = np.abs(speed + _SPEED_NOISE_MPS * noise[:, 3])
-    speed = np.where(speed < _CREEPING_MPS, 0.0, noisy)
+    return position, heading, np.where(speed < _CREEPING_MPS, 0.0, noisy)
 
+
+def _features(
+    view: TrafficView, evaluated: Bool[np.ndarray, "A"]
+) -> Float[np.ndarray, "V F"]:
+    scenario, others = view.scenario, view.everyone
+    present = others.is_valid[:, 0] & _is_vehicle(others.kinds)
+    position, heading, speed = _noisy(others)
     rows = np.flatnonzero(evaluated)  # Evaluated agents come first among all.
     here, facing = position[rows], heading[rows]
     points, direction = _lane_points(scenario.road_map)
@@ -153,7 +159,7 @@ def _features(
     def of_first(values: np.ndarray, missing: float) -> np.ndarray:
         return np.where(has_one, values[each, first], missing)
 
-    second = distance[each, order[:, min(1, count - 1)]]
+    second = distance[each, order[:, min(1, len(others) - 1)]]
     return np.column_stack(
         [
             lane_m,

@@ -40,12 +40,62 @@ from pd_editor.generation.features.scene_features import (
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.scene.scenario import Scenario
 
-__all__ = ["ScenarioSource", "fit_basis", "open_roots", "prepare_features"]
+__all__ = [
+    "Preparation",
+    "ScenarioSource",
+    "fit_basis",
+    "open_roots",
+    "prepare_features",
+]
 
 PART_SIZE: Final = 400
 """Scenarios per part; an interrupted preparation loses at most the running parts."""
 BASIS_SCENARIOS: Final = 2000
 _FIT_SIZE: Final = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preparation:
+    """How scenarios become features."""
+
+    augmentation: Augmentation | None = DEFAULT_AUGMENTATION
+    seed: int = 0
+    most_per_root: int | None = None
+    """Number of scenarios, evenly distributed over each root; None: all."""
+    copies: int = 1
+    """Independently augmented copies of each scenario."""
+    windows: int = 1
+    """Current steps at which each scenario of Argoverse 2 is used."""
+
+    def fingerprint(self, source: ScenarioSource, basis: TrajectoryBasis) -> str:
+        """Hash of the scenarios, of the basis, and of all that is set here."""
+        digest = hashlib.sha256()
+        for root in source.roots:
+            digest.update(root.fingerprint.encode())
+        for name, values in sorted(basis.arrays().items()):
+            digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
+        own = (self.augmentation, self.seed, self.most_per_root, self.copies)
+        digest.update(repr((*own, PART_SIZE, FORMAT_VERSION)).encode())
+        return digest.hexdigest()
+
+    def parts(
+        self, source: ScenarioSource, roots: Sequence[Path], size: int
+    ) -> "dict[str, _PartItem]":
+        """Work items by name; names sort in the order of roots and scenarios."""
+        works = {}
+        for place, (path, root) in enumerate(zip(roots, source.roots, strict=True)):
+            count = min(len(root), self.most_per_root or len(root))
+            chosen = np.arange(count) * len(root) // max(count, 1)
+            firsts = range(0, count, size)
+            for part, (copy, first) in enumerate(product(range(self.copies), firsts)):
+                works[f"{place:03d}-{part:05d}"] = _PartItem(
+                    root=Path(path),
+                    root_index=place,
+                    numbers=tuple(chosen[first : first + size].tolist()),
+                    preparation=self,
+                    copy=copy,
+                )
+        return works
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,18 +105,16 @@ class _PartItem:
     root: Path
     root_index: int
     numbers: tuple[int, ...]
-    augmentation: Augmentation | None
-    seed: int
-    copy: int = 0
-    windows: int = 1
+    preparation: Preparation
+    copy: int
 
     def features(self, *, with_candidates: bool) -> Iterator[tuple[str, SceneFeatures]]:
         """Yield group and features of each usable scenario."""
-        source = _opened(self.root, self.windows)
+        source = _opened(self.root, self.preparation.windows)
         root = source.roots[0]
         for number in self.numbers:
             random = np.random.default_rng(
-                [self.seed, self.root_index, number, self.copy]
+                [self.preparation.seed, self.root_index, number, self.copy]
             )
             try:
                 scenario = source[number]
@@ -84,21 +132,20 @@ class _PartItem:
             yield root.group(number), found
 
     def _is_left_out(self, scenario: Scenario) -> bool:
-        if self.augmentation is None:
+        augmentation = self.preparation.augmentation
+        if augmentation is None:
             return False
         share = crawling_share(scenario, scene_center(scenario))
-        return share > self.augmentation.most_crawling
+        return share > augmentation.most_crawling
 
     def _prepared(
         self, scenario: Scenario, random: np.random.Generator, *, hides_agents: bool
     ) -> tuple[Scenario, np.ndarray]:
-        center = scene_center(scenario)
-        if self.augmentation is None:
+        center, augmentation = scene_center(scenario), self.preparation.augmentation
+        if augmentation is None:
             return scenario, center
-        center = center + self.augmentation.center_m * random.standard_normal(2)
-        changed = augmented(
-            scenario, self.augmentation, random, hides_agents=hides_agents
-        )
+        center = center + augmentation.center_m * random.standard_normal(2)
+        changed = augmented(scenario, augmentation, random, hides_agents=hides_agents)
         return changed, center
 
 
@@ -132,43 +179,27 @@ def prepare_features(
     folder: Path,
     basis: TrajectoryBasis,
     *,
+    preparation: Preparation | None = None,
     workers: int | None = None,
-    augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
-    seed: int = 0,
-    most_per_root: int | None = None,
-    copies: int = 1,
-    windows: int = 1,
     on_progress: Callable[[WorkProgress], None] | None = None,
 ) -> FeatureStore:
     """Create or complete the store in a folder; equal arguments give equal bytes.
 
     Scenarios that cannot be read are left out, so the store may have fewer scenes than
-    the roots. ``most_per_root`` limits the scenarios, evenly distributed over each root.
-    ``copies`` are independently augmented copies of each scenario. Scenarios of
-    Argoverse 2 are used at ``windows`` current steps.
+    the roots.
 
     Raises:
         InputError: a root is neither a dataset nor shards.
         TrainingError: the folder holds other features, or no scenario can be used.
     """
-    folder = Path(folder)
-    source = open_roots(roots, windows)
-    works = _parts(
-        source,
-        roots,
-        augmentation,
-        seed,
-        most_per_root,
-        PART_SIZE,
-        copies=copies,
-        windows=windows,
-    )
+    folder, how = Path(folder), preparation or Preparation()
+    source = open_roots(roots, how.windows)
+    works = how.parts(source, roots, PART_SIZE)
     index = StoreIndex(
-        fingerprint=_fingerprint(
-            source, basis, augmentation, seed, most_per_root, copies
-        ),
+        fingerprint=how.fingerprint(source, basis),
         roots=tuple(map(str, roots)),
-        settings=f"{augmentation}, seed {seed}, at most {most_per_root} of each root",
+        settings=f"{how.augmentation}, seed {how.seed}, at most {how.most_per_root} of "
+        "each root",
     )
     done = open_for_writing(folder, index)
     failures = run_items(
@@ -206,7 +237,8 @@ def fit_basis(
     """
     source = open_roots(roots)
     most = max(1, count // len(source.roots))
-    works = _parts(source, roots, augmentation, seed, most, _FIT_SIZE)
+    how = Preparation(augmentation=augmentation, seed=seed, most_per_root=most)
+    works = how.parts(source, roots, _FIT_SIZE)
     trajectories: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     failures = run_items(
         LocalProcesses(num_workers=workers),
@@ -237,51 +269,3 @@ def _trajectories_of(work: _PartItem) -> tuple[np.ndarray, np.ndarray]:
         np.concatenate(points).astype(float),
         np.concatenate(speeds).astype(float),
     )
-
-
-def _parts(
-    source: ScenarioSource,
-    roots: Sequence[Path],
-    augmentation: Augmentation | None,
-    seed: int,
-    most_per_root: int | None,
-    size: int,
-    *,
-    copies: int = 1,
-    windows: int = 1,
-) -> dict[str, _PartItem]:
-    """Work items by name; names sort in the order of roots and scenarios."""
-    works = {}
-    for place, (path, root) in enumerate(zip(roots, source.roots, strict=True)):
-        count = min(len(root), most_per_root or len(root))
-        chosen = np.arange(count) * len(root) // max(count, 1)
-        firsts = range(0, count, size)
-        for part, (copy, first) in enumerate(product(range(copies), firsts)):
-            works[f"{place:03d}-{part:05d}"] = _PartItem(
-                root=Path(path),
-                root_index=place,
-                numbers=tuple(chosen[first : first + size].tolist()),
-                augmentation=augmentation,
-                seed=seed,
-                copy=copy,
-                windows=windows,
-            )
-    return works
-
-
-def _fingerprint(
-    source: ScenarioSource,
-    basis: TrajectoryBasis,
-    augmentation: Augmentation | None,
-    seed: int,
-    most_per_root: int | None,
-    copies: int,
-) -> str:
-    digest = hashlib.sha256()
-    for root in source.roots:
-        digest.update(root.fingerprint.encode())
-    for name, values in sorted(basis.arrays().items()):
-        digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
-    settings = (augmentation, seed, most_per_root, copies, PART_SIZE, FORMAT_VERSION)
-    digest.update(repr(settings).encode())
-    return digest.hexdigest()

@@ -21,6 +21,7 @@ from pd_editor.experiments.training.data.batched_scenes import (
     augmented_scenes,
 )
 from pd_editor.experiments.training.data.feature_preparation import (
+    Preparation,
     fit_basis,
     open_roots,
     prepare_features,
@@ -92,9 +93,9 @@ def prepared_data(
                 roots,
                 folder / _STORE_NAME,
                 basis,
-                copies=copies,
-                windows=windows,
-                augmentation=augmentation,
+                preparation=Preparation(
+                    augmentation=augmentation, copies=copies, windows=windows
+                ),
                 workers=workers,
                 on_progress=on_progress,
             )

@@ -242,6 +242,13 @@ class InitialStateDenoiser(nn.Module):
                 has_boundary=config.sees_boundary,
             )
         self._num_near = [config.num_near_pieces]
+        self._add_map_layers(num_near)
+        self._add_statistics()
+
+    def _add_map_layers(self, num_near: int) -> None:
+        """Layers of boundaries and of relations between tokens, if there are any."""
+        config = self.config
+        width, relation_width = config.width, config.relation_width
         if config.sees_boundary:
             self._num_near.append(config.num_near_boundary)
             num_shape = len(BOUNDARY_SHAPE)
@@ -252,11 +259,14 @@ class InitialStateDenoiser(nn.Module):
             self.map_layer = MapLayer(
                 width, relation_width, config.num_heads, config.num_map_neighbors
             )
-        if config.relates_map_tokens and relates:
+        if config.relates_map_tokens and config.sees_relations:
             self.near_context_in = nn.Linear(width, relation_width + width, bias=False)
             """Context of each token, for relations to it and for the heads."""
             nn.init.zeros_(self.near_context_in.weight)
-        spread = state_spread(samples_activity=config.samples_activity)
+
+    def _add_statistics(self) -> None:
+        """Statistics of the training data, before they are measured."""
+        spread = state_spread(samples_activity=self.config.samples_activity)
         self.register_buffer("spread", torch.tensor(spread), persistent=False)
         of_others = np.diag(spread[NUM_POSE_PARTS:])
         moments = np.concatenate([np.zeros((1, len(of_others))), of_others])

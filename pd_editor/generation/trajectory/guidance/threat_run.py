@@ -22,7 +22,12 @@ from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.threats.encounter import IN_FRONT, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_outcome import meets
-from pd_editor.analysis.threats.threat_plans import ThreatAim, ThreatPlans, threat_plans
+from pd_editor.analysis.threats.threat_plans import (
+    ModelFit,
+    ThreatAim,
+    ThreatPlans,
+    threat_plans,
+)
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
@@ -328,11 +333,13 @@ def _planned(
                 int(scene.rows[attacker]),
                 scene.track(motion, sample, other),
                 aim,
-                reference_m=mine,
                 kept=tracks(near[~may_change]),
                 others=tracks(near[may_change][:_MOST_OTHERS]),
-                step_s=scene.basis.step_s,
-                fitted=lambda position: scene.fitted(attacker, position),
+                model=ModelFit(
+                    reference_m=mine,
+                    step_s=scene.basis.step_s,
+                    fitted=lambda position: scene.fitted(attacker, position),
+                ),
                 most=1,
             )
         )

@@ -11,6 +11,7 @@ from pd_editor.experiments.training.config.run_config import Augmentation
 from pd_editor.experiments.training.data import feature_preparation as scenario_dataset
 from pd_editor.experiments.training.data.augmentation import crawling_share
 from pd_editor.experiments.training.data.feature_preparation import (
+    Preparation,
     fit_basis,
     open_roots,
     prepare_features,
@@ -86,7 +87,7 @@ def test_features_are_prepared_and_read(shards, av2_copy, basis, tmp_path, monke
         tmp_path / "store",
         basis,
         workers=2,
-        augmentation=None,
+        preparation=Preparation(augmentation=None),
         on_progress=told.append,
     )
     source = open_roots([av2_copy, shards])
@@ -121,13 +122,19 @@ def test_a_stopped_preparation_goes_on(shards, basis, tmp_path, monkeypatch):
 
 
 def test_other_settings_are_refused_in_the_same_folder(shards, basis, tmp_path):
-    prepare_features([shards], tmp_path, basis, workers=1, most_per_root=3)
+    prepare_features(
+        [shards], tmp_path, basis, preparation=Preparation(most_per_root=3)
+    )
     with pytest.raises(TrainingError, match="other data or settings"):
-        prepare_features([shards], tmp_path, basis, workers=1, most_per_root=4)
+        prepare_features(
+            [shards], tmp_path, basis, preparation=Preparation(most_per_root=4)
+        )
 
 
 def test_only_some_of_each_root(shards, basis, tmp_path):
-    store = prepare_features([shards], tmp_path, basis, workers=1, most_per_root=4)
+    store = prepare_features(
+        [shards], tmp_path, basis, preparation=Preparation(most_per_root=4)
+    )
     assert len(store) == 4
     assert set(store.group) == {"drive-1", "drive-2"}
 
@@ -196,8 +203,15 @@ def test_simulated_scenes_in_which_too_many_crawl_are_left_out(
     kept = int((share <= most).sum())
     assert 0 < kept < len(source)
     flowing = Augmentation(most_crawling=most)
-    store = prepare_features([shards], tmp_path / "some", basis, augmentation=flowing)
+    store = prepare_features(
+        [shards],
+        tmp_path / "some",
+        basis,
+        preparation=Preparation(augmentation=flowing),
+    )
     assert len(store) == kept
     none = Augmentation(most_crawling=0.0)
-    store = prepare_features([av2_copy], tmp_path / "real", basis, augmentation=none)
+    store = prepare_features(
+        [av2_copy], tmp_path / "real", basis, preparation=Preparation(augmentation=none)
+    )
     assert len(store) == 3
