@@ -72,7 +72,7 @@ def samples(page: Page) -> list[Image.Image]:
 
 def guide(page: Page) -> list[Image.Image]:
     """What could happen to the ego, drawn and listed."""
-    open_tab(page, "Guide")
+    open_tab(page, "Agents")
     page.get_by_role("button", name=re.compile("What could happen")).click()
     rows = page.locator(".pd-possible-line")
     rows.first.wait_for(timeout=PATIENCE_MS)

@@ -12,7 +12,6 @@ from pd_editor.base.errors import EditError, PdEditorError, RecipeError
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.roll_out import BeginAt, begun_like
-from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, checked_base, moment
 from pd_editor.editor.variant import ExportMark, Variant, proposed_name
@@ -278,11 +277,6 @@ class EditorSession:
         """Committed commands that are not undone, the oldest first."""
         in_force = self._history.entries[: self._history.position]
         return tuple(entry.command for entry in in_force)
-
-    @property
-    def awaits_guided_run(self) -> bool:
-        """Whether a term in force was set after its agents were last generated."""
-        return bool(unrun_terms(self.scenario, self.commands_in_force))
 
     @property
     def can_undo(self) -> bool:

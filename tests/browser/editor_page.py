@@ -121,6 +121,11 @@ class EditorPage:
         self.page.get_by_role("tab", name=name, exact=True).click()
         self.page.wait_for_timeout(PAUSE_MS)
 
+    def open_folder(self, name: str) -> None:
+        """Open a part of the panel that is closed at first."""
+        self.page.get_by_text(name, exact=True).click()
+        self.page.wait_for_timeout(PAUSE_MS)
+
     def press(self, name: str) -> None:
         """Click a button by its text."""
         self.page.get_by_role("button", name=name, exact=True).first.click()

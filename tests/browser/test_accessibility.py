@@ -7,7 +7,7 @@ import pytest
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 AXE = Path(__file__).parents[2] / "client/node_modules/axe-core/axe.min.js"
-TABS = ("Scene", "Road", "Agents", "Guide", "Drive", "Study", "History", "View")
+TABS = ("Scene", "Road", "Agents", "Generate", "Study", "History", "View")
 GRAVE = ("serious", "critical")
 
 

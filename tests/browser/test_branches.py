@@ -27,7 +27,7 @@ def test_back_to_the_recording_and_another_edit_keeps_the_first(editor):
     """Undone edits were lost with the next one; now both stay and are a click apart."""
     session, page = editor.session, editor.page
     opened = session.scenario
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.press("Clear the road")
     editor.until(lambda: session.state.position == 1, "an edit")
     cleared = session.scenario

@@ -28,7 +28,7 @@ class Steered:
         self.along = velocity[self.row] / np.hypot(*velocity[self.row])
         editor.click_at(self.place[self.row])
         editor.until(lambda: self.session.selection == (self.agent_id,), "a selection")
-        editor.open_tab("Guide")
+        editor.open_tab("Agents")
 
     @property
     def guidance(self) -> tuple:
@@ -362,7 +362,7 @@ def test_a_run_tells_what_was_asked_and_achieved(steered):
     page.get_by_text("A guidance problem").first.wait_for()
     editor.until(lambda: steered.num_edits() == 3, "a run", 120)
     chip.get_by_text("not yet guided").wait_for(state="detached")
-    editor.open_tab("Guide")
+    editor.open_tab("Agents")
     row.get_by_text("Asked: 50.0 m/s").wait_for()
     table = page.get_by_role("table", name="Realism of the last run")
     table.get_by_text("Mean acceleration").wait_for()
@@ -386,7 +386,7 @@ def test_what_could_happen_is_listed_previewed_and_made_by_a_click(open_editor):
     editor = open_editor()
     editor.pause()
     editor.go_to_now()
-    editor.open_tab("Guide")
+    editor.open_tab("Agents")
     page, session = editor.page, editor.session
     page.get_by_role("button", name="What could happen to the ego?").click()
     lines = page.locator(".pd-possible-line")
@@ -406,7 +406,7 @@ def test_agents_under_arcs_are_selected_and_arcs_leave_with_their_list(open_edit
     editor = open_editor()
     editor.pause()
     editor.go_to_now()
-    editor.open_tab("Guide")
+    editor.open_tab("Agents")
     page, session = editor.page, editor.session
     ask = page.get_by_role("button", name="What could happen to")
     arcs = page.locator(".pd-guide-arc")

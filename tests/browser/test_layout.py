@@ -49,7 +49,8 @@ def collide(editor) -> None:
 def strip_beside_a_problem(editor, count: int):
     """The strip of some samples of a scene with a collision."""
     collide(editor)
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
+    editor.open_folder("Model settings")
     editor.choose("Model", "lane-follower")
     editor.set_number("Samples", count)
     editor.choose_scope("All agents")

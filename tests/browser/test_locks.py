@@ -63,7 +63,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     assert session.scenario is locked
 
     # All trajectories are regenerated, those of locked agents are not.
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.choose_scope("All agents")
     editor.run("Regenerate", "everybody but 1 locked")
     editor.until(lambda: len(session.entries) == 2, "trajectories", 120)
@@ -74,6 +74,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     assert not np.array_equal(after.agents.position_m, opened.agents.position_m)
 
     # New agents take the place of all but the locked one, focal or not.
+    editor.open_folder("More settings")
     editor.tick("Keep focal agent")
     for kind in ("Buses", "Motorcyclists", "Cyclists", "Pedestrians"):
         editor.fill(kind, 0)
@@ -116,7 +117,7 @@ def test_state_and_first_seconds_are_locked_by_menu_and_panel(editor):
     padlock(editor, "first 3 s", agent_id).wait_for()
     editor.screenshot("41_locked_beginning")
 
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     number = len(session.entries)
     editor.run("Regenerate", agent_id)
     editor.until(lambda: len(session.entries) == number + 1, "a trajectory", 120)

@@ -21,7 +21,7 @@ def editor(open_editor):
 
 def test_a_bare_road_gets_agents_and_trajectories(editor):
     session, opened = editor.session, editor.session.scenario
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.press("Clear the road")
     editor.until(lambda: len(session.scenario.agents) == 0, "a bare road")
     editor.page.wait_for_timeout(800)
@@ -65,8 +65,9 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
 @pytest.mark.slow
 def test_as_many_as_suit_the_road_on_the_road_only(editor):
     session = editor.session
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.tick("As many as fit")
+    editor.open_folder("More settings")
     editor.choose("Share that moves", "Half")
     editor.run("Resample", "everybody")
     editor.until(lambda: len(session.entries) == 1, "agents", 120)
@@ -88,7 +89,7 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
     one = session.scenario.focal_id
     editor.select((one,))
     before = session.scenario.agents
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.choose("Replace", REDRAW_SELECTION)
     editor.run("Resample", one)
     editor.until(lambda: len(session.entries) == 1, "a new state", 120)
@@ -100,7 +101,7 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
 
 
 def test_playback_goes_on_while_the_model_draws(editor):
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.set_number("Samples", 8)
     playback = editor.workspace.playback
     playback.play()

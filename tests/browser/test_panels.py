@@ -160,11 +160,10 @@ def test_several_agents_show_empty_fields_that_apply_to_all(editor):
     chosen = (agents.ids[first], agents.ids[int(other)])
     editor.open_tab("Agents")
     speed = editor.row("Speed (m/s)").locator("input").first
-    expect(speed).to_have_value("")
-    expect(speed).to_be_disabled()
-    place = editor.page.get_by_role("button", name="Delete", exact=True)
-    before = top_of(place)
+    expect(speed).to_be_hidden()
+    expect(editor.page.get_by_role("button", name="Place on road")).to_be_visible()
     select(editor, *chosen)
+    expect(editor.page.get_by_role("button", name="Place on road")).to_be_hidden()
     editor.page.get_by_text("2 agents:").wait_for()
     expect(speed).to_have_value("")
     expect(editor.row("Kind").locator("input").first).to_have_value("mixed")
@@ -175,10 +174,9 @@ def test_several_agents_show_empty_fields_that_apply_to_all(editor):
         4,
     )
     select(editor, session.scenario.focal_id)
-    button = editor.page.get_by_role("button", name="Is the focal agent")
-    expect(button).to_be_disabled()
-    # Nothing above has pushed the buttons down.
-    assert top_of(place) == pytest.approx(before, abs=0.5)
+    expect(editor.page.get_by_role("button", name="Make focal")).to_be_hidden()
+    select(editor)
+    expect(speed).to_be_hidden()
 
 
 def test_a_number_is_finished_by_enter_and_then_undone_by_its_key(editor):
@@ -345,7 +343,7 @@ def test_possible_trajectories_are_told_apart(editor):
     """(D30)"""
     session = editor.session
     select(editor, session.scenario.focal_id)
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     use = editor.page.get_by_role("button", name="Use this trajectory")
     # What chooses among them takes no room until there are some.
     expect(use).to_be_hidden()
@@ -409,8 +407,8 @@ def test_a_slider_dragged_with_a_rest_is_one_edit_and_the_tabs_stay_in_sight(edi
         " document.elementFromPoint(r.x + r.width / 2, r.y + r.height / 2)); }"
     )
     assert hit
-    page.get_by_role("tab", name="Drive", exact=True).click()
-    editor.row("Denoising steps").wait_for()
+    page.get_by_role("tab", name="Generate", exact=True).click()
+    editor.row("Replace").wait_for()
     editor.until(lambda: viewport.evaluate("e => e.scrollTop") == 0, "its top")
     page.get_by_role("tab", name="Road", exact=True).click()
     editor.until(lambda: viewport.evaluate("e => e.scrollTop") > 50, "where it was")

@@ -82,7 +82,7 @@ def test_a_click_at_once_after_the_placing_tool_places(hasty, way):
 
 def test_a_press_at_once_after_a_guidance_tool_is_the_terms(hasty):
     editor, session, page = hasty.editor, hasty.session, hasty.page
-    editor.open_tab("Guide")
+    editor.open_tab("Agents")
     hasty.keep_busy()
     hasty.tool("Add guidance", "Goal")
     page.mouse.click(*hasty.far)
@@ -103,7 +103,7 @@ def test_a_press_at_once_after_a_guidance_tool_is_the_terms(hasty):
 
 def test_a_drag_at_once_after_its_button_draws_the_region(hasty):
     editor, page = hasty.editor, hasty.page
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     button = page.get_by_role("button", name="Draw a region", exact=True)
     button.scroll_into_view_if_needed()
     hasty.keep_busy()

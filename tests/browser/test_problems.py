@@ -218,7 +218,7 @@ def test_nothing_in_a_panel_moves(editor):
     bend(editor)
     for name, after in boxes(editor).items():
         assert_still(after, still[name], f"{name}, with problems")
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.run("Regenerate", "everybody")
     editor.until(lambda: len(session.entries) == 2, "futures", 120)
     for name, after in boxes(editor).items():
@@ -246,8 +246,9 @@ def test_a_run_from_another_tab_tells_progress_and_can_be_cancelled(
             yield step
 
     monkeypatch.setattr(PathDiffuser, "generate", slowly)
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.set_number("Samples", 16)
+    editor.open_folder("Model settings")
     editor.fill("Denoising steps", 50)
     editor.open_tab("Scene")
     told = editor.run_bar.get_by_role("status", name="Last run")
@@ -403,7 +404,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
 
 def test_a_report_leaves_with_its_result(editor):
     """(D31) A report that is stale."""
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.select((editor.session.scenario.focal_id,))
     editor.run("Regenerate", editor.session.scenario.focal_id)
     editor.until(lambda: len(editor.session.entries) == 1, "a future")

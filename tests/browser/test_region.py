@@ -32,7 +32,7 @@ def near_focal(editor, dx: float, dy: float) -> np.ndarray:
 @pytest.mark.parametrize("view", ["Top view", "3-D view"])
 def test_a_region_is_drawn_cleared_and_filled(editor, view):
     session, page = editor.session, editor.page
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     if view == "Top view":
         editor.look_from_above()
     editor.press("Draw a region")
@@ -90,7 +90,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
 
 
 def test_a_region_that_is_too_small_is_refused_and_the_mode_stays(editor):
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.press("Draw a region")
     banner(editor).get_by_text("Drawing a region").wait_for()
     editor.drag(near_focal(editor, 0.0, 0.0), near_focal(editor, 4.0, 2.0))
@@ -100,7 +100,7 @@ def test_a_region_that_is_too_small_is_refused_and_the_mode_stays(editor):
 
 
 def test_a_region_outlives_a_reload(editor):
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.press("Draw a region")
     banner(editor).get_by_text("Drawing a region").wait_for()
     editor.drag(near_focal(editor, 9.0, 13.0), near_focal(editor, -4.0, -1.0))
@@ -112,6 +112,6 @@ def test_a_region_outlives_a_reload(editor):
     editor.page.get_by_role("button", name="Clear the region").click()
     editor.until(lambda: drawn_region(editor) is None, "no region")
     editor.reload()
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     assert editor.field("Where").value == "On the whole mapped road"
     assert drawn_region(editor) is None

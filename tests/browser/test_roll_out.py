@@ -15,7 +15,7 @@ def editor(open_editor):
     """A small demo at t = 0, with the tab Drive open."""
     page = open_editor(reference="roundabout")
     page.go_to_now()
-    page.open_tab("Drive")
+    page.open_tab("Generate")
     return page
 
 

@@ -11,7 +11,7 @@ from pd_editor.generation.path_diffuser import PathDiffuser
 
 pytestmark = pytest.mark.browser
 
-TABS = ("Scene", "Road", "Agents", "Guide", "Drive", "Study", "History", "View")
+TABS = ("Scene", "Road", "Agents", "Generate", "Study", "History", "View")
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_it_names_whom_a_run_is_about(editor):
     page.get_by_role("button", name="Clear the region").click()
     expect(regenerate).to_have_text("Regenerate everybody")
     menu = editor.run_bar.get_by_role("combobox", name="Agents to regenerate")
-    expect(menu).to_have_value("The selection, else all")
+    expect(menu).to_have_value("The selection, else the guided, else all")
 
 
 def test_a_run_tells_its_progress_and_result_and_is_cancelled(editor, monkeypatch):
@@ -129,7 +129,7 @@ def test_a_run_tells_its_progress_and_result_and_is_cancelled(editor, monkeypatc
     expect(editor.run_bar.get_by_role("spinbutton", name="Seed")).to_have_value("43")
 
     # A refusal is told as well, until something else is selected.
-    editor.open_tab("Drive")
+    editor.open_tab("Generate")
     editor.choose("Replace", "The selection")
     editor.select(())
     expect(button(editor, "resample")).to_have_text("Resample no agents")

@@ -12,7 +12,7 @@ def editor(open_editor):
     """The demo at t = 0, with the tab of the generator open."""
     page = open_editor()
     page.go_to_now()
-    page.open_tab("Drive")
+    page.open_tab("Generate")
     return page
 
 

@@ -29,6 +29,7 @@ from pd_editor.editor.commands import (
     TransformAgents,
 )
 from pd_editor.editor.commands.locks import apply_within_locks
+from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.editor.variant import Variant
@@ -447,21 +448,25 @@ def test_an_entry_that_is_seen_while_it_is_written_shows_its_scenario():
     assert seen[1][1] is BASE
 
 
+def awaits_run(session: EditorSession) -> bool:
+    return bool(unrun_terms(session.scenario, session.commands_in_force))
+
+
 def test_guidance_awaits_a_run_until_traffic_is_generated():
     session = session_with(shift(1.0))
-    assert not session.awaits_guided_run
+    assert not awaits_run(session)
     session.apply(AddGuidance(term=SpeedLimit(agent_ids=("100",), speed_mps=5.0)))
     session.apply(shift(0.5))
-    assert session.awaits_guided_run
+    assert awaits_run(session)
     session.apply(generated(session.scenario, "101"))
-    assert session.awaits_guided_run, "another agent's trajectory"
+    assert awaits_run(session), "another agent's trajectory"
     session.apply(generated(session.scenario, "100"))
-    assert not session.awaits_guided_run
+    assert not awaits_run(session)
     session.undo()
-    assert session.awaits_guided_run
+    assert awaits_run(session)
     session.redo()
     term = session.scenario.guidance[0]
     session.apply(ChangeGuidance(index=0, term=replace(term, speed_mps=4.0)))
-    assert session.awaits_guided_run
+    assert awaits_run(session)
     session.apply(RemoveGuidance(index=0))
-    assert not session.awaits_guided_run
+    assert not awaits_run(session)

@@ -107,6 +107,16 @@ class FakeTab:
         (handle,) = self.inputs()[label]
         return handle
 
+    def offers(self, label: str) -> bool:
+        """Whether the one input of a label is seen in its tab, in open and closed parts."""
+        handle = self.field(label)
+        boxes = self.ui.client.gui._container_handle_from_uuid
+        while handle is not None and getattr(handle, "visible", True):
+            handle = boxes.get(getattr(handle._impl, "parent_container_id", ""))
+            if not hasattr(handle, "_impl"):
+                return True
+        return handle is None
+
     def type(self, label: str, value: Any) -> None:
         """Give the input of a label a value as the page does."""
         self.enter(self.field(label), value)

@@ -17,7 +17,7 @@ from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import AddGuidance, SetRoadWarp, traffic_command
 from pd_editor.editor.commands.locks import apply_within_locks
-from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.editor.edit_findings import edit_findings, unrun_terms
 from pd_editor.editor.library.index_table import index_csv
 from pd_editor.editor.scenario_store import exported_files, made_by
 from pd_editor.scene.av2_io.upload import scenario_from_upload
@@ -110,7 +110,8 @@ def contradictions(tab: FakeTab) -> list[str]:
         told = re.search(rf"(\d+) guidance {words}", preflight)
         same(words, int(told[1]) if told else 0, by_kind[f"guidance-not-{kind}"])
     unrun = [one for one in new + keys["ignored"] if one[0] == "guidance-not-run"]
-    same("awaits a run", bool(unrun), session.awaits_guided_run)
+    awaiting = unrun_terms(scenario, session.commands_in_force)
+    same("awaits a run", bool(unrun), bool(awaiting))
 
     marks = [one for one in tab.shown("timeline")["marks"] if one["kind"] == "problem"]
     step_s = scenario.time_axis.step_s

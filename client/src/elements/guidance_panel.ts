@@ -72,7 +72,7 @@ define("guidance_panel", (api) => {
   // The list and its arcs are of this tab.
   listen(window, "click", (event) => {
     const tab = within(event, TAB);
-    if (tab && tab.textContent.trim() !== "Guide" && state?.encounters.isOpen) send({ kind: "leave" });
+    if (tab && tab.textContent.trim() !== "Agents" && state?.encounters.isOpen) send({ kind: "leave" });
   });
 
   function showPossible({ encounters }: GuidancePanelState) {

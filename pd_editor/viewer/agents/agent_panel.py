@@ -1,4 +1,4 @@
-"""The agent panel: numbers of the selection, and what to do with it."""
+"""The inspector of agents: numbers of the selection, and what to do with it."""
 
 import math
 from collections import Counter
@@ -34,6 +34,11 @@ from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 MIXED: Final = "mixed"
+EDIT: Final = "Edit"
+SNAP: Final = "Snap to lane"
+DUPLICATE: Final = "Duplicate"
+MAKE_FOCAL: Final = "Make focal"
+DELETE: Final = "Delete"
 PLACE: Final = "Place on road"
 STOP_PLACING: Final = "Stop placing"
 ACTIVITIES: Final = {one.in_words: one for one in Activity}
@@ -50,7 +55,7 @@ _OWN_GESTURE: Final = "agent panel:"
 
 
 class AgentPanel:
-    """Numbers, kind and actions of the selected agents, and placing new ones."""
+    """Numbers, kind and actions of the selected agents; without one, placing new ones."""
 
     def __init__(self, ui: UiContext, placing: PlacingMode) -> None:
         """Build it into the current tab."""
@@ -58,34 +63,33 @@ class AgentPanel:
         self._model = ui.model
         self._placing = placing
         gui = ui.client.gui
-        self._list = gui.add_button(
-            "Agent list", icon=viser.Icon.LIST_SEARCH, color="gray", hint="Ctrl+F"
-        )
         self._summary = FixedText(gui, 3)
-        self._kind = gui.add_dropdown("Kind", KINDS)
-        self._speed = gui.add_number("Speed (m/s)", 0.0, step=0.1)
-        self._activity = gui.add_dropdown(
-            "Activity",
-            tuple(ACTIVITIES),
-            hint="Read by the model: fewer parked agents start",
-        )
-        self._heading = gui.add_number(
-            "Heading (deg)", 0.0, step=1.0, hint="Shown within half a turn: 400 is 40"
-        )
-        self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
-        self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
+        self._state = gui.add_folder("State at t = 0")
+        with self._state:
+            self._kind = gui.add_dropdown("Kind", KINDS)
+            self._speed = gui.add_number("Speed (m/s)", 0.0, step=0.1)
+            self._activity = gui.add_dropdown(
+                "Activity",
+                tuple(ACTIVITIES),
+                hint="Read by the model: fewer parked agents start",
+            )
+            self._heading = gui.add_number(
+                "Heading (deg)",
+                0.0,
+                step=1.0,
+                hint="Shown within half a turn: 400 is 40",
+            )
+            self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
+            self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
         self._heading.precision = 1
         for handle in (self._speed, self._position, self._size):
             handle.precision = 2
-        self._size_note = FixedText(gui, 2)
         self.locks = LockControls(ui)
-        self._actions = {
-            "Snap to lane": gui.add_button("Snap to lane", color="gray"),
-            "Duplicate": gui.add_button("Duplicate", color="gray", hint="Ctrl+D"),
-            "Make focal": gui.add_button("Make focal", color="gray"),
-            "Delete": gui.add_button("Delete", color="red", hint="Delete"),
-        }
-        with gui.add_folder("Place an agent"):
+        self._acts = gui.add_button_group(
+            EDIT, (SNAP, DUPLICATE, MAKE_FOCAL, DELETE), hint="Keys: Shift+L, Ctrl+D"
+        )
+        self._place_folder = gui.add_folder("Place an agent")
+        with self._place_folder:
             self._new_kind = gui.add_dropdown("New agent", KINDS)
             self._back_cast = gui.add_checkbox(
                 WITH_PAST,
@@ -99,18 +103,17 @@ class AgentPanel:
 
     def _listen(self) -> None:
         ui = self._ui
-        for name, action, failure in (
-            ("Snap to lane", self.snap, "Not snapped to a lane"),
-            ("Duplicate", self.duplicate, "Not duplicated"),
-            ("Make focal", self.make_focal, "Focal agent not changed"),
-            ("Delete", self.delete, "Not deleted"),
-        ):
-            ui.on_click(self._actions[name], action, failure=failure)
+        acts = {
+            SNAP: self.snap,
+            DUPLICATE: self.duplicate,
+            MAKE_FOCAL: self.make_focal,
+            DELETE: self.delete,
+        }
+        ui.on_option(self._acts, lambda name: acts[name]())
         ui.on_click(self._place, self._placing.toggle)
         ui.on_change(self._new_kind, lambda kind: self._placing.choose(AgentKind(kind)))
         ui.on_change(self._back_cast, self._set_with_past)
         self._placing.changed.subscribe(self._show_placing)
-        ui.on_click(self._list, lambda: self._model.toggle_drawer("agents"))
         self._model.shown.subscribe(self.show)
         self._model.checked.subscribe(self.show)
         ui.on_change(self._kind, self._set_kind)
@@ -128,26 +131,16 @@ class AgentPanel:
         rows = agents.rows(selection)
         is_there = bool(len(rows)) and bool(agents.is_valid[rows, step].all())
         self._summary.show(*summary(scenario, rows), *stale_in_words(selection, stale))
-        for handle in (
-            self._kind,
-            self._activity,
-            self._speed,
-            self._heading,
-            self._size,
-        ):
-            set_property(handle, "disabled", not is_there)
-        set_property(self._position, "disabled", not (is_there and len(rows) == 1))
-        for button in self._actions.values():
-            set_property(button, "disabled", not len(rows))
-        is_focal = selection == (scenario.focal_id,)
-        make_focal = self._actions["Make focal"]
-        set_property(make_focal, "disabled", len(rows) != 1 or is_focal)
-        set_property(
-            make_focal, "label", "Is the focal agent" if is_focal else "Make focal"
-        )
+        set_property(self._state, "visible", is_there)
+        set_property(self._position, "visible", len(rows) == 1)
+        may_be_focal = len(rows) == 1 and selection != (scenario.focal_id,)
+        acts = [SNAP, DUPLICATE] * is_there + [MAKE_FOCAL] * may_be_focal + [DELETE]
+        set_property(self._acts, "options", tuple(acts))
+        set_property(self._acts, "visible", bool(len(rows)))
         is_assumed = is_there and not agents.has_known_size[rows].all()
-        self._size_note.show("", SIZE_NOTE if is_assumed else "")
+        set_property(self._size, "hint", SIZE_NOTE if is_assumed else None)
         self.locks.show(scenario, selection)
+        self._show_placing()
         if not (self._ui.gesture or "").startswith(_OWN_GESTURE):
             self._show_numbers(scenario, rows if is_there else rows[:0])
 
@@ -202,6 +195,8 @@ class AgentPanel:
 
     def _show_placing(self) -> None:
         is_active = self._placing.is_active
+        is_shown = is_active or not self._ui.session.selection
+        set_property(self._place_folder, "visible", is_shown)
         set_property(self._place, "label", STOP_PLACING if is_active else PLACE)
         set_property(self._place, "color", "orange" if is_active else None)
         set_value(self._new_kind, str(self._placing.kind))

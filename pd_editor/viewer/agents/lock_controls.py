@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Final
 
-import viser
-
 from pd_editor.base.errors import EditError, LockedAgentError
 from pd_editor.editor.commands import SetLocks
 from pd_editor.scene.locks import MAX_KEPT_S, STATE_LOCK, TRAJECTORY_LOCK, Lock
@@ -26,7 +24,7 @@ _FIXED: Final[Mapping[str, Lock | None]] = {
 
 
 class LockControls:
-    """What is locked of the selection, a padlock button, and the offer to unlock."""
+    """What is locked of the selection, and the offer to unlock."""
 
     def __init__(self, ui: UiContext) -> None:
         """Build them into the tab; the banner offers to unlock after a refusal."""
@@ -37,7 +35,7 @@ class LockControls:
         self._kept = gui.add_dropdown(
             "Lock",
             _options(),
-            hint="What is kept when traffic is generated, repaired or edited",
+            hint="What is kept when traffic is generated, repaired or edited (Shift+K)",
         )
         self._seconds = gui.add_number(
             "Locked seconds",
@@ -48,11 +46,7 @@ class LockControls:
             hint="Of 'First seconds': from t = 0",
         )
         self._seconds.precision = 1
-        self._button = gui.add_button(
-            "Lock", icon=viser.Icon.LOCK, color="gray", hint="Shift+K"
-        )
         failure = "Lock not changed"
-        ui.on_click(self._button, self.toggle, failure=failure)
         ui.on_change(self._kept, self._choose, failure=failure)
         ui.on_change(
             self._seconds, self._set_seconds, merge_key="lock", failure=failure
@@ -98,16 +92,11 @@ class LockControls:
             self._kept.options = options
         option = MIXED if len(shown) > 1 else next(iter(shown), NOT_LOCKED)
         set_value(self._kept, option)
-        for handle in (self._kept, self._button):
-            set_property(handle, "disabled", not selection)
-        set_property(self._seconds, "disabled", option != BEGINNING)
+        set_property(self._kept, "visible", bool(selection))
+        set_property(self._seconds, "visible", option == BEGINNING)
         seconds = {lock.kept_s for lock in found if lock is not None}
         if option == BEGINNING and len(seconds) == 1:
             set_value(self._seconds, seconds.pop())
-        is_locked = bool(selection) and None not in found
-        set_property(self._button, "label", "Unlock" if is_locked else "Lock")
-        icon = viser.Icon.LOCK_OPEN if is_locked else viser.Icon.LOCK
-        set_property(self._button, "icon", icon)
 
     def withdraw(self) -> bool:
         """Remove the offer to unlock; returns whether there was one."""

@@ -96,4 +96,3 @@ class SidePanel:
         elif kind == "tab" and isinstance(title, str):
             workspace = self._ui.workspace
             workspace.view = replace(workspace.view, panel_tab=title[:MAX_TITLE])
-            self._ui.model.tab_opened.emit()

@@ -36,7 +36,6 @@ from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.study.study_panel import StudyPanel
 from pd_editor.viewer.tab.panel_style import PanelStyle
-from pd_editor.viewer.tab.tab_model import GUIDE
 from pd_editor.viewer.tab.ui_context import UiContext
 
 
@@ -99,14 +98,13 @@ class TabElements:
             with gui.add_folder("Signals"):
                 SignalsPanel(ui)
         with tabs.add_tab(AGENTS):
-            self.agent = AgentPanel(ui, self.placing)
-        with tabs.add_tab(GUIDE):
             steering = self.steering
+            self.agent = AgentPanel(ui, self.placing)
             self.guidance = GuidancePanel(
                 ui, steering.mode, steering.notes, steering.encounters
             )
-        with tabs.add_tab("Drive"):
-            self.candidates = CandidatesPanel(ui, self.steering.mode)
+            self.candidates = CandidatesPanel(ui, steering.mode)
+        with tabs.add_tab("Generate"):
             self.generation = GenerationPanel(ui, generators, self.region, self.samples)
         with tabs.add_tab("Study"):
             self.study = StudyPanel(ui, generators.offers)

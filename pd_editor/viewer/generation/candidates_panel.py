@@ -46,8 +46,9 @@ class CandidatesPanel:
         self._collisions: tuple[PathCollision | None, ...] = ()
         self._pointed: int | None = None
         gui = ui.client.gui
-        with gui.add_folder("Possible trajectories"):
-            self._show = gui.add_button(SHOW, color="gray", hint="G")
+        self._show = gui.add_button(SHOW, color="gray", hint="G")
+        self._folder = gui.add_folder("Possible trajectories")
+        with self._folder:
             self._choice: viser.GuiDropdownHandle[str] = gui.add_dropdown(
                 "Trajectory", _NO_CHOICE
             )
@@ -79,11 +80,10 @@ class CandidatesPanel:
     def show(self) -> None:
         """Follow the session: hide the fan of an agent that changed or was removed."""
         scenario, selection = self._ui.session.scenario, self._ui.session.selection
-        set_property(self._show, "disabled", len(selection) != 1)
+        set_property(self._show, "visible", len(selection) == 1)
         set_property(self._legend, "content", _legend(self._model.palette))
         if self._agent_id is None:
-            self._note.show("", "" if len(selection) == 1 else SELECT_ONE)
-            self._set_shown(False)
+            set_property(self._folder, "visible", False)
             return
         if selection != (self._agent_id,):
             self.hide_candidates()
@@ -111,8 +111,7 @@ class CandidatesPanel:
         self._show_fan(None)
         set_property(self._show, "label", SHOW)
         self._offer((NO_CANDIDATE,))
-        self._set_shown(False)
-        self._note.show()
+        set_property(self._folder, "visible", False)
 
     def point_at(self, point_m: np.ndarray | None) -> bool:
         """Highlight the candidate under the pointer; whether there is one."""
@@ -150,7 +149,7 @@ class CandidatesPanel:
         )
         self._show_fan(found)
         self._offer((NO_CANDIDATE, *candidate_labels(found, scenario)))
-        self._set_shown(True)
+        set_property(self._folder, "visible", True)
         set_property(self._show, "label", HIDE)
         self._highlight()
 
@@ -180,11 +179,6 @@ class CandidatesPanel:
 
     def _follow_theme(self) -> None:
         self.view.set_palette(self._model.palette)
-
-    def _set_shown(self, is_shown: bool) -> None:
-        """Offer what chooses among trajectories only while these are shown."""
-        for handle in (self._choice, self._legend, self._adopt, self._guide):
-            set_property(handle, "visible", is_shown)
 
     def _offer(self, options: tuple[str, ...]) -> None:
         if tuple(self._choice.options) != options:

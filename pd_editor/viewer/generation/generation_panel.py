@@ -80,6 +80,8 @@ MOVING_SHARES: Final[Mapping[str, float | None]] = {
     "All": 1.0,
 }
 QUALITIES: Final[Mapping[str, Quality]] = {"Fast": "fast", "High, slower": "high"}
+MODEL_SETTINGS: Final = "Model settings"
+RESAMPLING_SETTINGS: Final = "More settings"
 MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
 NUM_LIVE_STEPS: Final = 3
@@ -107,7 +109,48 @@ class GenerationPanel:
         self._drawing = drawing
         self._counted: Scenario | None = None
         gui = ui.client.gui
-        with gui.add_folder("Generator"):
+        self._build_resample(gui)
+        with gui.add_folder("Regenerate trajectories"):
+            self._kinds = gui.add_dropdown(
+                "Only kinds",
+                (ALL_KINDS, *KIND_LABELS.values()),
+                hint="Of the agents that are regenerated, resampled or replaced",
+            )
+            self.live_switch = LiveSwitch(ui)
+        self.closed_loop = RollOutPanel(ui, self._roll_out)
+        self._build_model(gui, catalogue)
+        self.result = GenerationRun(ui, strip)
+        self.bar = RunBar(
+            ui,
+            {
+                "regenerate": self.regenerate,
+                "resample": self.resample,
+                "cancel": self.cancel,
+                "use": self.result.use_result,
+                "scope": self._scope_chosen,
+            },
+        )
+        ui.on_change(self._model, lambda _name: self._model_chosen())
+        ui.on_change(self._kinds, lambda _value: self._show_counts())
+        self._live = LiveRegeneration(
+            ui.session,
+            ui.post,
+            self._live_requests,
+            on_change=self._run_changed,
+            on_end=ui.gesture_was_committed,
+            on_result=self.result.tell_reaction,
+            on_error=self._live_failed,
+        )
+        ui.live = self._live
+        self._settings = self._kept_settings()
+        self._restore()
+        self.live_switch.switched.subscribe(self._live_switched)
+        self.result.changed.subscribe(self._run_changed)
+        self._tab.run_requested.subscribe(self.regenerate_agents)
+        self._tab.shown.subscribe(self.show)
+
+    def _build_model(self, gui: viser.GuiApi, catalogue: GeneratorCatalogue) -> None:
+        with gui.add_folder(MODEL_SETTINGS, expand_by_default=False):
             self._model = gui.add_dropdown("Model", tuple(catalogue.offers))
             self._origin = gui.add_markdown("")
             self._unusable = [
@@ -142,72 +185,11 @@ class GenerationPanel:
                 True,
                 hint="Agents that would still collide yield",
             )
-        with gui.add_folder("Regenerate trajectories"):
-            self._kinds = gui.add_dropdown(
-                "Only kinds",
-                (ALL_KINDS, *KIND_LABELS.values()),
-                hint="Of the agents that are regenerated, resampled or replaced",
-            )
-            self.live_switch = LiveSwitch(ui)
-        self.closed_loop = RollOutPanel(ui, self._roll_out)
-        self._build_resample(gui)
-        self.result = GenerationRun(ui, strip)
-        self.bar = RunBar(
-            ui,
-            {
-                "regenerate": self.regenerate,
-                "resample": self.resample,
-                "cancel": self.cancel,
-                "use": self.result.use_result,
-                "scope": self._scope_chosen,
-            },
-        )
-        ui.on_change(self._model, lambda _name: self._model_chosen())
-        self._live = LiveRegeneration(
-            ui.session,
-            ui.post,
-            self._live_requests,
-            on_change=self._run_changed,
-            on_end=ui.gesture_was_committed,
-            on_result=self.result.tell_reaction,
-            on_error=self._live_failed,
-        )
-        ui.live = self._live
-        self._settings = self._kept_settings()
-        self._restore()
-        self.live_switch.switched.subscribe(self._live_switched)
-        self.result.changed.subscribe(self._run_changed)
-        self._tab.run_requested.subscribe(self.regenerate_agents)
-        self._tab.shown.subscribe(self.show)
-        self._tab.tab_opened.subscribe(self._show_bar)
 
     def _build_resample(self, gui: viser.GuiApi) -> None:
-        self._resample_folder = gui.add_folder("Resample agents")
-        with self._resample_folder:
+        with gui.add_folder("Resample agents"):
             self._which = gui.add_dropdown(
                 "Replace", (REPLACE_ALL, REDRAW_SELECTION, ADD_AGENTS)
-            )
-            self._fits = gui.add_checkbox(
-                "As many as fit", False, hint="The model chooses how many suit the road"
-            )
-            self._counts = {
-                kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
-                for kind, label in KIND_LABELS.items()
-            }
-            self._moving = gui.add_dropdown(
-                "Share that moves", tuple(MOVING_SHARES), hint="Of the agents placed"
-            )
-            self._only_on_road = gui.add_checkbox(
-                "Only on the road", True, hint="No parked cars far from lanes"
-            )
-            self._back_casts = gui.add_checkbox(
-                WITH_PAST, True, hint="Loaders look for agents in the past"
-            )
-            self._keeps_focal = gui.add_checkbox(
-                "Keep focal agent", True, hint="With its recorded motion"
-            )
-            self._keeps_ego = gui.add_checkbox(
-                "Keep ego", True, hint="With its recorded motion"
             )
             self._where = gui.add_dropdown(
                 "Where",
@@ -217,16 +199,40 @@ class GenerationPanel:
             self._draw_region = gui.add_button(
                 DRAW_REGION, icon=viser.Icon.MARQUEE_2, color="gray", hint="Esc ends it"
             )
-            self._quality = gui.add_dropdown(
-                "Quality", tuple(QUALITIES), hint="Of the agents placed"
+            self._fits = gui.add_checkbox(
+                "As many as fit", False, hint="The model chooses how many suit the road"
             )
-            clear = gui.add_button("Clear the road", color="gray")
+            self._counts = {
+                kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
+                for kind, label in KIND_LABELS.items()
+            }
+            with gui.add_folder(RESAMPLING_SETTINGS, expand_by_default=False):
+                self._moving = gui.add_dropdown(
+                    "Share that moves",
+                    tuple(MOVING_SHARES),
+                    hint="Of the agents placed",
+                )
+                self._only_on_road = gui.add_checkbox(
+                    "Only on the road", True, hint="No parked cars far from lanes"
+                )
+                self._back_casts = gui.add_checkbox(
+                    WITH_PAST, True, hint="Loaders look for agents in the past"
+                )
+                self._keeps_focal = gui.add_checkbox(
+                    "Keep focal agent", True, hint="With its recorded motion"
+                )
+                self._keeps_ego = gui.add_checkbox(
+                    "Keep ego", True, hint="With its recorded motion"
+                )
+                self._quality = gui.add_dropdown(
+                    "Quality", tuple(QUALITIES), hint="Of the agents placed"
+                )
+                clear = gui.add_button("Clear the road", color="gray")
         self._ui.on_click(self._draw_region, self._drawing.toggle)
         self._ui.on_change(self._where, lambda _value: self._where_chosen())
         self._drawing.changed.subscribe(self._region_changed)
         self._ui.on_click(clear, lambda: self._ui.apply(RemoveAllAgents()))
         self._ui.on_change(self._which, self._which_chosen)
-        self._ui.on_change(self._kinds, lambda _value: self._show_counts())
         for handle in (self._fits, self._keeps_focal, self._keeps_ego):
             self._ui.on_change(handle, lambda _value: self._show_counts())
 
@@ -334,16 +340,11 @@ class GenerationPanel:
         return words + (" (locked)" if is_one else f" but {kept} locked") * bool(kept)
 
     def _chosen_ids(self) -> tuple[str, ...] | None:
-        """The selection, or the guided agents, where they are regenerated; None for all.
-
-        Guidance that no run has followed yet is what a run is for, as in the tab Guide.
-        """
+        """The selection, else the guided agents, if the bar says so; None for all."""
         session = self._ui.session
         if self.bar.scope != SCOPE_USUAL:
             return None
-        if self._tab.is_guiding or session.awaits_guided_run:
-            return steered_agent_ids(session.scenario, session.selection)
-        return session.selection or None
+        return steered_agent_ids(session.scenario, session.selection)
 
     def close(self) -> None:
         """Stop a running generation, and keep the settings for the page that comes."""
@@ -622,7 +623,7 @@ class GenerationPanel:
             )
         count = len(found)
         title = "A guidance problem" if count == 1 else f"{count} guidance problems"
-        more = "" if count == 1 else " The tab Guide lists the others."
+        more = "" if count == 1 else " The tab Agents lists the others."
         self._ui.notify(title, f"{found[0].message}{more}", "warning")
 
     def _guidance_settings(self, offer: GeneratorSpec) -> tuple[GuidanceSetting, ...]:
@@ -719,7 +720,8 @@ class GenerationPanel:
         takes_counts = "new-agents" in supports and which != REDRAW_SELECTION
         set_property(self._fits, "disabled", not takes_counts)
         for count in self._counts.values():
-            set_property(count, "disabled", not takes_counts or self._fits.value)
+            set_property(count, "disabled", not takes_counts)
+            set_property(count, "visible", not self._fits.value)
         if which == REPLACE_ALL:
             self._count_present(self._ui.session.scenario)
         self._show_bar()

@@ -7,7 +7,7 @@ from pd_editor.viewer.overlay.messages import RunBarState, RunVerb, Tone
 from pd_editor.viewer.tab.tab_model import RunState
 from pd_editor.viewer.tab.ui_context import UiContext
 
-SCOPE_USUAL: Final = "The selection, else all"
+SCOPE_USUAL: Final = "The selection, else the guided, else all"
 SCOPE_ALL: Final = "All agents"
 IN_REGION: Final = "In the region I draw"
 SCOPES: Final = (SCOPE_USUAL, SCOPE_ALL, IN_REGION)

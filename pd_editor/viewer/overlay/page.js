@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (fbb803bde94fbd1c); not to be edited. */
+/* Built by .ci/client.py from client/ (c65b2e5de3c8420e); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1383,7 +1383,7 @@
     }
     listen(window, "click", (event) => {
       const tab = within(event, TAB);
-      if (tab && tab.textContent.trim() !== "Guide" && state?.encounters.isOpen) send2({ kind: "leave" });
+      if (tab && tab.textContent.trim() !== "Agents" && state?.encounters.isOpen) send2({ kind: "leave" });
     });
     function showPossible({ encounters }) {
       const { label, isEnabled, isOpen, about: told, items } = encounters;

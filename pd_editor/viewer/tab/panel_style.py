@@ -258,7 +258,7 @@ class FixedText:
             f'<div title="{hint}" style="height:{self._num_lines * LINE_PX}px;'
             f"overflow:hidden;display:-webkit-box;-webkit-box-orient:vertical;"
             f"-webkit-line-clamp:{self._num_lines};"
-            f"margin:0 0.75em 0.5em;font-size:13.5px;line-height:{LINE_PX}px;"
+            f"margin:0 0.75em 0.5em;font-size:13px;line-height:{LINE_PX}px;"
             f'overflow-wrap:anywhere">{"<br>".join(parts)}</div>',
         )
 

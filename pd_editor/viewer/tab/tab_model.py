@@ -1,7 +1,7 @@
 """Observable model of a browser tab: what it shows beside its session."""
 
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from pd_editor.viewer.state.finding_watch import FindingWatch
 from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.state.workspace import Workspace
 
-GUIDE: Final = "Guide"
-"""Title of the tab in which runs are about the guided agents."""
 Drawer = Literal["agents", "scorecard"]
 
 
@@ -80,7 +78,6 @@ class TabModel:
         self.drawer: Drawer | None = None
         """What is open over the picture's left side."""
         self.drawer_changed = Signal[()]()
-        self.tab_opened = Signal[()]()
         self.agent_clicked = Signal[()]()
         """A click on the picture has selected an agent."""
         self.agent_picked = Signal[str]()
@@ -125,11 +122,6 @@ class TabModel:
     def is_running(self) -> bool:
         """Whether a generation is running."""
         return self.run is not None and self.run.fraction is not None
-
-    @property
-    def is_guiding(self) -> bool:
-        """Whether the tab Guide is open."""
-        return self._workspace.view.panel_tab == GUIDE
 
     def warned_at(self, step: float) -> frozenset[str]:
         """Agents with a new problem or a marked finding at a step."""

@@ -1,6 +1,7 @@
 """The agent panel: what one, several and no selected agents show."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,9 +10,17 @@ from pd_editor.editor.commands import (
     SetAgentPosition,
     SetAgentSpeed,
 )
+from pd_editor.editor.session import EditorSession
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.agents.agent_panel import MIXED, SIZE_NOTE
+from pd_editor.viewer.agents.agent_panel import (
+    DELETE,
+    DUPLICATE,
+    EDIT,
+    MAKE_FOCAL,
+    MIXED,
+    SIZE_NOTE,
+)
 from tests.viewer.fake_browser import FakeTab, until
 
 
@@ -62,21 +71,47 @@ def test_activities_are_shown_and_set(tab: FakeTab):
     assert tab.field("Activity").value == "moving"
 
 
-def test_without_a_selection_fields_are_empty_and_off(tab: FakeTab):
-    """(D32)"""
+OF_AGENTS = ("Kind", "Speed (m/s)", "Heading (deg)", "Length, width (m)")
+
+
+def test_what_is_selected_is_what_is_shown(tab: FakeTab):
+    """(Greyed fields of no agent filled the panel.)"""
     ids = tab.session.scenario.agents.ids
     select(tab, ids[0])
     assert tab.field("Kind").value == "vehicle"
-    assert SIZE_NOTE in tab.text()
+    assert tab.field("Length, width (m)").hint == SIZE_NOTE
+    assert all(map(tab.offers, (*OF_AGENTS, "Position (m)", "Lock", EDIT)))
+    assert not tab.offers("Place on road")
+    select(tab, *ids)
+    assert all(map(tab.offers, (*OF_AGENTS, "Lock", EDIT)))
+    assert not tab.offers("Position (m)")
     select(tab)
-    assert tab.field("Kind").value == ""
-    assert tab.field("Kind").disabled
-    assert math.isnan(tab.field("Speed (m/s)").value)
-    assert tab.field("Speed (m/s)").disabled
     assert "Nothing is selected." in tab.text()
-    actions = ("Snap to lane", "Duplicate", "Make focal", "Delete")
-    assert all(tab.field(label).disabled for label in actions)
-    assert SIZE_NOTE not in tab.text()
+    assert not any(map(tab.offers, (*OF_AGENTS, "Position (m)", "Lock", EDIT)))
+    assert tab.offers("Place on road")
+
+
+def test_placing_is_offered_until_it_ends_whatever_is_selected(tab: FakeTab):
+    tab.press("Place on road")
+    select(tab, tab.session.scenario.agents.ids[0])
+    assert tab.offers("Stop placing")
+    tab.press("Stop placing")
+    assert not tab.offers("Place on road")
+
+
+def test_of_an_agent_that_is_not_there_now_no_numbers_are_offered(tab: FakeTab):
+    scenario = tab.session.scenario
+    gone = scenario.agents.is_valid.copy()
+    gone[0, scenario.current_step :] = False
+    agents = replace(scenario.agents, is_valid=gone)
+    other = EditorSession(replace(scenario, agents=agents))
+    tab.run(lambda: tab.session.exchange(other))
+    select(tab, scenario.agents.ids[0])
+    assert "has left by t = 0" in tab.text().lower()
+    assert not any(map(tab.offers, OF_AGENTS))
+    assert tab.offers("Lock")
+    assert DUPLICATE not in tab.field(EDIT).options
+    assert DELETE in tab.field(EDIT).options
 
 
 def test_a_trajectory_that_no_longer_fits_is_told(tab: FakeTab):
@@ -122,12 +157,12 @@ def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: Fa
 def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
     scenario = tab.session.scenario
     select(tab, scenario.focal_id)
-    button = tab.field("Is the focal agent")
-    assert button.disabled
+    assert MAKE_FOCAL not in tab.field(EDIT).options
     assert "Focal agent, exists the whole 11 s" in tab.text()
     other = next(name for name in scenario.agents.ids if name != scenario.focal_id)
     select(tab, other)
-    assert (button.disabled, button.label) == (False, "Make focal")
+    tab.type(EDIT, MAKE_FOCAL)
+    assert tab.session.scenario.focal_id == other
 
 
 def test_a_speed_that_no_agent_has_is_refused_not_replaced(tab: FakeTab):

@@ -299,7 +299,7 @@ def test_a_regeneration_carries_the_terms_of_the_scenario(tab: FakeTab, monkeypa
     everybody = drivable_agent_ids(tab.session.scenario)
     assert requests[-1].agent_ids == everybody
     assert len(everybody) > 1
-    tab.hear("run", kind="scope", value="The selection, else all")
+    tab.hear("run", kind="scope", value="The selection, else the guided, else all")
     assert target(tab) == agent_id
     heard(tab, kind="remove", index=0)
     assert target(tab) == "everybody"
