@@ -4,7 +4,7 @@
 // returns update(state). States come from Python (Overlay.show), events go back by api.send
 // (Overlay.on). Elements never take pointer events except where they are .pd-solid.
 import { type Camera, camera, canvas, ground, project, sendValue } from "./bridge.ts";
-import { make } from "./dom.ts";
+import { hasModifier, isTyping, make } from "./dom.ts";
 import type { Pixel } from "./geometry.ts";
 import type { Events, States } from "./messages.ts";
 
@@ -142,6 +142,16 @@ export function followPress<Held extends { id: number }>(
     if (event.key !== "Escape" || !held()) return;
     take(event);
     giveUp();
+  });
+}
+
+/** Hear a digit of 1 to so many before viser's hot keys, which may mean something else. */
+export function onDigit(count: () => number, choose: (digit: number) => void): void {
+  hearFirst("keydown", (event) => {
+    const digit = Number(event.key);
+    if (hasModifier(event) || isTyping(event) || !Number.isInteger(digit) || digit < 1 || digit > count()) return;
+    take(event);
+    choose(digit);
   });
 }
 

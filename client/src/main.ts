@@ -2,6 +2,7 @@
 import "./elements/order.ts";
 import "./elements/agents.ts";
 import "./elements/banner.ts";
+import "./elements/bending.ts";
 import "./elements/compare.ts";
 import "./elements/compass.ts";
 import "./elements/connection.ts";

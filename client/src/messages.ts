@@ -206,6 +206,17 @@ export interface PlacingEvent {
   readonly number?: number;
 }
 
+export interface BendingState {
+  readonly isActive: boolean;
+  readonly numKinds: number;
+}
+
+export interface BendingEvent {
+  readonly kind: "cancel" | "end" | "grab" | "kind" | "pull";
+  readonly point?: [number, number] | null;
+  readonly number?: number;
+}
+
 export interface RegionState {
   readonly isActive: boolean;
   readonly leastM: number;
@@ -231,7 +242,7 @@ export interface MapWindowEvent {
 }
 
 export interface Tool {
-  readonly icon: "3d" | "agents" | "compare" | "fit" | "frame" | "help" | "live" | "measure" | "place" | "redo" | "scorecard" | "top" | "undo";
+  readonly icon: "3d" | "agents" | "bend" | "compare" | "fit" | "follow-path" | "frame" | "goal-point" | "help" | "live" | "measure" | "place" | "redo" | "scorecard" | "select" | "stop-at-line" | "top" | "undo";
   readonly hint: string;
   readonly isActive: boolean;
   readonly isEnabled: boolean;
@@ -245,7 +256,7 @@ export interface ToolbarState {
 
 export interface ToolbarEvent {
   readonly kind: "press" | "release";
-  readonly icon: "3d" | "agents" | "compare" | "fit" | "frame" | "help" | "live" | "measure" | "place" | "redo" | "scorecard" | "top" | "undo";
+  readonly icon: "3d" | "agents" | "bend" | "compare" | "fit" | "follow-path" | "frame" | "goal-point" | "help" | "live" | "measure" | "place" | "redo" | "scorecard" | "select" | "stop-at-line" | "top" | "undo";
 }
 
 export interface TimelineMark {
@@ -687,6 +698,7 @@ export interface States {
   readonly "locks": LocksState;
   readonly "measure": MeasureState;
   readonly "placing": PlacingState;
+  readonly "bending": BendingState;
   readonly "region": RegionState;
   readonly "mapWindow": MapWindowState;
   readonly "toolbar": ToolbarState;
@@ -721,6 +733,7 @@ export interface Events {
   readonly "compare": CompareEvent;
   readonly "menu": MenuEvent;
   readonly "placing": PlacingEvent;
+  readonly "bending": BendingEvent;
   readonly "region": RegionEvent;
   readonly "mapWindow": MapWindowEvent;
   readonly "toolbar": ToolbarEvent;

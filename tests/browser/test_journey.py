@@ -83,7 +83,7 @@ def test_from_demo_to_export(editor):
         "a new speed",
     )
 
-    editor.open_tab("Generate")
+    editor.open_tab("Agents")
     editor.press("Show possible trajectories")
     editor.until(
         lambda: editor.tab().elements.candidates.view.shown is not None, "the fan"
@@ -113,7 +113,7 @@ def test_a_candidate_clicked_on_the_road_is_adopted(editor):
     session, focal = editor.session, editor.session.scenario.focal_id
     row = session.scenario.agents.row_of[focal]
     editor.click_at(roof(editor, focal))
-    editor.open_tab("Generate")
+    editor.open_tab("Agents")
     editor.press("Show possible trajectories")
     fan = editor.until(lambda: editor.tab().elements.candidates.view.shown, "the fan")
     agents = session.scenario.agents
@@ -134,7 +134,7 @@ def test_a_candidate_chosen_in_the_list_is_adopted(editor):
     session, focal = editor.session, editor.session.scenario.focal_id
     session_row = session.scenario.agents.row_of[focal]
     editor.click_at(roof(editor, focal))
-    editor.open_tab("Generate")
+    editor.open_tab("Agents")
     editor.press("Show possible trajectories")
     view = editor.until(lambda: editor.tab().elements.candidates.view.shown, "the fan")
     # The panel lists the candidates just after the picture shows them.

@@ -343,7 +343,7 @@ def test_possible_trajectories_are_told_apart(editor):
     """(D30)"""
     session = editor.session
     select(editor, session.scenario.focal_id)
-    editor.open_tab("Generate")
+    editor.open_tab("Agents")
     use = editor.page.get_by_role("button", name="Use this trajectory")
     # What chooses among them takes no room until there are some.
     expect(use).to_be_hidden()

@@ -29,7 +29,7 @@ const BADGE_PX = 23;
 // Around an offered flag's foot: agents in there could not be pressed.
 const COVERED_PX = { left: -20, right: 37, top: -48, bottom: 2 };
 const DRAGGED = ["flag", "line"];
-const MODES = ["pd-crosshair", "pd-drawing-region", "pd-guiding"];
+const MODES = ["pd-crosshair", "pd-bending", "pd-drawing-region", "pd-guiding"];
 
 type Drawn = GuidanceBadge & Partial<GuidanceMark>;
 interface Hold extends Press {

@@ -6,7 +6,7 @@ const KEPT = "pd-hints-done";
 const STEPS = [
   ["select", "Click a car", "to select it; Ctrl+drag selects several."],
   ["drag", "Drag it", "to move it; Shift+drag turns it."],
-  ["bend", "Bend the road", "with a slider of the Road tab."],
+  ["bend", "Bend the road", "by hand (W), or in the tab Road."],
   ["regenerate", "Regenerate", "trajectories with the key R, or in the Drive tab."],
 ];
 const FILL = ["", "Fill the road", "with 'As many as fit' in the Drive tab."];

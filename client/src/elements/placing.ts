@@ -3,7 +3,7 @@
 // While the mode is on, left presses on the picture belong to it: viser does not hear
 // them, so that neither the camera turns nor a rectangle is drawn.
 import { ground, project } from "../bridge.ts";
-import { hasModifier, isTyping, svg } from "../dom.ts";
+import { svg } from "../dom.ts";
 import {
   define,
   followPress,
@@ -12,6 +12,7 @@ import {
   isOnPicture,
   local,
   markBody,
+  onDigit,
   onDispose,
   onView,
   type Press,
@@ -117,14 +118,10 @@ define("placing", (api) => {
     giveUp,
   );
 
-  // Before viser's hot keys, which may mean something else by digits.
-  hearFirst("keydown", (event) => {
-    if (!mode?.isActive || hasModifier(event) || isTyping(event)) return;
-    const number = Number(event.key);
-    if (!Number.isInteger(number) || number < 1 || number > mode.numKinds) return;
-    take(event);
-    api.send({ kind: "kind", number });
-  });
+  onDigit(
+    () => (mode?.isActive ? mode.numKinds : 0),
+    (number) => api.send({ kind: "kind", number }),
+  );
 
   onView(draw);
   onDispose(() => markBody("pd-crosshair", false));

@@ -39,7 +39,7 @@ define("run", (api) => {
     for (const [index, { label, target, isEnabled }] of state.verbs.entries()) {
       // The verb is cut before whom it is about.
       verbs[index].replaceChildren(make("span", "", {}, `${label} `), make("b", "", {}, target));
-      verbs[index].title = `${label} ${target} (${index ? "settings in the tab Drive" : "R"})`;
+      verbs[index].title = `${label} ${target} (${index ? "settings in the tab Generate" : "R"})`;
       verbs[index].disabled = !isEnabled;
     }
     if (!scope.length) scope.append(...state.scopes.map((one) => option(one, one)));

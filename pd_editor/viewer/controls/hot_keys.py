@@ -52,6 +52,7 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Compare two samples, or branches", tab.compare, "C")
     key("Branches of the history", tab.branches.toggle, "U")
     key("Cancel the generation", tab.generation.cancel)
+    key("Bend the road by hand", tab.bending.toggle, "W", arms=True)
     key("Reset road", tab.road.reset)
     key("Switch 3-D and top view", tab.viewpoint.switch, "V")
     key("Frame selection", tab.viewpoint.frame_selection, "F")

@@ -26,6 +26,7 @@ from pd_editor.viewer.generation.region_drawing import RegionDrawing
 from pd_editor.viewer.generation.sample_strip import SampleStrip
 from pd_editor.viewer.guidance.guidance_panel import GuidancePanel
 from pd_editor.viewer.guidance.steering import Steering
+from pd_editor.viewer.road.bending import Bending
 from pd_editor.viewer.road.road_panel import RoadPanel
 from pd_editor.viewer.road.signals_panel import SignalsPanel
 from pd_editor.viewer.scene.hover import Hover
@@ -95,6 +96,7 @@ class TabElements:
             self.library = LibraryPanel(ui, self.export)
         with tabs.add_tab("Road"):
             self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
+            self.bending = Bending(ui, self.road)
             with gui.add_folder("Signals"):
                 SignalsPanel(ui)
         with tabs.add_tab(AGENTS):

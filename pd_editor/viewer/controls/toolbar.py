@@ -3,11 +3,13 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
+from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.editor.session import EditorSession
 from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.tab_elements import TabElements
+from pd_editor.viewer.guidance.guidance_panel import NEEDS_ONE
 from pd_editor.viewer.overlay.messages import Icon, Tool, ToolbarState
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -80,6 +82,7 @@ def _tool_groups(ui: UiContext, tab: TabElements) -> tuple[tuple[ToolButton, ...
     comparison, live = tab.picture.comparison, tab.generation.live_switch
     return (
         _history_tools(ui.session, tab.history),
+        _picture_tools(ui, tab),
         _view_tools(viewpoint),
         (
             ToolButton("fit", viewpoint.frame_map, "Show the whole map (Home)"),
@@ -90,18 +93,6 @@ def _tool_groups(ui: UiContext, tab: TabElements) -> tuple[tuple[ToolButton, ...
             ),
         ),
         (
-            ToolButton(
-                "measure",
-                tab.measure.toggle,
-                "Measure distances (M)",
-                is_active=lambda: tab.measure.is_active,
-            ),
-            ToolButton(
-                "place",
-                tab.placing.toggle,
-                "Place agents (P)",
-                is_active=lambda: tab.placing.is_active,
-            ),
             ToolButton(
                 "agents",
                 partial(model.toggle_drawer, "agents"),
@@ -154,6 +145,58 @@ def _history_tools(
             history.redo,
             lambda: named("Redo", session.state.position, "Ctrl+Shift+Z"),
             is_enabled=lambda: session.can_redo,
+        ),
+    )
+
+
+def _picture_tools(ui: UiContext, tab: TabElements) -> tuple[ToolButton, ...]:
+    """What presses on the picture mean: to select and drag, else to draw something."""
+    model, session, guiding = ui.model, ui.session, tab.steering.mode
+
+    def select() -> None:
+        if model.mode is not None:
+            model.mode.stop()
+
+    def has_one() -> bool:
+        return len(session.selection) == 1
+
+    def guide(kind: Literal["goal-point", "follow-path", "stop-at-line"]) -> ToolButton:
+        hint = KINDS[kind].hint
+        return ToolButton(
+            kind,
+            lambda: guiding.toggle(kind),
+            lambda: hint if has_one() else f"{NEEDS_ONE}. {hint}",
+            is_active=lambda: guiding.tool == kind,
+            is_enabled=has_one,
+        )
+
+    return (
+        ToolButton(
+            "select",
+            select,
+            "Select and drag agents (Esc)",
+            is_active=lambda: model.mode is None,
+        ),
+        ToolButton(
+            "place",
+            tab.placing.toggle,
+            "Place agents (P)",
+            is_active=lambda: tab.placing.is_active,
+        ),
+        guide("goal-point"),
+        guide("follow-path"),
+        guide("stop-at-line"),
+        ToolButton(
+            "bend",
+            tab.bending.toggle,
+            "Bend the road: pull it aside (W)",
+            is_active=lambda: tab.bending.is_active,
+        ),
+        ToolButton(
+            "measure",
+            tab.measure.toggle,
+            "Measure distances (M)",
+            is_active=lambda: tab.measure.is_active,
         ),
     )
 

@@ -257,6 +257,19 @@ class PlacingEvent(Message, frozen=True):
     number: int = 0
 
 
+class BendingState(Message, frozen=True):
+    """The mode in which the road is pulled aside."""
+
+    is_active: bool
+    num_kinds: int
+
+
+class BendingEvent(Message, frozen=True):
+    kind: Literal["grab", "pull", "end", "cancel", "kind"]
+    point: Ground | None = None
+    number: int = 0
+
+
 class RegionState(Message, frozen=True):
     is_active: bool
     least_m: float
@@ -282,8 +295,9 @@ class MapWindowEvent(Message, frozen=True):
 
 
 Icon = Literal[
-    "undo", "redo", "3d", "top", "fit", "frame", "measure", "place",
-    "agents", "scorecard", "compare", "live", "help",
+    "undo", "redo", "select", "place", "goal-point", "follow-path", "stop-at-line",
+    "bend", "measure", "3d", "top", "fit", "frame", "agents", "scorecard", "compare",
+    "live", "help",
 ]  # fmt: skip
 
 
@@ -808,6 +822,7 @@ STATES: Final[dict[str, type[Message]]] = {
     "locks": LocksState,
     "measure": MeasureState,
     "placing": PlacingState,
+    "bending": BendingState,
     "region": RegionState,
     "mapWindow": MapWindowState,
     "toolbar": ToolbarState,
@@ -843,6 +858,7 @@ EVENTS: Final[dict[str, type[Message]]] = {
     "compare": CompareEvent,
     "menu": MenuEvent,
     "placing": PlacingEvent,
+    "bending": BendingEvent,
     "region": RegionEvent,
     "mapWindow": MapWindowEvent,
     "toolbar": ToolbarEvent,

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (c65b2e5de3c8420e); not to be edited. */
+/* Built by .ci/client.py from client/ (7759ada61acb53ca); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -263,6 +263,14 @@
       if (event.key !== "Escape" || !held()) return;
       take(event);
       giveUp();
+    });
+  }
+  function onDigit(count, choose) {
+    hearFirst("keydown", (event) => {
+      const digit = Number(event.key);
+      if (hasModifier(event) || isTyping(event) || !Number.isInteger(digit) || digit < 1 || digit > count()) return;
+      take(event);
+      choose(digit);
     });
   }
   function paced(pauseMs, act) {
@@ -844,6 +852,54 @@
     };
   });
 
+  // src/elements/bending.ts
+  var PULL_MS = 30;
+  define("bending", (api) => {
+    let mode = null;
+    let press = null;
+    const { ask, stop } = paced(PULL_MS, () => {
+      if (press) api.send({ kind: "pull", point: press.point });
+      return press !== null;
+    });
+    hearFirst("pointerdown", (event) => {
+      if (!mode?.isActive || !isModePress(event)) return;
+      take(event);
+      const point = ground(...local(event));
+      if (!point) return;
+      press = { id: event.pointerId, point };
+      api.send({ kind: "grab", point });
+    });
+    hearFirst("pointermove", (event) => {
+      if (!press || event.pointerId !== press.id) return;
+      press.point = ground(...local(event)) ?? press.point;
+      ask();
+    });
+    function end(kind) {
+      if (!press) return;
+      stop();
+      press = null;
+      api.send({ kind });
+    }
+    followPress(
+      () => press,
+      (_event, { point }) => {
+        api.send({ kind: "pull", point });
+        end("end");
+      },
+      () => end("cancel")
+    );
+    onDigit(
+      () => mode?.isActive ? mode.numKinds : 0,
+      (number2) => api.send({ kind: "kind", number: number2 })
+    );
+    onDispose(() => markBody("pd-bending", false));
+    return (state) => {
+      if (!state.isActive) end("cancel");
+      mode = state;
+      markBody("pd-bending", state.isActive);
+    };
+  });
+
   // src/elements/compare.ts
   define("compare", (api) => {
     const plate2 = make("div", "pd-solid pd-compare", { role: "status" });
@@ -1095,7 +1151,7 @@
   var BADGE_PX = 23;
   var COVERED_PX = { left: -20, right: 37, top: -48, bottom: 2 };
   var DRAGGED = ["flag", "line"];
-  var MODES = ["pd-crosshair", "pd-drawing-region", "pd-guiding"];
+  var MODES = ["pd-crosshair", "pd-bending", "pd-drawing-region", "pd-guiding"];
   define("guidance_marks", (api) => {
     const layer = svg("svg", "pd-guide-marks");
     const tip = make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
@@ -1731,7 +1787,7 @@
   var STEPS = [
     ["select", "Click a car", "to select it; Ctrl+drag selects several."],
     ["drag", "Drag it", "to move it; Shift+drag turns it."],
-    ["bend", "Bend the road", "with a slider of the Road tab."],
+    ["bend", "Bend the road", "by hand (W), or in the tab Road."],
     ["regenerate", "Regenerate", "trajectories with the key R, or in the Drive tab."]
   ];
   var FILL = ["", "Fill the road", "with 'As many as fit' in the Drive tab."];
@@ -2512,13 +2568,10 @@
       },
       giveUp
     );
-    hearFirst("keydown", (event) => {
-      if (!mode?.isActive || hasModifier(event) || isTyping(event)) return;
-      const number2 = Number(event.key);
-      if (!Number.isInteger(number2) || number2 < 1 || number2 > mode.numKinds) return;
-      take(event);
-      api.send({ kind: "kind", number: number2 });
-    });
+    onDigit(
+      () => mode?.isActive ? mode.numKinds : 0,
+      (number2) => api.send({ kind: "kind", number: number2 })
+    );
     onView(draw);
     onDispose(() => markBody("pd-crosshair", false));
     return (state) => {
@@ -2754,7 +2807,7 @@
     return (state) => {
       for (const [index, { label, target, isEnabled }] of state.verbs.entries()) {
         verbs[index].replaceChildren(make("span", "", {}, `${label} `), make("b", "", {}, target));
-        verbs[index].title = `${label} ${target} (${index ? "settings in the tab Drive" : "R"})`;
+        verbs[index].title = `${label} ${target} (${index ? "settings in the tab Generate" : "R"})`;
         verbs[index].disabled = !isEnabled;
       }
       if (!scope.length) scope.append(...state.scopes.map((one) => option(one, one)));
@@ -3653,6 +3706,8 @@
     top: "M2.5 5 7.5 3l5 2 5-2v12l-5 2-5-2-5 2zM7.5 3v12M12.5 5v12",
     fit: "M3 9.5 10 3.5l7 6M5 8v8.5h10V8M8.2 16.5v-5h3.6v5",
     frame: "M3 7V3h4M13 3h4v4M17 13v4h-4M7 17H3v-4M7.5 8.5h5v3h-5z",
+    select: "M5 2.5v13l3.4-3.2 2.3 5.2 2.2-1-2.3-5.1h4.6z",
+    bend: "M4 17.5c0-8 9-7 9-15M9 17.5c0-6 8-7 8-15M3 6h5M3 6l2-2M3 6l2 2",
     measure: "M2.5 13.5l11-11 4 4-11 11zM5.5 10.5l1.6 1.6M8 8l2.3 2.3M10.5 5.5l1.6 1.6",
     place: "M10 3.5v13M3.5 10h13",
     agents: "M3 5h2M8 5h9M3 10h2M8 10h9M3 15h2M8 15h9",
@@ -3669,7 +3724,7 @@
       const button2 = make("button", tool.startsGroup ? "pd-group" : "", { type: "button" });
       const press = () => api.send({ kind: "press", icon: tool.icon });
       const release = () => api.send({ kind: "release", icon: tool.icon });
-      button2.append(icon(PATHS[tool.icon], 20));
+      button2.append(icon(PATHS[tool.icon] ?? guidanceIcons[tool.icon], 20));
       if (tool.isHeld) {
         button2.addEventListener("pointerdown", (event) => {
           button2.setPointerCapture(event.pointerId);

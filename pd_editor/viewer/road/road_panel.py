@@ -3,15 +3,19 @@
 import contextlib
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
 import viser
+from jaxtyping import Float
 
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
 from pd_editor.editor.commands.edit_limits import check_anchor
+from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.paths.suggested_state import suggested_heading
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
 from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent, slowed_agents
@@ -36,7 +40,7 @@ EGO: Final[Anchor] = "Ego"
 SELECTED: Final[Anchor] = "Selected agent"
 POINT: Final[Anchor] = "A point that I drag"
 ANCHORS: Final[tuple[Anchor, ...]] = (FOCAL, EGO, SELECTED, POINT)
-_TITLE: Final[dict[WarpKind, str]] = {
+WARP_TITLE: Final[dict[WarpKind, str]] = {
     "smooth-turn": "Bend",
     "double-turn": "S-bend",
     "ripple-road": "Waves",
@@ -56,8 +60,32 @@ DEFAULT_BORDER_M: Final = 5.0
 DEFAULT_EXPONENT: Final = 3.0
 MAX_SLOWED_NAMED: Final = 3
 NOT_SLOWED: Final = "Off: speeds stay as they are."
+LEAST_GAIN_M: Final = 0.3
+"""Displacement per power below which a place of the road cannot be pulled."""
+USUAL_GAIN_M: Final = 1.0
+"""Displacement per power of the place that is pulled, when the road bends before it."""
 _NOT_OWN: Final = object()
 """Different from all warps: inputs must be updated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grip:
+    """A place of the road that is held while the pointer pulls it aside."""
+
+    kind: WarpKind
+    anchor: RigidMotion
+    left_m: float
+    """Offset of the place in the anchor's frame when it was grabbed."""
+    power: float
+    """Power of the kind by then."""
+    gain_m: float
+    """Displacement of the place per power, in which warps are linear."""
+
+    def power_at(self, point_m: Float[np.ndarray, "2"]) -> float:
+        """Power with which the place is beside a point, within the limits."""
+        _, left_m = self.anchor.inverse().apply(point_m)
+        power = self.power + (float(left_m) - self.left_m) / self.gain_m
+        return round(min(max(power, -MAX_POWER), MAX_POWER), 2)
 
 
 class RoadPanel:
@@ -90,7 +118,7 @@ class RoadPanel:
         gui = ui.client.gui
         for kind in WARP_KINDS:
             self._power[kind] = gui.add_slider(
-                _TITLE[kind],
+                WARP_TITLE[kind],
                 min=-MAX_POWER,
                 max=MAX_POWER,
                 step=0.1,
@@ -325,17 +353,20 @@ class RoadPanel:
 
     def _warp(self, anchor: RigidMotion) -> RoadWarp | None:
         terms = tuple(
-            WarpTerm(
-                kind=kind,
-                power=float(self._power[kind].value),
-                length_m=float(self._length[kind].value),
-                border_m=float(self._border.value),
-                exponent=float(self._exponent.value),
-            )
+            self._term(kind, float(self._power[kind].value))
             for kind in WARP_KINDS
-            if self._power[kind].value != 0
+            if self._power[kind].value
         )
         return RoadWarp(anchor=anchor, terms=terms) if terms else None
+
+    def _term(self, kind: WarpKind, power: float) -> WarpTerm:
+        return WarpTerm(
+            kind=kind,
+            power=power,
+            length_m=float(self._length[kind].value),
+            border_m=float(self._border.value),
+            exponent=float(self._exponent.value),
+        )
 
     def _command(self, anchor: RigidMotion) -> SetRoadWarp:
         self._own_warp = _NOT_OWN
@@ -371,13 +402,72 @@ class RoadPanel:
 
     def bend_from(self, pose: RigidMotion) -> None:
         """Use a pose on the shown road as the anchor of the warp."""
-        self._offer((*self._anchor.options, POINT))
-        set_value(self._anchor, POINT)
-        self._take_anchor(POINT, pose)
+        self._take_point(pose)
         if self._ui.session.scenario.applied_warp is None:
             self._ui.notify(
                 "Bend from here", "Choose how in the Road tab: its sliders bend it."
             )
+
+    def _take_point(self, pose: RigidMotion) -> None:
+        self._offer((*self._anchor.options, POINT))
+        set_value(self._anchor, POINT)
+        self._take_anchor(POINT, pose)
+
+    def grip(self, kind: WarpKind, point_m: Float[np.ndarray, "2"]) -> Grip:
+        """Grab the shown road at a point, to pull it by a warp of a kind.
+
+        A road that is not bent yet bends a little before the point, if the anchor is not.
+
+        Raises:
+            EditError: the warp in force hardly moves this place.
+        """
+        scenario = self._ui.session.scenario
+        applied, term = scenario.applied_warp, self._term(kind, 1.0)
+        anchor = self._anchor_pose() if applied is None else applied.warp.anchor
+        ahead_m, left_m = anchor.inverse().apply(point_m)
+        gain_m = float(term.derivative(ahead_m, 0))
+        if gain_m < LEAST_GAIN_M and applied is not None:
+            raise EditError(
+                "The road hardly bends here: pull it farther ahead of the purple mark, "
+                "or drag the mark."
+            )
+        if gain_m < LEAST_GAIN_M:
+            heading = suggested_heading(scenario.road_map, point_m, AgentKind.VEHICLE)
+            steps_m = np.arange(0.0, term.border_m + 3 * term.length_m)
+            gains_m = term.derivative(steps_m, 0)
+            nearest = int(np.argmax(gains_m >= min(USUAL_GAIN_M, gains_m.max())))
+            back_m = -steps_m[nearest] * np.array([np.cos(heading), np.sin(heading)])
+            x, y = (point_m + back_m).tolist()
+            anchor = RigidMotion(x_m=x, y_m=y, rotation_rad=heading)
+            self._take_point(anchor)
+            left_m, gain_m = 0.0, float(gains_m[nearest])
+        return Grip(
+            kind=kind,
+            anchor=anchor,
+            left_m=float(left_m),
+            power=float(self._power[kind].value),
+            gain_m=gain_m,
+        )
+
+    def pull(self, grip: Grip, point_m: Float[np.ndarray, "2"]) -> None:
+        """Show the warp that moves the grabbed place beside a point, until it is let go.
+
+        Raises:
+            EditError: the scene does not allow it; what was shown before stays.
+        """
+        set_value(self._power[grip.kind], grip.power_at(point_m))
+        self._pulled("warp", grip.anchor)
+        self._show_resets(self._ui.session.scenario)
+
+    def _pulled(self, owner: str, anchor: RigidMotion) -> None:
+        """Show the warp of the inputs at an anchor, until the pointer lets go."""
+        try:
+            command = self._command(anchor)
+            if owner == "warp" or command.warp is not None:
+                self._ui.preview(owner, command)
+        except EditError:
+            self._own_warp = _NOT_OWN
+            raise
 
     def _anchor_changed(self) -> None:
         try:
@@ -447,12 +537,7 @@ class RoadPanel:
             self._show_pose(self._ui.session.scenario)
             return
         try:
-            command = self._command(pose)
-            if command.warp is not None:
-                self._ui.preview("anchor", command)
-        except EditError:
-            self._own_warp = _NOT_OWN
-            raise
+            self._pulled("anchor", pose)
         finally:
             if phase == "end":
                 self._ui.end_gesture()

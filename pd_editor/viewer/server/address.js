@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (c65b2e5de3c8420e); not to be edited. */
+/* Built by .ci/client.py from client/ (7759ada61acb53ca); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts
