@@ -109,12 +109,10 @@ class FakeTab:
 
     def offers(self, label: str) -> bool:
         """Whether the one input of a label is seen in its tab, in open and closed parts."""
-        handle = self.field(label)
-        boxes = self.ui.client.gui._container_handle_from_uuid
+        box_of = {id(part): box for box, part in self._placed()}
+        handle: Any = self.field(label)
         while handle is not None and getattr(handle, "visible", True):
-            handle = boxes.get(getattr(handle._impl, "parent_container_id", ""))
-            if not hasattr(handle, "_impl"):
-                return True
+            handle = box_of.get(id(handle))
         return handle is None
 
     def type(self, label: str, value: Any) -> None:
@@ -135,10 +133,13 @@ class FakeTab:
 
     def text(self) -> str:
         """All text of the panels, without that of inputs."""
-        containers = self.ui.client.gui._container_handle_from_uuid.values()
-        children = [one for box in list(containers) for one in box._children.values()]
-        contents = [str(getattr(one, "content", "")) for one in children]
+        contents = [str(getattr(part, "content", "")) for _, part in self._placed()]
         return html.unescape(re.sub("<[^>]+>", "\n", "\n".join(contents)))
+
+    def _placed(self) -> list[tuple[Any, Any]]:
+        """Each part of the panels, after the one that it is in."""
+        boxes = list(self.ui.client.gui._container_handle_from_uuid.values())
+        return [(box, part) for box in boxes for part in box._children.values()]
 
     def is_drawn(self, node: str) -> bool:
         """Whether a node of the picture is there and seen."""

@@ -83,7 +83,7 @@ def test_a_slider_movement_is_one_undo_step_and_reset_is_exact(tab, monkeypatch)
     tab.press("Reset road")
     assert tab.session.scenario.road_map is opened.road_map
     assert tab.field("S-bend").value == 0
-    tab.press("Undo")
+    tab.hear("toolbar", kind="press", icon="undo")
     assert tab.field("S-bend").value == 4
 
 
@@ -286,7 +286,7 @@ def test_agents_come_and_go_in_the_picture(tab):
     tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=(victim,))))
     nodes = [tab.node(f"/agents/vehicle/{part}") for part in ("body", "dark")]
     assert [len(node.batched_positions) for node in nodes] == [1, 1]
-    tab.press("Undo")
+    tab.hear("toolbar", kind="press", icon="undo")
     assert [len(node.batched_positions) for node in nodes] == [2, 2]
     assert [len(node.batched_scales) for node in nodes] == [2, 2]
 
@@ -385,7 +385,7 @@ def test_reset_forgets_the_shape_and_friction_and_undo_brings_them_back(tab):
     tab.press("Reset road")
     assert not tab.field("Slow agents to the friction limit").value
     assert [tab.field(label).value for label in values] == [0.0, 5.0, 0.7]
-    tab.press("Undo")
+    tab.hear("toolbar", kind="press", icon="undo")
     assert tab.field("Slow agents to the friction limit").value
     assert {label: tab.field(label).value for label in values} == values
 
@@ -430,15 +430,15 @@ def test_undo_and_redo_choose_the_anchor_in_force(tab):
     drag_anchor(tab, 3.0, 1.0)
     drag_anchor(tab, 6.0, 1.0)
     assert tuple(tab.node("/warp_anchor").position[:2]) == (6.0, 1.0)
-    tab.press("Undo")
+    tab.hear("toolbar", kind="press", icon="undo")
     assert tuple(tab.node("/warp_anchor").position[:2]) == (3.0, 1.0)
     tab.type("Anchor", "Focal agent")
-    tab.press("Undo")
+    tab.hear("toolbar", kind="press", icon="undo")
     assert tab.field("Anchor").value == "A point that I drag"
     anchor = tab.session.scenario.applied_warp.warp.anchor
     assert (anchor.x_m, anchor.y_m) == (3.0, 1.0)
     assert tuple(tab.node("/warp_anchor").position[:2]) == (3.0, 1.0)
-    tab.press("Redo")
+    tab.hear("toolbar", kind="press", icon="redo")
     assert tab.field("Anchor").value == "Focal agent"
     assert not tab.is_drawn("/warp_anchor")
 

@@ -26,12 +26,6 @@ class HistoryPanel:
         """Build it into the current tab; ``show_branches`` opens or closes their strip."""
         self._ui = ui
         gui = ui.client.gui
-        self._undo = gui.add_button(
-            "Undo", icon=viser.Icon.ARROW_BACK_UP, color="gray", hint="Ctrl+Z"
-        )
-        self._redo = gui.add_button(
-            "Redo", icon=viser.Icon.ARROW_FORWARD_UP, color="gray", hint="Ctrl+Shift+Z"
-        )
         self._branches = gui.add_button(
             "Branches",
             icon=viser.Icon.GIT_BRANCH,
@@ -47,8 +41,6 @@ class HistoryPanel:
         style.as_list(self._rows)
         for index, row in enumerate(self._rows):
             ui.on_click(row, lambda index=index: self._jump(index))
-        ui.on_click(self._undo, self.undo)
-        ui.on_click(self._redo, self.redo)
         ui.on_option(self._pages, self._turn_page)
         ui.model.shown.subscribe(self.show)
 
@@ -68,8 +60,6 @@ class HistoryPanel:
         """Show the session's history; the page follows the present state."""
         session = self._ui.session
         entries, position = session.entries, session.state.position
-        set_property(self._undo, "disabled", not session.can_undo)
-        set_property(self._redo, "disabled", not session.can_redo)
         present = (session.base, session.state.tip, position)
         if self._followed != present:
             self._followed = present

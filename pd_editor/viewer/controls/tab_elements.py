@@ -114,7 +114,7 @@ class TabElements:
         with tabs.add_tab("History"):
             self.history = HistoryPanel(ui, style, self.branches.toggle)
         with tabs.add_tab("View"):
-            self.view = ViewPanel(ui, self.viewpoint, self.picture)
+            self.view = ViewPanel(ui, self.picture)
         self.chip = StatusChip(ui, self.timeline, self.viewpoint, self.export)
 
     def escape(self) -> None:

@@ -1,4 +1,4 @@
-"""The view panel: camera, theme, layers."""
+"""The view panel: theme, layers."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -10,7 +10,6 @@ import viser
 from pd_editor.viewer.meshes.road_mesh import Layer
 from pd_editor.viewer.overlay.messages import ThemeState
 from pd_editor.viewer.scene.picture import Picture
-from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
 _LAYER_TITLE: Final[dict[Layer, str]] = {
@@ -23,24 +22,12 @@ _LAYER_TITLE: Final[dict[Layer, str]] = {
 
 
 class ViewPanel:
-    """Controls of camera, theme and layers."""
+    """Controls of theme and layers."""
 
-    def __init__(self, ui: UiContext, viewpoint: Viewpoint, picture: Picture) -> None:
+    def __init__(self, ui: UiContext, picture: Picture) -> None:
         """Build it into the current tab."""
         self._ui = ui
         gui = ui.client.gui
-        for label, icon, hint, show in (
-            ("3-D view", viser.Icon.CUBE, "V switches", viewpoint.show_3d),
-            (
-                "Top view",
-                viser.Icon.MAP,
-                "V switches; drag draws a selection box",
-                viewpoint.show_top,
-            ),
-            ("Frame selection", viser.Icon.FOCUS_2, "F", viewpoint.frame_selection),
-        ):
-            button = gui.add_button(label, icon=icon, color="gray", hint=hint)
-            ui.on_click(button, show)
         self._theme = gui.add_checkbox(
             "Dark theme", ui.workspace.is_dark, hint="The browser's until you choose"
         )

@@ -185,7 +185,7 @@ def test_an_undo_during_a_drag_ends_it(tab: FakeTab):
     tab.hear("guidance_marks", kind="grab", index=OFFER)
     tab.hear("guidance_marks", kind="drag", **event)
     assert len(guidance(tab)) == 1
-    tab.press("Undo")
+    tab.hear("toolbar", kind="press", icon="undo")
     before = tab.session.scenario
     tab.hear("guidance_marks", kind="drop", **event)
     assert tab.session.scenario is before
