@@ -102,10 +102,10 @@ class TabElements:
         with tabs.add_tab(AGENTS):
             steering = self.steering
             self.agent = AgentPanel(ui, self.placing)
+            self.candidates = CandidatesPanel(ui, steering.mode)
             self.guidance = GuidancePanel(
                 ui, steering.mode, steering.notes, steering.encounters
             )
-            self.candidates = CandidatesPanel(ui, steering.mode)
         with tabs.add_tab("Generate"):
             self.generation = GenerationPanel(ui, generators, self.region, self.samples)
         with tabs.add_tab("Study"):
