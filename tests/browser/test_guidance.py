@@ -436,6 +436,6 @@ def test_agents_under_arcs_are_selected_and_arcs_leave_with_their_list(open_edit
     expect(ask).to_have_text("What could happen to the ego?")
     lines = page.locator(".pd-possible-line span")
     assert lines.evaluate_all("all => all.every(e => e.scrollWidth <= e.clientWidth)")
-    editor.open_tab("Agents")
+    editor.open_tab("Road")
     expect(arcs).to_have_count(0)
     expect(told).to_be_hidden()

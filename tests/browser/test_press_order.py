@@ -58,6 +58,7 @@ def hasty(open_editor):
 def test_a_click_at_once_after_the_placing_tool_places(hasty, way):
     editor, session = hasty.editor, hasty.session
     before = len(session.scenario.agents)
+    editor.select(())
     editor.open_tab("Agents")
     button = hasty.page.get_by_role("button", name="Place on road", exact=True)
     button.scroll_into_view_if_needed()
