@@ -57,7 +57,7 @@ def warp(page: Page) -> list[Image.Image]:
 
 def samples(page: Page) -> list[Image.Image]:
     """All traffic resampled, with the cards of four samples to choose among."""
-    open_tab(page, "Drive")
+    open_tab(page, "Generate")
     page.get_by_role("spinbutton", name="Samples").fill("4")
     page.keyboard.press("Enter")
     page.get_by_role("button", name="Resample everybody").click()

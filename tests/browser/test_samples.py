@@ -116,7 +116,6 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     assert len(session.entries) == 1
 
     # Another edit hides it, undoing that edit shows it again.
-    editor.open_folder("More settings")
     editor.press("Clear the road")
     editor.until(lambda: len(session.entries) == 2, "an edit")
     strip(editor).wait_for(state="hidden")

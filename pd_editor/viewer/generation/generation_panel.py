@@ -206,6 +206,7 @@ class GenerationPanel:
                 kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
                 for kind, label in KIND_LABELS.items()
             }
+            clear = gui.add_button("Clear the road", color="gray")
             with gui.add_folder(RESAMPLING_SETTINGS, expand_by_default=False):
                 self._moving = gui.add_dropdown(
                     "Share that moves",
@@ -227,7 +228,6 @@ class GenerationPanel:
                 self._quality = gui.add_dropdown(
                     "Quality", tuple(QUALITIES), hint="Of the agents placed"
                 )
-                clear = gui.add_button("Clear the road", color="gray")
         self._ui.on_click(self._draw_region, self._drawing.toggle)
         self._ui.on_change(self._where, lambda _value: self._where_chosen())
         self._drawing.changed.subscribe(self._region_changed)
