@@ -16,7 +16,7 @@ from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.overlay.messages import StatusState
 
 pytestmark = pytest.mark.browser
-TABS = ("Scene", "Road", "Agents", "Drive", "Study", "History", "View")
+TABS = ("Scene", "Road", "Agents", "Generate", "Study", "History", "View")
 
 
 @pytest.fixture
