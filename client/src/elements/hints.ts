@@ -7,9 +7,9 @@ const STEPS = [
   ["select", "Click a car", "to select it; Ctrl+drag selects several."],
   ["drag", "Drag it", "to move it; Shift+drag turns it."],
   ["bend", "Bend the road", "by hand (W), or in the tab Road."],
-  ["regenerate", "Regenerate", "trajectories with the key R, or in the Drive tab."],
+  ["regenerate", "Regenerate", "trajectories with the key R, or in the tab Generate."],
 ];
-const FILL = ["", "Fill the road", "with 'As many as fit' in the Drive tab."];
+const FILL = ["", "Fill the road", "with 'As many as fit' in the tab Generate."];
 
 define("hints", (api) => {
   const kept = recall(KEPT);

@@ -54,8 +54,8 @@ def taking(
 ) -> Callable[[Callable[[Options], Made]], Callable[Fields, Made]]:
     """Let a command take the fields of a class, in Python and on the shell.
 
-    Its own come first, then those of each base, and what has to be given before the rest. What a field means stands in the ``Args``
-    of the class that has it, or of a later one that knows better.
+    Its own come first, then those of each base; what has to be given before the rest.
+    The ``Args`` of its class, or of a later one, say what a field means.
     """
 
     def of(command: Callable[[Options], Made]) -> Callable[Fields, Made]:

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (7759ada61acb53ca); not to be edited. */
+/* Built by .ci/client.py from client/ (075f0b614e4d83c2); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

@@ -44,7 +44,7 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Place an agent", tab.placing.toggle, "P", arms=True)
     tab.steering.add_hotkeys()
     key("Show possible trajectories", tab.candidates.toggle_candidates, "G")
-    key("Regenerate the selection, else all", tab.generation.regenerate, "R")
+    key("Regenerate selected, guided or all agents", tab.generation.regenerate, "R")
     key("Resample, or add agents", tab.generation.resample)
     key("Live on or off", tab.generation.live_switch.toggle, "R", "shift")
     key("Roll out in closed loop", tab.generation.closed_loop.roll_out)

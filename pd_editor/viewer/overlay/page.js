@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (7759ada61acb53ca); not to be edited. */
+/* Built by .ci/client.py from client/ (075f0b614e4d83c2); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1788,9 +1788,9 @@
     ["select", "Click a car", "to select it; Ctrl+drag selects several."],
     ["drag", "Drag it", "to move it; Shift+drag turns it."],
     ["bend", "Bend the road", "by hand (W), or in the tab Road."],
-    ["regenerate", "Regenerate", "trajectories with the key R, or in the Drive tab."]
+    ["regenerate", "Regenerate", "trajectories with the key R, or in the tab Generate."]
   ];
-  var FILL = ["", "Fill the road", "with 'As many as fit' in the Drive tab."];
+  var FILL = ["", "Fill the road", "with 'As many as fit' in the tab Generate."];
   define("hints", (api) => {
     const kept = recall(KEPT);
     const done = new Set(Array.isArray(kept) ? kept : []);

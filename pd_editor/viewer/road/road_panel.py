@@ -405,7 +405,7 @@ class RoadPanel:
         self._take_point(pose)
         if self._ui.session.scenario.applied_warp is None:
             self._ui.notify(
-                "Bend from here", "Choose how in the Road tab: its sliders bend it."
+                "Bend from here", "Pull the road aside (W), or use the tab Road."
             )
 
     def _take_point(self, pose: RigidMotion) -> None:

@@ -77,7 +77,7 @@ def _study_folder(path: Path, plan: StudyPlan, *, resumes: bool) -> StudyFolder:
 
 
 def _title(kind: WarpKind) -> str:
-    """Name of a warp in the Road tab, and that of Scene-Attack."""
+    """Name of a warp in the tab Road, and that of Scene-Attack."""
     name = WARP_NAME[kind]
     return f"{name[0].upper()}{name[1:]} ({kind.replace('-', ' ')})"
 
