@@ -123,8 +123,10 @@ class EditorPage:
 
     def open_folder(self, name: str) -> None:
         """Open a part of the panel that is closed at first."""
-        self.page.get_by_text(name, exact=True).click()
-        self.page.wait_for_timeout(PAUSE_MS)
+        head = self.page.get_by_text(name, exact=True)
+        head.click()
+        # It opens over frames, which a busy machine draws late.
+        head.locator("+ div:not([inert])").wait_for()
 
     def press(self, name: str) -> None:
         """Click a button by its text."""
@@ -204,7 +206,10 @@ class EditorPage:
 
     def tick(self, label: str) -> None:
         """Click a checkbox."""
-        self.row(label).locator("input[type=checkbox]").first.click(force=True)
+        box = self.row(label).locator("input[type=checkbox]").first
+        # A forced click does not wait until the input is drawn.
+        box.wait_for()
+        box.click(force=True)
         self.page.wait_for_timeout(PAUSE_MS)
 
     def key(self, keys: str) -> None:
