@@ -1,15 +1,17 @@
 """``pd-editor evaluate``: evaluate generators on many scenes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import numpy as np
+
 from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.base.foreign_code import is_reference
 from pd_editor.base.plain_text import nearest_or_all
-from pd_editor.cli.many_scenes import EngineOptions
+from pd_editor.cli.many_scenes import EngineOptions, WindowsOptions
 from pd_editor.cli.options.arguments import (
     FolderOption,
     Folders,
@@ -25,6 +27,7 @@ from pd_editor.experiments.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,
     EvaluationSplits,
+    FoundScenes,
     RunRecord,
     run_evaluation,
     scenes_of,
@@ -103,7 +106,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialOptions(EngineOptions):
+class TrialOptions(WindowsOptions, EngineOptions):
     """How methods are tried on many scenes.
 
     Args:
@@ -139,7 +142,29 @@ class TrialOptions(EngineOptions):
             "limit": None if limit is None else within(1, limit, MAX_SEED, "limit"),
             "limit_s": limit_s,
             "cut": replace(COMPARED, current_s=self.current),
+            "map_parts": tuple(
+                word
+                for name in ("around", "radius", "densest")
+                if (value := getattr(self, name)) is not None
+                for word in (f"--{name}", *map(str, np.atleast_1d(value).tolist()))
+            ),
         }
+
+    def found(self, data: Sequence[Path], limit: int | None) -> FoundScenes:
+        """The scenes, or the parts of their maps that are asked for.
+
+        Raises:
+            InputError: a scene or a part is not there.
+        """
+        found = scenes_of(data, limit)
+        return replace(
+            found,
+            scenes=tuple(
+                replace(scene, window=window)
+                for scene in found.scenes
+                for window in self.windows(scene.folder)
+            ),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +208,7 @@ def evaluate(options: EvaluateOptions) -> Evaluation:
         development=several(options.development),
         **options.scope(),
     )
-    choice, found = options.choice, scenes_of(plan.data, plan.limit)
+    choice, found = options.choice, options.found(plan.data, plan.limit)
     with choice.engine() as runner:
         folder = EvaluationFolder(
             Path(options.out), plan.settings, resume=options.resume

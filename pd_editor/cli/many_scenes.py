@@ -22,6 +22,7 @@ from pd_editor.cli.options.arguments import (
     OptionalWorkers,
     PartOptions,
     ResultOptions,
+    WindowOptions,
     several,
     shown,
     taking,
@@ -41,6 +42,7 @@ from pd_editor.experiments.work_engine import (
     InThisProcess,
     run_items,
 )
+from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.formats.registry import is_foreign_scene
 from pd_editor.scene.map_window import densest_windows, window_of
 
@@ -91,14 +93,38 @@ class ManyOptions(EngineOptions, ResultOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartsOptions(PartOptions):
-    """What is used of recordings and their maps.
+class WindowsOptions(WindowOptions):
+    """What is used of maps.
 
     Args:
         densest: Use the N squares with the greatest length of lanes, each as a scene of its own.
     """
 
     densest: Annotated[int | None, shown("N", "(optional)")] = None
+
+    def windows(self, scene: str | Path) -> tuple[MapWindow | None, ...]:
+        """The parts of a scene's map; None is all of it.
+
+        Raises:
+            InputError: an option is out of range, or the scene cannot be read.
+        """
+        if self.densest is None:
+            return (self.window,)
+        if self.around is not None:
+            raise InputError("--around and --densest exclude each other.")
+        window = window_of((0.0, 0.0), self.radius)
+        assert window is not None, "it is around a place"
+        if not isinstance(self.densest, int) or not 1 <= self.densest <= MOST_WINDOWS:
+            raise InputError(
+                f"--densest is {self.densest}; expected 1 to {MOST_WINDOWS}."
+            )
+        lanes = lanes_of_file(functools.partial(open_scenario, scene))
+        return densest_windows(lanes, self.densest, window.radius_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartsOptions(WindowsOptions, PartOptions):
+    """What is used of recordings and their maps."""
 
 
 def over_scenes(
@@ -191,22 +217,17 @@ def scenes_of(reference: str, files: str, out: Path) -> list[str]:
 
 def _windows(scenes: list[str], asked: Any) -> dict[str, Any]:
     """The densest parts of each scene, by names that say where they are."""
-    window = window_of((0.0, 0.0), asked.radius)
-    assert window is not None, "it is around a place"
-    if asked.around is not None:
-        raise InputError("--around and --densest exclude each other.")
-    count = asked.densest
-    if not isinstance(count, int) or not 1 <= count <= MOST_WINDOWS:
-        raise InputError(f"--densest is {count}; expected 1 to {MOST_WINDOWS}.")
-    found = {}
-    for scene in scenes:
-        lanes = lanes_of_file(functools.partial(open_scenario, scene))
-        for one in densest_windows(lanes, count, window.radius_m):
-            place = (one.x_m, one.y_m)
-            found[f"{scene} around {one.x_m:g} {one.y_m:g}"] = replace(
-                asked, scenario=scene, around=place, radius=one.radius_m, densest=None
-            )
-    return found
+    return {
+        f"{scene} around {one.x_m:g} {one.y_m:g}": replace(
+            asked,
+            scenario=scene,
+            around=(one.x_m, one.y_m),
+            radius=one.radius_m,
+            densest=None,
+        )
+        for scene in scenes
+        for one in asked.windows(scene)
+    }
 
 
 def _run_all(

@@ -15,7 +15,6 @@ from pd_editor.cli.options.arguments import (
     taking,
 )
 from pd_editor.cli.output.progress import work_shown
-from pd_editor.experiments.evaluation.evaluation import scenes_of
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING
 from pd_editor.experiments.evaluation.road_condition import (
     DEFAULT_ANCHOR,
@@ -127,7 +126,7 @@ def study(options: StudyOptions) -> Study:
         num_worst=within(0, options.gallery, 1000, "gallery"),
         num_dangers=within(0, options.dangers, 1000, "dangers"),
     )
-    choice, found = options.choice, scenes_of(plan.data, plan.limit)
+    choice, found = options.choice, options.found(plan.data, plan.limit)
     with choice.engine() as runner:
         study = run_whole_study(
             plan,

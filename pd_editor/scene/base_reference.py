@@ -21,6 +21,11 @@ class MapWindow:
         return self.x_m - reach, self.y_m - reach, self.x_m + reach, self.y_m + reach
 
 
+def part_name(name: str, window: MapWindow | None) -> str:
+    """Name of a part of a scene, which tells where it is."""
+    return f"{name}-x{window.x_m:.0f}-y{window.y_m:.0f}" if window else name
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneCut:
     """What is used of a recording and its map."""

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from pd_editor.base.errors import InputError
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.base_reference import MapWindow
+from pd_editor.scene.base_reference import MapWindow, part_name
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap, areas_of
@@ -90,11 +90,10 @@ def within_window(scenario: Scenario, window: MapWindow) -> Scenario:
     )
     agents = _tracks_within(scenario.agents, ground)
     origin = scenario.provenance
-    name = f"{scenario.scenario_id}-x{window.x_m:.0f}-y{window.y_m:.0f}"
     digest = hashlib.sha256(f"{origin.content_sha256} {window}".encode())
     found = replace(
         scenario,
-        scenario_id=name,
+        scenario_id=part_name(scenario.scenario_id, window),
         road_map=cut,
         signals=signals_of_lanes(scenario.signals, cut.lane_of),
         agents=agents,

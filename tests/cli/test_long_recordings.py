@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.editor.scenario_store import open_scenario
@@ -111,3 +112,32 @@ def test_threats_and_drives_are_of_a_moment(
     assert "--overwrite" in shell.refused(*given, "--current", 60, "--until", 6)
     square = ("--around", 0, 0, "--radius", 1)
     assert "no lane within 1 m" in shell.refused("threats", minutes, *square)
+
+
+@pytest.mark.parametrize("command", ["study", "evaluate"])
+def test_they_take_parts_of_maps(command: str, shell: Shell, tmp_path: Path):
+    """Maps beyond the limits of a scene were refused."""
+    out = tmp_path / "out"
+    extras: tuple = ("--methods", "ground-truth", "--workers", 1)
+    if command == "study":
+        extras += ("--kinds", "ripple-road", "--powers", 4, "--gallery", 2)
+        extras += ("--dangers", 1)
+    given = command, "--data", "roundabout", *extras, "--radius", 40
+    assert "--around" in shell.refused(*given, "--out", out)
+    made = shell.run(*given, "--densest", 2, "--out", out)
+    assert (made.code, "failed" in made.err) == (0, False), made.err
+    report = (out / "report.md").read_text()
+    assert ("--radius 40.0" in report, "--densest 2" in report) == (True, True)
+    rows = out / ("rows.parquet" if command == "evaluate" else "variants.parquet")
+    names = set(pq.read_table(rows)["scenario_id"].to_pylist())
+    assert ["-x" in one for one in names] == [True, True]
+    for one in (out / "gallery").glob("*"):
+        assert '"radius_m": 40' in (one / "recipe.json").read_text()
+    x, y = open_scenario("roundabout").origin_city_m
+    around = "--around", x, y
+    assert "exclude" in shell.refused(*given, *around, "--densest", 2, "--out", out)
+    assert "map_parts" in shell.refused(*given, *around, "--out", out, "--resume")
+    made = shell.run(*given, *around, "--out", tmp_path / "one")
+    assert made.code == 0, made.err
+    nowhere = "--around", 0, 0, "--out", tmp_path / "none"
+    assert "no lane within 1 m" in shell.refused(*given[:-1], 1, *nowhere)

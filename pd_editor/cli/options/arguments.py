@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 import tyro
 
 if TYPE_CHECKING:
-    from pd_editor.scene.base_reference import SceneCut
+    from pd_editor.scene.base_reference import MapWindow, SceneCut
 
 One = TypeVar("One", str, Path, str | Path)
 Fields = ParamSpec("Fields")
@@ -144,8 +144,8 @@ class CutOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartOptions(CutOptions):
-    """What is used of a recording and its map.
+class WindowOptions:
+    """What is used of a map.
 
     Args:
         around: Metres in the file's frame, about which a square of its map is used; for maps beyond the limits of a scene.
@@ -158,11 +158,21 @@ class PartOptions(CutOptions):
     radius: Annotated[float | None, shown("M", "(default: 150)")] = None
 
     @property
-    def cut(self) -> "SceneCut":
-        """What is used of a recording and its map."""
+    def window(self) -> "MapWindow | None":
+        """The square; None: all of the map."""
         from pd_editor.scene.map_window import window_of
 
-        return replace(super().cut, window=window_of(self.around, self.radius))
+        return window_of(self.around, self.radius)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartOptions(WindowOptions, CutOptions):
+    """What is used of a recording and its map."""
+
+    @property
+    def cut(self) -> "SceneCut":
+        """What is used of a recording and its map."""
+        return replace(super().cut, window=self.window)
 
 
 def folders(value: str | Path | tuple[str | Path, ...]) -> tuple[Path, ...]:

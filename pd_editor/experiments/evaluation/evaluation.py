@@ -3,7 +3,7 @@
 import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -27,7 +27,7 @@ from pd_editor.experiments.evaluation.scene_rows import (
 )
 from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
-from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.base_reference import MapWindow, SceneCut, part_name
 from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
 from pd_editor.scene.time_cut import COMPARED
 
@@ -54,6 +54,8 @@ class EvaluationPlan:
     """Time that a method may take for a scene; a method that takes longer fails there."""
     cut: SceneCut = COMPARED
     """What is used of each recording."""
+    map_parts: tuple[str, ...] = ()
+    """Which parts of maps the scenes are, in words of the shell."""
 
     @property
     def settings(self) -> RunSettings:
@@ -67,6 +69,7 @@ class EvaluationPlan:
             states=self.task.states,
             agents=self.task.agents,
             current_s=self.cut.current_s,
+            map_parts=self.map_parts,
         )
 
 
@@ -101,6 +104,17 @@ class Scene:
 
     folder: Path
     split: str
+    window: MapWindow | None = None
+    """Part of its map that it is; None: all of it."""
+
+    @property
+    def key(self) -> str:
+        """Split, and name of the folder or of a part of it."""
+        return f"{self.split}/{part_name(self.folder.name, self.window)}"
+
+    def cut(self, times: SceneCut) -> SceneCut:
+        """What is used of the file, given the times that are."""
+        return replace(times, window=self.window)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,9 +142,9 @@ def scenes_of(data: Sequence[Path], limit: int | None = None) -> FoundScenes:
             if limit is not None and len(found) >= limit:
                 break
             scene = _scene(root, card.folder)
-            if found.setdefault(_place(scene), scene) is not scene:
+            if found.setdefault(scene.key, scene) is not scene:
                 raise InputError(
-                    f"{card.folder}: was found before as {_place(scene)}; give "
+                    f"{card.folder}: was found before as {scene.key}; give "
                     "every folder once."
                 )
         num_skipped += index.num_skipped
@@ -172,14 +186,10 @@ def _scene(root: Path, folder: Path) -> Scene:
     return Scene(folder=folder, split=split)
 
 
-def _place(scene: Scene) -> str:
-    return f"{scene.split}/{scene.folder.name}"
-
-
 def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneItem]:
     """Work items by key: split, folder and road condition."""
     return {
-        f"{_place(scene)}/{condition.label.replace(':', '_')}": SceneItem(
+        f"{scene.key}/{condition.label.replace(':', '_')}": SceneItem(
             folder=scene.folder,
             split=scene.split,
             condition=condition,
@@ -188,7 +198,7 @@ def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneIt
             seed=plan.seed,
             task=plan.task,
             limit_s=plan.limit_s,
-            cut=plan.cut,
+            cut=scene.cut(plan.cut),
         )
         for scene in scenes
         for condition in plan.conditions
@@ -237,7 +247,7 @@ def _collected(
     try:
         with pq.ParquetWriter(target, ROW_SCHEMA) as writer:
             for key, item in items.items():
-                scene, road = item.folder.name, item.condition.label
+                scene, road = item.scene_name, item.condition.label
                 rows = None if key in broken else folder.load(key)
                 if rows is None:
                     reason = broken.get(key, "Its finished file cannot be read.")
@@ -258,7 +268,7 @@ def _collected(
     except OSError as error:
         raise unwritable(target, error) from error
     return RunRecord(
-        num_scenes=len({item.folder for item in items.values()}),
+        num_scenes=len({(item.folder, item.cut) for item in items.values()}),
         num_skipped_folders=num_skipped,
         without_future=tuple(without_future),
         failures=tuple(failures),

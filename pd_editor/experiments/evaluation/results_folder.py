@@ -28,6 +28,7 @@ class RunSettings:
     states: str = "recorded"
     agents: str = "all"
     current_s: float | None = None
+    map_parts: tuple[str, ...] = ()
 
 
 class EvaluationFolder(ResumableFolder):

@@ -22,7 +22,7 @@ from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.work_engine.time_limit import time_limit
 from pd_editor.scene.agent_kind import GROUP_KINDS
 from pd_editor.scene.agent_states import AgentStates
-from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.base_reference import SceneCut, part_name
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_cut import COMPARED
@@ -85,6 +85,11 @@ class SceneItem:
     """Time that each method may take; None: as long as it takes."""
     cut: SceneCut = COMPARED
     """What is used of the recording."""
+
+    @property
+    def scene_name(self) -> str:
+        """Name that is unique within the split, which ids need not be."""
+        return part_name(self.folder.name, self.cut.window)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -187,8 +192,7 @@ def _method_tables(
         values.append((None, log, sample_values(views)))
     agents = views[0].agents
     fixed = {
-        # Names of folders are unique within a split; ids need not be.
-        "scenario_id": item.folder.name,
+        "scenario_id": item.scene_name,
         "city": request.scenario.city,
         "split": item.split,
         "method": method.name,

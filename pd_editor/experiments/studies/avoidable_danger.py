@@ -78,14 +78,14 @@ def avoidable_dangers(scenario: Scenario) -> tuple[AvoidableDanger, ...]:
     )
 
 
-def dangers_of_scene(folder: Path, cut: SceneCut) -> tuple[AvoidableDanger, ...]:
+def dangers_of_part(part: tuple[Path, SceneCut]) -> tuple[AvoidableDanger, ...]:
     """``avoidable_dangers`` of what is used of a recorded scene, as a work item.
 
     Raises:
         InputError: the scenario cannot be read.
         EditError: there is no ego.
     """
-    return avoidable_dangers(scene_part(folder, cut))
+    return avoidable_dangers(scene_part(*part))
 
 
 def _near_vehicles(scenario: Scenario, ego_row: int) -> Int[np.ndarray, "N"]:

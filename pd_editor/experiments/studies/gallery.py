@@ -95,7 +95,7 @@ def export_cases(
     cases: Sequence[WorstCase], items: Sequence[StudyItem], out: Path
 ) -> tuple[tuple[GalleryEntry, ...], dict[str, PdEditorError]]:
     """Export several cases; returns them, and the errors of those that are left out."""
-    by_scene = {(one.folder, one.method.name, one.seed): one for one in items}
+    by_scene = {(one.place, one.method.name, one.seed): one for one in items}
     entries, failures = [], {}
     for case in cases:
         item = by_scene.get((case.folder, case.method, case.seed))

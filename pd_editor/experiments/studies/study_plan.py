@@ -43,6 +43,7 @@ class StudySettings:
     friction: float | None
     limit: int | None
     current_s: float | None = None
+    map_parts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +64,8 @@ class StudyPlan:
     """Time that a method may take for one variant; one that takes longer fails there."""
     cut: SceneCut = COMPARED
     """What is used of each recording."""
+    map_parts: tuple[str, ...] = ()
+    """Which parts of maps the scenes are, in words of the shell."""
 
     def __post_init__(self) -> None:
         if not self.methods or not self.seeds or not self.conditions:
@@ -86,6 +89,7 @@ class StudyPlan:
             friction=self.friction_coefficient,
             limit=self.limit,
             current_s=self.cut.current_s,
+            map_parts=self.map_parts,
         )
 
     def num_variants(self, num_scenes: int) -> int:
@@ -97,7 +101,7 @@ def study_items(plan: StudyPlan, scenes: Sequence[Scene]) -> dict[str, StudyItem
     """Work items by key: split, folder, method, seed, and a part of the conditions."""
     starts = range(0, len(plan.conditions), CONDITIONS_PER_ITEM)
     return {
-        f"{scene.split}/{scene.folder.name}/m{number}-s{seed}-c{start}": StudyItem(
+        f"{scene.key}/m{number}-s{seed}-c{start}": StudyItem(
             folder=scene.folder,
             split=scene.split,
             method=method,
@@ -106,7 +110,7 @@ def study_items(plan: StudyPlan, scenes: Sequence[Scene]) -> dict[str, StudyItem
             num_samples=plan.num_samples,
             friction_coefficient=plan.friction_coefficient,
             limit_s=plan.limit_s,
-            cut=plan.cut,
+            cut=scene.cut(plan.cut),
         )
         for scene in scenes
         for number, method in enumerate(plan.methods)
@@ -164,4 +168,5 @@ def study_command(plan: StudyPlan, out: str | Path) -> str:
     words += [] if plan.limit is None else ["--limit", str(plan.limit)]
     now_s = plan.cut.current_s
     words += [] if now_s is None else ["--current", f"{now_s:g}"]
+    words += plan.map_parts
     return shlex.join(words)

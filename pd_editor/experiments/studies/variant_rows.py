@@ -24,7 +24,7 @@ from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_rows import is_on_its_way
 from pd_editor.experiments.work_engine.time_limit import time_limit
-from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.base_reference import SceneCut, part_name
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import COMPARED
@@ -89,6 +89,11 @@ class StudyItem:
     """Time that the method may take for one condition; None: as long as it takes."""
     cut: SceneCut = COMPARED
     """What is used of the recording."""
+
+    @property
+    def place(self) -> Path:
+        """Its folder, with a name that tells which part of its map is used."""
+        return self.folder.with_name(part_name(self.folder.name, self.cut.window))
 
     def request(
         self, recorded: Scenario, condition: RoadCondition
@@ -228,7 +233,7 @@ def _rows(
             "scenario_id": recorded.scenario_id,
             "city": recorded.city,
             "split": item.split,
-            "folder": str(item.folder),
+            "folder": str(item.place),
             "method": item.method.name,
             "model_sha256": variant.model_sha256,
             "condition": condition.label,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +12,7 @@ from pd_editor.experiments.evaluation.evaluation import FoundScenes
 from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.studies.avoidable_danger import (
     AvoidableDanger,
-    dangers_of_scene,
+    dangers_of_part,
 )
 from pd_editor.experiments.studies.gallery import (
     GALLERY_NAME,
@@ -186,12 +185,12 @@ def _searched(
     """Worst cases of the search, one for each scene, method and seed, and failures."""
     if not settings.num_trials:
         return [], {}
-    by_scene = {(one.folder, one.method.name, one.seed): one for one in items.values()}
+    by_scene = {(one.place, one.method.name, one.seed): one for one in items.values()}
     searches = {
-        f"{item.split}/{folder.name}/{method}/{seed}": SearchItem(
+        f"{item.split}/{place.name}/{method}/{seed}": SearchItem(
             variant=replace(item, conditions=()), settings=settings
         )
-        for (folder, method, seed), item in by_scene.items()
+        for (place, method, seed), item in by_scene.items()
     }
     found: dict[str, WorstCase] = {}
     failures = run_items(
@@ -213,7 +212,7 @@ def _told(what: str, failures: Mapping[str, WorkFailure]) -> dict[str, PdEditorE
 
 def _dangers(
     found: FoundScenes,
-    cut: SceneCut,
+    times: SceneCut,
     folder: StudyFolder,
     engine: WorkEngine,
     count: int,
@@ -223,11 +222,11 @@ def _dangers(
     if not count:
         return (), {}
     by_scene: dict[str, tuple[AvoidableDanger, ...]] = {}
-    folders = {f"{one.split}/{one.folder.name}": one.folder for one in found.scenes}
+    parts = {one.key: (one.folder, one.cut(times)) for one in found.scenes}
     failed = run_items(
         engine,
-        partial(dangers_of_scene, cut=cut),
-        folders,
+        dangers_of_part,
+        parts,
         on_value=by_scene.__setitem__,
         on_progress=progress_of("scenes searched for dangers"),
     )
@@ -237,7 +236,7 @@ def _dangers(
     for key, danger in dangers[:count]:
         try:
             entries.append(
-                export_danger(danger, folders[key], cut, folder.path / GALLERY_NAME)
+                export_danger(danger, *parts[key], folder.path / GALLERY_NAME)
             )
         except PdEditorError as error:
             failures[f"gallery: {key}, danger {danger.agent_id}"] = error

@@ -58,7 +58,7 @@ class WorstCase:
 
     scenario: str
     folder: Path
-    """Folder of the scenario, which alone tells scenarios of one id apart."""
+    """``StudyItem.place``, which alone tells scenarios of one id apart."""
     method: str
     seed: int
     condition: str
@@ -119,8 +119,8 @@ def search_scene(item: SearchItem) -> WorstCase:
 
     study.optimize(objective, n_trials=settings.num_trials)
     return WorstCase(
-        scenario=variant.folder.name,
-        folder=variant.folder,
+        scenario=variant.place.name,
+        folder=variant.place,
         method=variant.method.name,
         seed=variant.seed,
         condition=best[1],
