@@ -163,4 +163,5 @@ def test_settings_are_written_down(root, tmp_path):
         "states": "recorded",
         "agents": "all",
         "current_s": None,
+        "map_parts": [],
     }
