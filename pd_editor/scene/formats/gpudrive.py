@@ -8,6 +8,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_scene import (
     NO_HEADINGS,
@@ -43,6 +44,25 @@ _KINDS: Final = {
 }
 
 
+class _Asked(msgspec.Struct):
+    track_index: int
+
+
+class _About(msgspec.Struct):
+    sdc_track_index: int | None = None
+    tracks_to_predict: list[_Asked] | None = None
+
+
+class _File(msgspec.Struct):
+    """What is used of a file; the rest of it may be anything."""
+
+    objects: list[dict[str, Any]]
+    roads: list[dict[str, Any]]
+    metadata: _About | None = None
+    tl_states: dict[str, dict[str, Any]] | None = None
+    scenario_id: Any = None
+
+
 def read(path: Path) -> Scenario:
     """Read a scene: tracks with sizes, lanes as centre lines, crosswalks, signals.
 
@@ -54,34 +74,31 @@ def read(path: Path) -> Scenario:
     """
     content, data = read_unpacked(path)
     with read_as(path, "GPUDrive scene"):
-        scene = _scene(path, _decoded(content))
+        scene = _scene(path, _decoded(path, content))
     return scene.scenario(data)
 
 
-def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
-    objects, about = found["objects"], found.get("metadata") or {}
+def _scene(path: Path, found: _File) -> FileScene:
+    objects, about = found.objects, found.metadata or _About()
     step_s = TimeAxis().step_s
-    tracks = (
+    tracks = [
         made_of(path, "object", _track, row, one, step_s)
         for row, one in enumerate(objects)
-    )
+    ]
     roads = [
         (row, *made_of(path, "road", _road, row, one))
-        for row, one in enumerate(found["roads"])
+        for row, one in enumerate(found.roads)
     ]
-    asked = [int(one["track_index"]) for one in about.get("tracks_to_predict") or ()]
-    told = about.get("sdc_track_index")
+    asked, told = about.tracks_to_predict, about.sdc_track_index
     number = max((len(one["position"]) for one in objects), default=0)
-    row_of = {
-        str(one.get("id", row)): str(row) for row, one in enumerate(found["roads"])
-    }
+    row_of = {str(one.get("id", row)): str(row) for row, one in enumerate(found.roads)}
     lanes = [
         CenterLane(key=str(row), line=line)
         for row, kind, line in roads
         if kind == "lane"
     ]
     numbers = lane_numbers(lanes)
-    states = found.get("tl_states") or {}
+    states = found.tl_states or {}
     signals = [
         made_of(
             path, "signal", _signal, key, one, numbers.get(row_of.get(key, "")), step_s
@@ -91,7 +108,7 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
     areas = [one for one in roads if len(one[2]) > 2]
     return FileScene(
         path=path,
-        name=str(found.get("scenario_id") or stem_of(path)),
+        name=str(found.scenario_id or stem_of(path)),
         lanes=made_of(path, "map", lanes_of, lanes),
         crosswalks=crosswalks_of(
             (10**6 + row, line) for row, kind, line in areas if kind == "crosswalk"
@@ -100,20 +117,25 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         tracks=tuple(one for one in tracks if one is not None),
         signals=tuple(signals),
         current_s=step_s * min(WAYMO_CURRENT_STEP, max(number - 2, 0)),
-        ego_id=_id_of(objects, -1 if told is None else int(told)),
-        focal_id=_id_of(objects, asked[0] if asked else -1),
+        ego_id=_id_of(objects, -1 if told is None else told),
+        focal_id=_id_of(objects, asked[0].track_index if asked else -1),
         city="waymo",
         notes=(NO_HEADINGS,) * any("heading" not in one for one in objects),
         attribution="Recorded by the Waymo Open Motion Dataset, under its own licence.",
     )
 
 
-def _decoded(data: bytes) -> Any:
+def _decoded(path: Path, data: bytes) -> _File:
     """A JSON value, in which numbers may be NaN, as Python writes what is unknown."""
     try:
-        return msgspec.json.decode(data)
-    except msgspec.DecodeError:
-        return json.loads(data)
+        try:
+            return msgspec.json.decode(data, type=_File)
+        except msgspec.ValidationError:
+            raise
+        except msgspec.DecodeError:
+            return msgspec.convert(json.loads(data), _File)
+    except msgspec.ValidationError as error:
+        raise FormatError(f"{path}: is no valid GPUDrive scene: {error}.") from error
 
 
 def _id_of(objects: list[Mapping[str, Any]], row: int) -> str:

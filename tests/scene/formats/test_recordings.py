@@ -289,7 +289,13 @@ def test_a_gpudrive_scene_may_hold_nan_where_nothing_is_valid(tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"objects": 3}, "TypeError"),
+        ({"objects": 3}, "Expected `array`, got `int` - at `$.objects`."),
+        ({"objects": [None]}, "got `null` - at `$.objects[0]`."),
+        ({"objects": [{"position": 3}]}, "its object '0' is damaged"),
+        ({"roads": {"a": 1}}, "got `object` - at `$.roads`."),
+        ({"metadata": [float("nan")]}, "got `array` - at `$.metadata`."),
+        ({"metadata": {"tracks_to_predict": [{}]}}, "`track_index` - at `$.metadata."),
+        ({"tl_states": {"7": 1}}, "got `int` - at `$.tl_states"),
         ({"roads": []}, "has no lane for vehicles"),
         ({"roads": [{"type": "lane"}]}, "no 'geometry'"),
     ],
