@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Final
 
 import viser
@@ -73,9 +74,11 @@ class BrowserSession:
         self._is_closed = False
         self._closing = threading.Lock()
 
-    def start(self) -> None:
-        """Build the page and start the worker."""
+    def start(self, then: Callable[[], None] | None = None) -> None:
+        """Build the page and start the worker, with something to do ``then``."""
         self._inbox.post(self._build)
+        if then is not None:
+            self._inbox.post(then)
         self._inbox.post(self._built.set)
         self._inbox.start()
 

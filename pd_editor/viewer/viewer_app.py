@@ -7,12 +7,13 @@ import secrets
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import viser
 
-from pd_editor.base.errors import LargeMapError, PdEditorError
+from pd_editor.base.errors import LargeMapError, LargeSceneError, PdEditorError
 from pd_editor.base.regular_file import state_folder
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.experiments.scene_index.index_file import index_place
@@ -20,6 +21,8 @@ from pd_editor.generation.generators import catalogue_with
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.map_window import densest_windows
+from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.time_cut import FUTURE_S
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import (
     TOKEN_FIELD,
@@ -78,12 +81,8 @@ class ViewerApp:
         """
         self._generators = catalogue_with(models)
         self._cut = cut or SceneCut()
-        try:
-            self._scenario = open_part(reference, self._cut)
-        except LargeMapError as error:
-            # The page offers other parts.
-            (window,) = densest_windows(error.scene.lanes, 1)
-            self._scenario = open_part(reference, replace(self._cut, window=window))
+        self._reference, self._is_long = reference, False
+        self._scenario = self._open(self._cut)
         self._is_local = is_loopback(host)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
         self._library, self._state = library, state or state_folder()
@@ -110,6 +109,21 @@ class ViewerApp:
         )
         self.server.on_client_connect(self._connected)
         self.server.on_client_disconnect(self._disconnected)
+
+    def _open(self, cut: SceneCut) -> Scenario:
+        """What a cut leaves, or a part of it where that is too large or long."""
+        try:
+            return open_part(self._reference, cut)
+        except LargeMapError as error:
+            if cut.window is not None:
+                raise
+            (window,) = densest_windows(error.scene.lanes, 1)
+            return self._open(replace(cut, window=window))
+        except LargeSceneError as error:
+            if cut.until_s is not None:
+                raise
+            self._is_long, now_s = True, cut.current_s or error.scene.observed_s
+            return self._open(replace(cut, current_s=now_s, until_s=FUTURE_S))
 
     def address_at(self, host: str) -> str:
         """Address of the editor for browsers that reach this machine by a name."""
@@ -217,7 +231,9 @@ class ViewerApp:
             remembered = [k for k in known if k in self._workspaces and k != key]
         stored = {"visitor": visitor, "sessions": [key, *remembered]}
         client.local_storage.set_item(STORAGE_KEY, json.dumps(stored))
-        tab.start()
+        # The page asks for a moment of what is too long.
+        whole = partial(workspace.open_reference, self._reference, self._cut)
+        tab.start(whole if self._is_long and not free else None)
         return tab
 
     def _disconnected(self, client: viser.ClientHandle) -> None:

@@ -9,10 +9,12 @@ from viser import LocalStorageHandle
 
 from pd_editor.base.errors import InputError
 from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.viewer_app import ViewerApp
 from tests.cli.shell import ROOT
-from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
+from tests.scene.test_time_cut import recording_of_minutes
+from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 SCRIPT = """
 import sys, time
@@ -39,6 +41,19 @@ def test_ending_while_a_model_is_loaded_is_a_clean_end(tmp_path: Path, seconds: 
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_moment_of_a_recording_of_minutes_is_asked_for_at_first(tmp_path: Path):
+    """The command ended with a sentence, and no page opened."""
+    path = recording_of_minutes(tmp_path / "data")
+    with running_app(tmp_path / "state", str(path)) as app, connected_tab(app) as tab:
+        assert tab.session.base.time_axis.num_future_steps == 60
+        until(lambda: tab.inputs().get("Current moment (s)"))
+        tab.type("Current moment (s)", 30.0)
+        tab.press("Open this part")
+        until(
+            lambda: tab.session.base.provenance.cut == SceneCut(current_s=30, until_s=6)
+        )
 
 
 def one_workspace(app: ViewerApp, tab: FakeTab) -> Workspace:

@@ -1,7 +1,7 @@
 """GPUDrive (Nocturne) scenes: JSON files of the Waymo Open Motion Dataset."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -138,7 +138,7 @@ def _decoded(path: Path, data: bytes) -> _File:
         raise FormatError(f"{path}: is no valid GPUDrive scene: {error}.") from error
 
 
-def _id_of(objects: list[Mapping[str, Any]], row: int) -> str:
+def _id_of(objects: Sequence[Mapping[str, Any]], row: int) -> str:
     return _name(row, objects[row]) if 0 <= row < len(objects) else ""
 
 
