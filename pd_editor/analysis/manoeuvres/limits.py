@@ -86,10 +86,12 @@ class ManoeuvreLimits:
     """So have those with a shorter time after one another (Allen and others 1978)."""
     slip_rad: float = 0.35
     """No vehicle goes at a larger angle, 20 degrees, to where its box points."""
+    tracked_s: float = 1.0
+    """Time for which an agent's track is sound before it meets another."""
     near_s: float = 0.6
     """Shorter conflicts are the noise of tracked velocities."""
-    closing_mps: float = 2.0
-    """Slower approaches are manoeuvring in queues."""
+    near_braking_mps2: float = 3.35
+    """Conflicts need harder braking than this to be avoided (Archer 2005)."""
     yield_share: float = 0.5
     """Who yields slows to this share of the speed that it came with, or less."""
     yield_m: float = 25.0

@@ -94,11 +94,24 @@ class Motion:
         return unit_vector(self.agents.heading_rad)
 
     @cached_property
-    def is_sound(self) -> Bool[np.ndarray, "A S"]:
-        """Whether a box points along its motion, or hardly moves; others are noise."""
-        along = np.einsum("asd,asd->as", self.agents.velocity_mps, self.forward)
-        speed = self.agents.speed_mps()
-        return (along > np.cos(LIMITS.slip_rad) * speed) | (speed < 2 * MOVING_MPS)
+    def velocity_mps(self) -> Float[np.ndarray, "A S 2"]:
+        """Velocity of the way; that of tracks comes some tenths of a second late."""
+        return np.gradient(self.agents.position_m, self.step_s, axis=1)
+
+    @cached_property
+    def _is_sound(self) -> Bool[np.ndarray, "A S"]:
+        """Whether one is there, and its box points along its way; others are noise."""
+        along = np.einsum("asd,asd->as", self.velocity_mps, self.forward)
+        speed = np.linalg.norm(self.velocity_mps, axis=-1)
+        points = (along > np.cos(LIMITS.slip_rad) * speed) | (speed < 2 * MOVING_MPS)
+        return points & self.agents.is_valid
+
+    def is_tracked(
+        self, row: Int[np.ndarray, "*N"], step: Int[np.ndarray, "*N"]
+    ) -> Bool[np.ndarray, "*N"]:
+        """Whether agents have been there for some time, and move as their boxes say."""
+        before = step[..., None] - np.arange(round(LIMITS.tracked_s / self.step_s))
+        return np.all(self._is_sound[row[..., None], np.maximum(before, 0)], axis=-1)
 
     def runs(
         self, holds: Bool[np.ndarray, "R S"], least_s: float, pause_s: float = 0.0

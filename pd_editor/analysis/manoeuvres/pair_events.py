@@ -1,7 +1,7 @@
 """What pairs of agents do towards one another."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from pd_editor.analysis.metrics.collisions.safety import (
     times_to_touch,
 )
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
 
@@ -121,11 +122,12 @@ def cut_ins(pairs: Pairs, changes: Iterable[SceneEvent]) -> Iterator[SceneEvent]
             yield event(motion, "cut-in", row, (begin, end), then.min(), a)
 
 
-def crossings(motion: Motion) -> Iterator[SceneEvent]:
+def meetings(motion: Motion, lanes: LaneTracks) -> Iterator[SceneEvent]:
     """Who crosses or joins another's path after it; who slows for that yields."""
     moves = np.flatnonzero(motion.has_moved)
     agents = motion.agents.taken(moves)
     a, at, b, other = encroachments(agents)
+    yield from _merges(motion, lanes, np.stack([moves[a], moves[b]]), (at, other))
     turn = agents.heading_rad[a, at] - agents.heading_rad[b, other]
     late = np.abs(at - other)
     good = (np.abs(np.sin(turn)) > np.sin(LIMITS.crossing_rad)) & (late > 0)
@@ -145,11 +147,43 @@ def crossings(motion: Motion) -> Iterator[SceneEvent]:
         joins = np.cos(ends[0] - ends[1]) > np.cos(LIMITS.crossing_rad)
         rows = int(moves[ways[1][1]]), int(moves[ways[0][1]])
         pet = late[one] * motion.step_s
-        kind = "merge" if joins and motion.is_follower[list(rows)].all() else "crossing"
-        yield event(motion, kind, rows[0], steps, pet, rows[1])
+        if not (joins and motion.is_follower[list(rows)].all()):
+            yield event(motion, "crossing", rows[0], steps, pet, rows[1])
         if (slow := _yields_at(motion, rows[0], *steps)) is not None:
             begin = min(slow, steps[0])
             yield event(motion, "yielding", rows[0], (begin, steps[1]), pet, rows[1])
+
+
+def _merges(
+    motion: Motion,
+    lanes: LaneTracks,
+    rows: Int[np.ndarray, "2 N"],
+    steps: tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]],
+) -> Iterator[SceneEvent]:
+    """Who comes right after another one into the lane that both their lanes lead to."""
+    step = np.stack(steps)
+    # Where their ways meet first, from the one that is there first.
+    order = np.lexsort((np.abs(step[0] - step[1]), step.max(axis=0), *rows))
+    keep = np.any(np.diff(rows[:, order], axis=1, prepend=-1) != 0, axis=0)
+    row, step = rows[:, order[keep]], step[:, order[keep]]
+    first = step.argsort(axis=0)
+    row, step = (np.take_along_axis(one, first, axis=0) for one in (row, step))
+    came = lanes.lane[
+        row, np.maximum(step - round(LIMITS.tracked_s / motion.step_s), 0)
+    ]
+    after = step + round(LIMITS.joined_s / motion.step_s)
+    goes = lanes.lane[row, np.minimum(after, lanes.lane.shape[1] - 1)]
+    leads = lanes.leads_to
+    joins = np.all(leads[came] & leads[goes], axis=0).any(axis=-1)
+    joins &= ~leads[tuple(came)] & ~leads[tuple(came[::-1])]
+    lag = (step[1] - step[0]) * motion.step_s
+    joins &= lag <= LIMITS.headway_s
+    joins &= motion.is_tracked(row, step).all(axis=0)
+    for one in np.flatnonzero(joins).tolist():
+        if _gaps_m(motion, *row[:, one].tolist()).min() > 0:
+            yield event(
+                motion, "merge", row[1, one], tuple(step[:, one]), lag[one], row[0, one]
+            )
 
 
 def _yields_at(motion: Motion, row: int, passed: int, crosses: int) -> int | None:
@@ -189,17 +223,21 @@ def passings(pairs: Pairs) -> Iterator[SceneEvent]:
 
 
 def near_misses(motion: Motion, met: Iterable[SceneEvent]) -> Iterator[SceneEvent]:
-    """Pairs about to collide at the present velocities, or one right after the other."""
+    """Pairs that need hard braking not to collide, or pass right after one another."""
     moves = np.flatnonzero(motion.has_moved)
-    agents = motion.agents.taken(moves)
+    agents = replace(motion.agents, velocity_mps=motion.velocity_mps).taken(moves)
     a, b, at, time = times_to_touch(agents, LIMITS.near_ttc_s)
-    closing = np.linalg.norm(
-        agents.velocity_mps[a, at] - agents.velocity_mps[b, at], axis=-1
-    )
-    # Boxes that touch already are mostly too large: tracks have no true sizes.
-    good = (closing > LIMITS.closing_mps) & (time > 0)
-    sound = motion.is_sound[moves]
-    good &= sound[a, at] & sound[b, at]
+    apart = agents.position_m[b, at] - agents.position_m[a, at]
+    velocity = agents.velocity_mps[b, at] - agents.velocity_mps[a, at]
+    closing = np.linalg.norm(velocity, axis=-1)
+    good = closing > 2 * LIMITS.near_braking_mps2 * time
+    good &= motion.is_tracked(moves[a], at) & motion.is_tracked(moves[b], at)
+    # Of two in one direction only the one behind can hit the other, not the one beside.
+    ahead = unit_vector(agents.heading_rad[a, at])
+    turn = agents.heading_rad[a, at] - agents.heading_rad[b, at]
+    aside = np.abs(ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0])
+    wide = (agents.size_m[a, 1] + agents.size_m[b, 1]) / 2
+    good &= (np.cos(turn) < np.cos(LIMITS.crossing_rad)) | (aside < wide)
     a, b, at, time = (one[good] for one in (a, b, at, time))
     pairs, index = np.unique(a * len(agents) + b, return_inverse=True)
     after = round(LIMITS.near_ttc_s / motion.step_s)
@@ -208,12 +246,21 @@ def near_misses(motion: Motion, met: Iterable[SceneEvent]) -> Iterator[SceneEven
     for pair, first, last in motion.runs(soon < np.inf, LIMITS.near_s).tolist():
         one, two = moves[list(divmod(int(pairs[pair]), len(agents)))].tolist()
         least = soon[pair, first : last + 1].min()
-        later = np.arange(first, min(last + after, soon.shape[1]))
-        boxes = motion.agents.at(one, later), motion.agents.at(two, later)
-        if box_gap_m(*boxes).min() < LIMITS.near_m:
+        gap = _gaps_m(motion, one, two)
+        if gap.min() > 0 and gap[first : last + after].min() < LIMITS.near_m:
             yield event(motion, "near-miss", one, (first, last), least, two)
     for one in met:
         if one.kind == "crossing" and (one.value or 0.0) < LIMITS.near_pet_s:
             row, first, last = steps_of(motion, one)
             other = motion.agents.row_of[one.other_id]
-            yield event(motion, "near-miss", row, (first, last), None, other)
+            both = motion.is_tracked(np.array([other, row]), np.array([first, last]))
+            if both.all() and _gaps_m(motion, row, other).min() > 0:
+                yield event(motion, "near-miss", row, (first, last), None, other)
+
+
+def _gaps_m(motion: Motion, row: int, other: int) -> Float[np.ndarray, "S"]:
+    """Gaps between two agents; boxes that touch at any time are too large, or not true."""
+    agents, steps = motion.agents, np.arange(len(motion.time_s))
+    there = agents.is_valid[row] & agents.is_valid[other]
+    gap = box_gap_m(agents.at(row, steps), agents.at(other, steps))
+    return np.where(there, gap, np.inf)

@@ -14,9 +14,9 @@ from pd_editor.analysis.manoeuvres.lane_tracks import lane_tracks
 from pd_editor.analysis.manoeuvres.motion import Motion
 from pd_editor.analysis.manoeuvres.pair_events import (
     Pairs,
-    crossings,
     cut_ins,
     followings,
+    meetings,
     near_misses,
     passings,
 )
@@ -43,7 +43,7 @@ def scene_content(scenario: Scenario) -> SceneContent:
     """
     motion = Motion.of(scenario)
     lanes = lane_tracks(scenario.road_map, motion)
-    changes, met = list(lane_changes(motion, lanes)), list(crossings(motion))
+    changes, met = list(lane_changes(motion, lanes)), list(meetings(motion, lanes))
     pairs = Pairs.of(motion, lanes)
     found = chain(
         changes,

@@ -163,6 +163,78 @@ def test_a_track_that_goes_on_under_a_new_id_crosses_nobody():
     assert not events(scenario_with(agents, road()), "crossing", "near-miss", "merge")
 
 
+def braking(x: float, at: float):
+    """Eastwards at 12 m/s, and from a time on with 6 m/s2 to a stop at some x."""
+
+    def path(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        left = np.clip(at + 2.0 - time, 0, 2)
+        return x - 3 * left**2 + 12 * np.minimum(time - at, 0), np.zeros_like(time)
+
+    return path
+
+
+def test_who_halts_hard_behind_one_that_stands_nearly_hits_it():
+    agents = driven([braking(0.0, 0.0), braking(5.2, -3.5)])
+    (one,) = events(scenario_with(agents, road(1)), "near-miss")
+    assert set(one.agent_ids) == {"100", "101"}
+    assert one.value == pytest.approx(0.4, abs=0.3)
+    gentle = driven([along(0, 3), along(12, 2.5)])
+    assert not events(scenario_with(gentle, road(1)), "near-miss")
+
+
+@pytest.mark.parametrize("slip_rad", [0.0, 0.12])
+def test_who_passes_in_the_lane_beside_misses_nobody(slip_rad: float):
+    """Even if the tracker turns its velocity towards the other's lane."""
+    agents = driven([along(0, 8), along(-14, 14, 2.7)])
+    velocity = agents.velocity_mps.copy()
+    velocity[1] = 14 * np.array([np.cos(slip_rad), -np.sin(slip_rad)])
+    agents = replace(agents, velocity_mps=velocity)
+    assert not events(scenario_with(agents, road()), "near-miss")
+
+
+def test_two_tracks_of_one_agent_miss_nobody():
+    """They lag by a second and then catch up: the boxes overlap."""
+    agents = driven([along(0, 10), along(-11, 10)])
+    place = agents.position_m.copy()
+    place[1, 60:, 0] += np.minimum(np.arange(50) * 0.6, 9)
+    agents = replace(agents, position_m=place)
+    assert not events(scenario_with(agents, road()), "near-miss")
+
+
+def ramp() -> RoadMap:
+    """A lane that another one joins at x = 0, under an angle of 8 degrees."""
+    return RoadMap(
+        lanes=(
+            straight_lane(1, (-150, 0), (0, 0), successors=(3,)),
+            straight_lane(2, (-150, -21), (0, 0), successors=(3,)),
+            straight_lane(3, (0, 0), (150, 0), predecessors=(1, 2)),
+        )
+    )
+
+
+def on_ramp(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return 10 * time, np.minimum(1.4 * time, 0.0)
+
+
+@pytest.mark.parametrize(("ahead_m", "merges"), [(15, True), (-18, True), (45, False)])
+def test_who_comes_from_another_lane_behind_another_merges(
+    ahead_m: float, merges: bool
+):
+    agents = driven([on_ramp, along(ahead_m, 10)])
+    found = events(scenario_with(agents, ramp()), "merge")
+    who = ("100", "101") if ahead_m > 0 else ("101", "100")
+    assert [(one.agent_id, one.other_id) for one in found] == [who] * merges
+    for one in found:
+        assert one.value == pytest.approx((abs(ahead_m) - 4.6) / 10, abs=0.3)
+
+
+def test_who_follows_on_one_lane_does_not_merge():
+    agents = driven([along(0, 10), along(15, 10)])
+    assert not events(scenario_with(agents, ramp()), "merge")
+    beside = driven([along(0, 10, LANE_M, 0.0), along(15, 10)])
+    assert not events(scenario_with(beside, road()), "merge")
+
+
 def test_a_walker_is_on_the_crosswalk():
     def walks(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros_like(time), 1.5 * time
@@ -224,8 +296,7 @@ def test_lanes_may_be_cut_into_pieces(demo: str, share: float):
     scenario = open_scenario(demo)
     lanes = tuple(piece for one in scenario.road_map.lanes for piece in cut(one, share))
     apart = replace(scenario, road_map=replace(scenario.road_map, lanes=lanes))
-    # Which of two agents merges into which lane depends on where lanes begin.
-    assert without_merges(apart) == without_merges(scenario)
+    assert named(apart) == named(scenario)
 
 
 @pytest.mark.parametrize("demo", DEMOS)
@@ -236,10 +307,6 @@ def test_a_scene_without_a_map_has_its_stops_and_crossings(demo: str):
     assert [one for one in named(bare) if one[0] in kept] == [
         one for one in named(scenario) if one[0] in kept
     ]
-
-
-def without_merges(scenario: Scenario) -> list[tuple[str, str, str]]:
-    return [one for one in named(scenario) if one[0] != "merge"]
 
 
 def changed(
