@@ -3,7 +3,8 @@
 Scenes of PD_EDITOR_AV2's ``train`` and ``val``, each plain, on two warped roads, with all
 road users resampled and with as many as fit. A scene is accepted if the format's own loader
 takes it and if all that is compared agrees: states within 1 mm, 0.1 degree and 0.05 m/s,
-links of lanes, centre lines within 5 cm (CommonRoad's are midway between bounds: 0.4 m).
+links of lanes, centre lines within 5 cm (CommonRoad's are midway between bounds: 0.4 m
+aside).
 ``--loaders`` asks the loaders of ``tests/oracles`` too, which takes long. Answers are kept
 in ``answers.jsonl``: a run that goes on asks again about what was refused, and what is new.
 """

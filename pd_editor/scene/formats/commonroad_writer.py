@@ -40,7 +40,7 @@ _GOAL_M: Final = (5.0, 2.0)
 """Length and width of the goal region around the ego's last place."""
 _GOAL_TURN: Final = 0.2
 _LOSSES: Final[tuple[str, ...]] = (
-    "Centre lines: they are midway between the bounds, a few centimetres from ours.",
+    "Centre lines: they are midway between the bounds, up to 0.4 m from ours.",
     "Colours of lane markings and double lines: CommonRoad knows solid and dashed ones.",
     "Drivable areas beside the lanes: CommonRoad has lanelets only.",
     "The ego's trajectory: the planning problem has its start and its goal.",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from pd_editor.scene.scenario import Scenario
@@ -36,9 +37,25 @@ class Agreement:
     size_m: float
     center_m: float
     """Distance of a centre line's points from the other's line."""
+    aside_m: float
+    """The same, but for where the lanes end."""
     num_states: int
     lanes_agree: bool
     """Whether there are the same lanes with the same successors."""
+
+
+def aside_m(
+    points: Float[np.ndarray, "N 2"], line: Float[np.ndarray, "M 2"]
+) -> Float[np.ndarray, "N"]:
+    """Distances of points from a line that goes straight on for 0.5 m at its ends.
+
+    Lanes of warped roads end at a bend, those that are read again at the straight line
+    between the ends of their bounds.
+    """
+    steps = line[[0, -1]] - line[[1, -2]]
+    ends = line[[0, -1]] + 0.5 * steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    longer = shapely.LineString([ends[0], *line, ends[1]])
+    return np.asarray(shapely.distance(shapely.points(points), longer))
 
 
 def agreement(
@@ -70,14 +87,15 @@ def agreement(
         asked = np.array([track["length_m"], track["width_m"]])
         sizes.append(float(np.abs(agents.size_m[row] - asked).max()))
     worst = np.concatenate(gaps, axis=1)
-    centers: list[float] = []
+    centers: list[tuple[float, float]] = []
     successors: dict[int, set[int]] = {}
     own = scenario.road_map.lane_of
     for key, lane in read["lanes"].items():
         if key in lane_of:
-            line = shapely.LineString(own[lane_of[key]].centerline_m + origin)
-            points = shapely.points(np.array(lane["center_m"])[:, :2])
-            centers.append(float(shapely.distance(line, points).max()))
+            line = own[lane_of[key]].centerline_m + origin
+            points = np.array(lane["center_m"])[:, :2]
+            gaps_m = shapely.distance(shapely.LineString(line), shapely.points(points))
+            centers.append((float(gaps_m.max()), float(aside_m(points, line).max())))
             after = [str(one) for one in lane["successors"]]
             successors[lane_of[key]] = {lane_of[one] for one in after if one in lane_of}
     expected = {n: set(own[n].successors).intersection(own) for n in own}
@@ -87,7 +105,8 @@ def agreement(
         heading_deg=heading,
         speed_mps=speed,
         size_m=max(sizes),
-        center_m=max(centers),
+        center_m=max(one for one, _ in centers),
+        aside_m=max(one for _, one in centers),
         num_states=worst.shape[1],
         lanes_agree=successors == expected,
     )
