@@ -17,15 +17,17 @@ def is_plain(text: str, most: int = MAX_ID_CHARACTERS) -> bool:
 
     Control characters, line breaks among them, and lone surrogates cannot.
     """
-    return len(text) <= most and not any(
-        unicodedata.category(character) in ("Cc", "Cs")
-        for character in ("" if text.isprintable() else text)
+    return len(text) <= most and (
+        text.isprintable()
+        or not any(unicodedata.category(one) in ("Cc", "Cs") for one in text)
     )
 
 
 def is_note(text: str, most: int = MAX_TEXT_CHARACTERS) -> bool:
     """Whether a text can be stored that may also have line breaks and tabs."""
-    return len(text) <= most and is_plain(text.translate(_SPACES), most)
+    return len(text) <= most and (
+        text.isprintable() or is_plain(text.translate(_SPACES), most)
+    )
 
 
 def one_line(text: str, max_characters: int = _SHOWN_CHARACTERS) -> str:

@@ -27,11 +27,9 @@ def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> Non
             f"{text}: is no usable path; expected characters in UTF-8, without control "
             "characters and line breaks."
         )
-    parts = text.replace("\\", "/").split("/")
-    if not (
-        len(text.encode()) <= MAX_PATH_BYTES
-        and all(len(part.encode()) <= MAX_NAME_BYTES for part in parts)
-    ):
+    size = len(text.encode())
+    parts = text.replace("\\", "/").split("/") if size > MAX_NAME_BYTES else ()
+    if size > MAX_PATH_BYTES or any(len(p.encode()) > MAX_NAME_BYTES for p in parts):
         raise error(
             f"{text}: the path is too long; expected names of at most "
             f"{MAX_NAME_BYTES} bytes, {MAX_PATH_BYTES} bytes in all."
@@ -73,8 +71,10 @@ def read_regular(
                 raise error(f"{path}: is not a regular file.")
             if status.st_size > max_bytes:
                 raise _too_large(path, max_bytes, error)
+            data = file.read(status.st_size + 1)
             # The reported size may be wrong, as under /proc.
-            data = file.read(max_bytes + 1)
+            if len(data) > status.st_size:
+                data += file.read(max_bytes + 1 - len(data))
     except OSError as failure:
         reason = failure.strerror or str(failure)
         raise error(f"{path}: cannot be read ({reason}).") from failure

@@ -4,6 +4,7 @@ A planner needs no base class of this project: an object with ``name``, ``reset`
 ``plan`` is a policy.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Protocol, runtime_checkable
 
@@ -11,12 +12,15 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import GenerationError
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.prediction import AgentHistory
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.signals import Signal
 
+DrivenPlans = Mapping[str, Mapping[int, Float[np.ndarray, "F 2"]]]
+"""Where driven agents were to go, by agent and step."""
 LEAST_PLAN_S: Final = 0.5
 """Shortest plan: the time between two questions to a policy."""
 _MOST_JUMP_MPS: Final = 4.0
@@ -179,3 +183,16 @@ def _driven(
     steps = way[:, None] * unit_vector(middle)
     position = ego.position_m[0, -1] + np.cumsum(steps, axis=0)
     return Plan(position_m=position, heading_rad=wrap_angle(heading))
+
+
+def plans_at(
+    plans: DrivenPlans, agents: AgentTracks, step: int
+) -> list[Float[np.ndarray, "F 2"]]:
+    """The latest plans of the agents that are there at a step."""
+    found = []
+    for name, made in plans.items():
+        row = agents.row_of.get(name)
+        latest = max((one for one in made if one <= step), default=None)
+        if row is not None and latest is not None and agents.is_valid[row, step]:
+            found.append(made[latest])
+    return found

@@ -7,9 +7,9 @@ import types
 import typing
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -64,35 +64,51 @@ def from_json(hint: Any, data: Any, where: str) -> Any:
     Raises:
         RecipeError: ``data`` does not fit; the sentence starts with ``where``.
     """
-    if hint in (str, int, float, bool):
-        return _scalar_from_json(hint, data, where)
-    origin, args = _shape(hint)
+    return _reader(hint)(data, where)
+
+
+@cache
+def _reader(hint: Any) -> Callable[[Any, str], Any]:
+    """What converts values to a type, found once: lists have thousands of cards."""
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType) or hint is GuidanceTerm:
-        return _union_from_json(args or (hint,), data, where)
+        return partial(_union_from_json, args or (hint,))
     if origin is typing.Literal:
-        if not any(type(data) is type(arg) and data == arg for arg in args):
-            raise _misfit(where, f"one of {', '.join(map(str, args))}", data)
-        return data
+        return partial(_literal_from_json, args)
     if origin is tuple:
-        return _tuple_from_json(args, data, where)
+        return partial(_tuple_from_json, args)
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        if not isinstance(data, dict):
-            raise _misfit(where, "an object", data)
-        return {
-            from_json(args[0], key, where): from_json(args[1], item, f"{where}.{key}")
-            for key, item in data.items()
-        }
+        return partial(_mapping_from_json, args)
     if getattr(hint, "array_type", None) is np.ndarray:
-        return _array_from_json(hint, data, where)
+        return partial(_array_from_json, hint)
     if isinstance(hint, type) and is_dataclass(hint):
-        return _dataclass_from_json(hint, data, where)
+        return partial(_dataclass_from_json, hint)
     if isinstance(hint, type) and issubclass(hint, Enum):
-        try:
-            return hint(data)
-        except (ValueError, TypeError) as error:
-            names = ", ".join(str(member.value) for member in hint)
-            raise _misfit(where, f"one of {names}", data) from error
-    return _scalar_from_json(hint, data, where)
+        return partial(_enum_from_json, hint)
+    return partial(_scalar_from_json, hint)
+
+
+def _literal_from_json(args: tuple[Any, ...], data: Any, where: str) -> Any:
+    if not any(type(data) is type(arg) and data == arg for arg in args):
+        raise _misfit(where, f"one of {', '.join(map(str, args))}", data)
+    return data
+
+
+def _mapping_from_json(args: tuple[Any, ...], data: Any, where: str) -> Any:
+    if not isinstance(data, dict):
+        raise _misfit(where, "an object", data)
+    return {
+        from_json(args[0], key, where): from_json(args[1], item, f"{where}.{key}")
+        for key, item in data.items()
+    }
+
+
+def _enum_from_json(hint: type[Enum], data: Any, where: str) -> Enum:
+    try:
+        return hint(data)
+    except (ValueError, TypeError) as error:
+        names = ", ".join(str(member.value) for member in hint)
+        raise _misfit(where, f"one of {names}", data) from error
 
 
 def _misfit(where: str, expected: str, data: Any) -> RecipeError:
@@ -120,6 +136,7 @@ def _union_from_json(args: tuple[Any, ...], data: Any, where: str) -> Any:
     return _dataclass_from_json(by_kind[tag], data, where)
 
 
+@cache
 def _kind(hint: Any) -> str:
     """Kind of a dataclass in a union; empty: it has none."""
     is_class = isinstance(hint, type) and is_dataclass(hint)
@@ -130,6 +147,8 @@ def _kind(hint: Any) -> str:
 def _tuple_from_json(args: tuple[Any, ...], data: Any, where: str) -> tuple[Any, ...]:
     if not isinstance(data, list):
         raise _misfit(where, "a list", data)
+    if not data and args[1:] == (Ellipsis,):
+        return ()
     if len(args) == 2 and args[1] is Ellipsis:
         args = (args[0],) * len(data)
     if len(args) != len(data):
@@ -141,6 +160,8 @@ def _tuple_from_json(args: tuple[Any, ...], data: Any, where: str) -> tuple[Any,
 
 
 def _scalar_from_json(hint: type, data: Any, where: str) -> Any:
+    if hint is str is type(data) and is_note(data):
+        return data
     is_bool = isinstance(data, bool)
     if hint is float:
         if is_bool or not isinstance(data, int | float):
@@ -169,19 +190,17 @@ def _scalar_from_json(hint: type, data: Any, where: str) -> Any:
 
 
 @cache
-def _shape(hint: Any) -> tuple[Any, tuple[Any, ...]]:
-    """The generic type of a hint, and the arguments of it."""
-    return typing.get_origin(hint), typing.get_args(hint)
-
-
-@cache
-def _fields(cls: type) -> dict[str, Field[Any]]:
-    return {item.name: item for item in fields(cls)}
-
-
-@cache
-def _hints(cls: type) -> dict[str, Any]:
-    return typing.get_type_hints(cls)
+def _fields(cls: type) -> dict[str, tuple[Any, Callable[[Any, str], Any], bool]]:
+    """Type, reader, and whether it must be there, of each field of a dataclass."""
+    hints = typing.get_type_hints(cls)
+    return {
+        one.name: (
+            hints[one.name],
+            _reader(hints[one.name]),
+            one.default is MISSING and one.default_factory is MISSING,
+        )
+        for one in fields(cls)
+    }
 
 
 def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
@@ -195,12 +214,12 @@ def _dataclass_from_json(cls: Any, data: Any, where: str) -> Any:
             raise RecipeError(f"{where} has an unknown field {name!r}.")
     values: dict[str, Any] = {}
     sizes: dict[str, int] = {}
-    for name, item in known.items():
+    for name, (hint, read, is_needed) in known.items():
         if name in data:
-            hint = _hints(cls)[name]
-            values[name] = from_json(hint, data[name], f"{where}.{name}")
-            _check_axes(hint, values[name], sizes, f"{where}.{name}")
-        elif item.default is MISSING and item.default_factory is MISSING:
+            value = values[name] = read(data[name], f"{where}.{name}")
+            if isinstance(value, np.ndarray):
+                _check_axes(hint, value, sizes, f"{where}.{name}")
+        elif is_needed:
             raise RecipeError(f"{where} lacks the field {name!r}.")
     return _built(cls, values, where)
 
@@ -212,13 +231,13 @@ def _built(cls: Callable[..., Any], values: dict[str, Any], where: str) -> Any:
         raise RecipeError(f"{where}: {error}") from error
 
 
-def _check_axes(hint: Any, value: Any, sizes: dict[str, int], where: str) -> None:
+def _check_axes(
+    hint: Any, value: np.ndarray, sizes: dict[str, int], where: str
+) -> None:
     """Raise for arrays of one value whose common axes have different lengths.
 
     ``sizes`` collects the lengths of axes by name.
     """
-    if not isinstance(value, np.ndarray):
-        return
     for axis, size in zip(hint.dim_str.split(), value.shape, strict=True):
         if not axis.isdigit() and sizes.setdefault(axis, size) != size:
             raise RecipeError(

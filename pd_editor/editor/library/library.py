@@ -436,7 +436,7 @@ class Library:
             InputError: it cannot be read, or is that of another folder.
             RecipeError: it is none.
         """
-        path = self.root / name / CARD_NAME
+        path = Path(f"{self.root}/{name}/{CARD_NAME}")
         try:
             content = json_value(read_regular(path, max_bytes=_MAX_CARD_BYTES))
         except ValueError as error:

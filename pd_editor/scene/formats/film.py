@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Final
 
@@ -11,6 +11,8 @@ from jaxtyping import Float, UInt8
 
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.formats.figure import RADIUS_M, check_view
+from pd_editor.scene.palette import parts_of_one
+from pd_editor.scene.policy import DrivenPlans, plans_at
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.top_view import DPI, Frame, TopView, middle_of, pixels
 
@@ -42,6 +44,8 @@ class FilmLook:
     """Half of the shown height; more where the focal agent would leave it."""
     height_px: int = 1080
     """The width is 16/9 of it."""
+    plans: DrivenPlans = field(default_factory=dict)
+    """What policies planned; drawn as lines while it was in force."""
 
 
 def film(
@@ -85,6 +89,7 @@ class _Camera:
         from matplotlib.figure import Figure
 
         self._scenario, self._follow = scenario, look.follow
+        self._plans = look.plans
         # Encoders need even sizes.
         height = look.height_px // 2 * 2
         self._size = np.array([round(height * _ASPECT / 2) * 2, height])
@@ -114,11 +119,21 @@ class _Camera:
         seconds = (step - self._scenario.current_step) * self._scenario.time_axis.step_s
         clock = f"{self._scenario.scenario_id}   t = {seconds:+.1f} s"
         told = self._text(0.012, clock), self._text(0.988, self._credit, ha="right")
-        for artist in (*self._view.traffic(step), *told):
+        for artist in (*self._view.traffic(step), *self._planned(int(step)), *told):
             self._axes.add_artist(artist)
             artist.draw(renderer)
             artist.remove()
         return shown
+
+    def _planned(self, step: int) -> Iterator[Any]:
+        """What is planned at a step, on a rim."""
+        from matplotlib.collections import LineCollection
+
+        lines = plans_at(self._plans, self._scenario.agents, step)
+        palette = self._view.palette
+        for color, width_m in ((palette.lane, 0.6), (palette.plan, 0.3)):
+            points = self._view.points_per_m * width_m
+            yield LineCollection(lines, colors=[parts_of_one(color)], linewidths=points)
 
     def _text(self, x: float, words: str, **look: Any) -> Any:
         from matplotlib.text import Text

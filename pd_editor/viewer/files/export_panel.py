@@ -157,7 +157,7 @@ class ExportPanel:
         """
         look = LOOKS[ending]
         if isinstance(look, FilmLook):
-            return look
+            return replace(look, plans=self._workspace.plans_in_force)
         moments = re.split(r"[,;\s]+", str(self._moments.value).strip(" ,;") or "0")
         try:
             at_s = tuple(map(float, moments))

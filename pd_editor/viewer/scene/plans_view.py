@@ -5,6 +5,7 @@ import viser
 from jaxtyping import Float
 
 from pd_editor.scene.palette import Palette
+from pd_editor.scene.policy import plans_at
 from pd_editor.viewer.meshes.colors import inverse_aces, srgb_to_linear
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
 from pd_editor.viewer.meshes.ribbons import path_heights, path_ribbons
@@ -46,15 +47,9 @@ class PlansView:
 
     def _plans(self) -> list[Float[np.ndarray, "F 2"]]:
         """The latest plans of the agents that are there."""
-        agents = self._ui.session.scenario.agents
-        step = int(self._ui.workspace.playback.step)
-        found = []
-        for name, made in self._ui.workspace.plans_in_force.items():
-            row = agents.row_of.get(name)
-            latest = max((one for one in made if one <= step), default=None)
-            if row is not None and latest is not None and agents.is_valid[row, step]:
-                found.append(made[latest])
-        return found
+        workspace, agents = self._ui.workspace, self._ui.session.scenario.agents
+        step = int(workspace.playback.step)
+        return plans_at(workspace.plans_in_force, agents, step)
 
 
 def _lines(plans: list[Float[np.ndarray, "F 2"]], palette: Palette) -> Primitive:

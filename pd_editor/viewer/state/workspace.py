@@ -8,9 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from jaxtyping import Float
-
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.editor.commands import BeginAt, Command, ContinueScene
@@ -45,6 +42,7 @@ from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.exporters.bundle import zip_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex, ScenarioCard
+from pd_editor.scene.policy import DrivenPlans
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
@@ -56,8 +54,6 @@ from pd_editor.viewer.state.session_shelf import KeptWork, SessionShelf, is_same
 from pd_editor.viewer.state.study_run import StudyRun
 from pd_editor.viewer.state.view_memory import ViewMemory
 
-DrivenPlans = Mapping[str, Mapping[int, Float[np.ndarray, "F 2"]]]
-"""Where driven agents were to go, by agent and step."""
 SEARCH_STEP: Final = 1
 """Number of scenes read between two looks at the clock; files may take a second."""
 SEARCH_TURN_S: Final = 0.008

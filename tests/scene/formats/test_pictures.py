@@ -239,3 +239,22 @@ def test_they_are_formats_to_export_to():
         write = writer(ending).write
         assert write is not None
         assert list(write(scenario).files) == [f"merge.{ending}"]
+
+
+def test_a_film_shows_plans_while_they_are_in_force():
+    scenario = short(steps=12)
+    agents, now = scenario.agents, scenario.current_step
+    here = agents.position_m[agents.row_of[scenario.focal_id], now]
+    line = here + np.linspace([0, 4], [30, 4], 20)
+    plans = {scenario.focal_id: {now + 6: line}, "nobody": {now: line}}
+    look = replace(SMALL, plans=plans, follow=scenario.focal_id)
+    without = frames_of(film(scenario, "mp4", replace(look, plans={})))
+    planned = [
+        np.mean(np.abs(one.astype(int) - other) > 60) > 1e-4
+        for one, other in zip(
+            frames_of(film(scenario, "mp4", look)), without, strict=True
+        )
+    ]
+    # Films have two frames a step.
+    assert not any(planned[:12])
+    assert all(planned[12:])

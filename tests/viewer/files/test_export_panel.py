@@ -11,6 +11,7 @@ from pd_editor.scene.formats.pictures import LOOKS
 from tests.scene.formats.embedded_scenes import scenes_in
 from tests.viewer.fake_browser import connected_tab, running_app, until
 from tests.viewer.files.test_family_panel import warped
+from tests.viewer.scene.test_plans_view import roll_out
 
 
 def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
@@ -135,6 +136,21 @@ def test_films_and_figures_are_drawn_beside_the_work(tmp_path: Path):
         (name, content), _ = send.call_args
         assert name == "merge.mp4"
         assert b"ftyp" in content[:12]
+
+
+def test_a_film_has_the_plans_of_the_roll_out(tmp_path: Path):
+    with (
+        running_app(tmp_path / "library", "merge") as app,
+        connected_tab(app) as tab,
+        mock.patch("pd_editor.viewer.files.picture_download.picture") as drawn,
+    ):
+        drawn.return_value = b""
+        roll_out(tab)
+        tab.type("Format", "Film (MP4)")
+        tab.press("Download MP4")
+        until(lambda: drawn.called)
+        (plans,) = drawn.call_args.args[2].plans.values()
+        assert list(plans) == [49, 54]
 
 
 def test_a_figure_follows_the_agent_that_is_selected(tmp_path: Path):
