@@ -55,12 +55,13 @@ def read(path: Path) -> Scenario:
         FormatError: the file is damaged, or names something that would be called.
     """
     found, data = read_plain_pickle(path)
-    tables = ("metadata", "tracks", "map_features")
-    if not isinstance(found, dict) or not all(
-        isinstance(found.get(name), dict) for name in tables
-    ):
+    found = found if isinstance(found, dict) else {}
+    tables = {"dynamic_map_states": found.get("dynamic_map_states") or {}}
+    tables |= {one: found.get(one) for one in ("metadata", "tracks", "map_features")}
+    wrong = [name for name, one in tables.items() if not isinstance(one, dict)]
+    if wrong:
         raise FormatError(
-            f"{path}: is no scenario description; expected {', '.join(tables)}."
+            f"{path}: is no scenario description; expected dicts: {', '.join(wrong)}."
         )
     with read_as(path, "scenario description"):
         scene = _scene(path, found)
@@ -69,7 +70,7 @@ def read(path: Path) -> Scenario:
 
 def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
     about, features = found["metadata"], found["map_features"]
-    time_s = _times_s(found)
+    time_s = made_of(path, "metadata", _times_s, "ts", found)
     tracks = [
         track
         for name, one in found["tracks"].items()
@@ -91,11 +92,11 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         made_of(path, "signal", _signal, str(key), one, numbers, time_s)
         for key, one in states.items()
     ]
-    now = int(about.get("current_time_index", 0))
+    now = made_of(path, "metadata", _now, "current_time_index", about)
     # Whole recordings name no current step, or the first one.
     usual_s = usual_now_s(float(time_s[0]), float(time_s[-1]))
     source = " ".join(str(about.get(name, "")) for name in ("dataset", "map")).strip()
-    asked = about.get("tracks_to_predict") or {}
+    asked = made_of(path, "metadata", _asked, "tracks_to_predict", about)
     no_heading = any(
         one["state"].get("heading") is None for one in found["tracks"].values()
     )
@@ -115,15 +116,23 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         signals=tuple(signals),
         current_s=float(time_s[now]) if 0 < now < len(time_s) else usual_s,
         ego_id=str(about.get("sdc_id", "")),
-        focal_id=str(next(iter(asked), "")),
+        focal_id=asked,
         city=str(about.get("map") or about.get("dataset") or ""),
         notes=(NO_HEADINGS,) * no_heading,
         attribution=f"Recorded by {source}, under its own licence." if source else "",
     )
 
 
-def _times_s(found: Mapping[str, Any]) -> np.ndarray:
-    told_s = found["metadata"].get("ts")
+def _now(name: str, about: Mapping[str, Any]) -> int:
+    return int(about.get(name, 0))
+
+
+def _asked(name: str, about: Mapping[str, Any]) -> str:
+    return str(next(iter(about.get(name) or ()), ""))
+
+
+def _times_s(name: str, found: Mapping[str, Any]) -> np.ndarray:
+    told_s = found["metadata"].get(name)
     if told_s is None:
         return TimeAxis().step_s * np.arange(int(found["length"]))
     return np.array(told_s, float).ravel()
@@ -133,7 +142,12 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
     """A track where it is valid; None if it never is."""
     state = found["state"]
     number = len(time_s)
-    position = np.array(state["position"], float)[:number, :2]
+    position = np.array(state["position"], float)[:, :2]
+    if len(position) != number:
+        raise FormatError(
+            f"its track {name[:40]!r} has {len(position)} positions; expected {number}, "
+            "one for each time."
+        )
     is_valid = np.array(state["valid"]).ravel()[:number].astype(bool)
     is_valid &= np.isfinite(position).all(axis=1)
     if not is_valid.any():

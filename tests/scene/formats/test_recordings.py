@@ -187,7 +187,17 @@ def test_a_pickle_that_wants_to_call_something_is_refused_and_calls_nothing(
     ("value", "told"),
     [
         ([1, 2], "is no scenario description"),
-        ({"metadata": {}, "tracks": {}, "map_features": {}}, "KeyError: 'length'"),
+        (description(dynamic_map_states=[1]), "expected dicts: dynamic_map_states."),
+        (description(metadata={"ts": 5.0}), "'7' has 91 positions; expected 1, one"),
+        (
+            description(metadata={"tracks_to_predict": 5}),
+            "metadata 'tracks_to_predict'",
+        ),
+        (description(metadata={"current_time_index": "x"}), "'current_time_index' is"),
+        (
+            {"metadata": {}, "tracks": {}, "map_features": {}},
+            "its metadata 'ts' has no 'length'.",
+        ),
         (collections.Counter("aab"), "holds collections.Counter"),
         (description(map_features={}), "has no lane for vehicles"),
         (
