@@ -91,6 +91,11 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     assert row.bounding_box()["height"] == pytest.approx(ROW_PX, abs=1)
     picture = row.evaluate("e => getComputedStyle(e).backgroundImage")
     assert picture.startswith('url("data:image/svg+xml;base64,')
+    row.hover()
+    looks = "e => (s => [s.backgroundImage, s.backgroundRepeat])(getComputedStyle(e))"
+    moving, repeat = row.evaluate(looks)
+    assert moving != picture
+    assert "no-repeat" in repeat
     editor.press(_label(rows[1]))
     editor.page.get_by_role("button", name="Download 1 scenario", exact=True).wait_for()
     editor.press("Remove 1 scenario")

@@ -28,6 +28,9 @@ _WIDE_LINE_M: Final = 1.5
 _NEAR: Final = 0.6
 """Scale of pictures of single agents."""
 _EVERY_STEPS: Final = 10
+STANDS: Final = ' begin="indefinite"'
+"""Text of a picture without which its agents move."""
+_MOVED_M: Final = 1.0
 # Colours that differ clearly on light and on dark ground.
 _ROAD: Final = "#8b98a5"
 _FOCAL: Final = "#e06a1b"
@@ -113,16 +116,32 @@ def thumbnail(
     size = np.maximum(agents.size_m[there], LEAST_SIZE_M * frame.scale)
     position = agents.position_m[there, now]
     corners = box_corners(position, agents.heading_rad[there, now], size)
+    lasts = len(range(now, agents.num_steps, _EVERY_STEPS))
+    step_s = _EVERY_STEPS * scenario.time_axis.step_s
     near = (np.abs(position - middle) < [half_width, half_height]).all(axis=-1)
     for row, box in zip(there[near].tolist(), corners[near], strict=True):
         color = _color(scenario, row, marked)
         ahead = np.flatnonzero(agents.is_valid[row, now:])[::_EVERY_STEPS] + now
-        way = _points(agents.position_m[row, ahead] - middle)
+        way = agents.position_m[row, ahead]
         parts.append(
             f'<polyline fill="none" stroke="{color}" stroke-opacity="0.6" '
-            f'stroke-width="{line_m:.2g}" points="{way}"/><polygon fill="{color}" points="{_points(box - middle)}"/>'
+            f'stroke-width="{line_m:.2g}" points="{_points(way - middle)}"/>'
+            f'<polygon fill="{color}" points="{_points(box - middle)}">'
+            f"{_motion(way, lasts, step_s)}</polygon>"
         )
     return "".join([*parts, "</svg>"])
+
+
+def _motion(way: Float[np.ndarray, "N 2"], most: int, step_s: float) -> str:
+    """Motion along a way, which is there for at most some points; empty for who stands."""
+    if np.ptp(way, axis=0).max() < _MOVED_M:
+        return ""
+    moves = np.pad(way - way[0], ((0, most - len(way)), (0, 0)), mode="edge")
+    return (
+        f'<animateTransform attributeName="transform" type="translate"{STANDS}'
+        f' dur="{(most - 1) * step_s:g}s" repeatCount="indefinite"'
+        f' values="{_points(moves).replace(" ", ";")}"/>'
+    )
 
 
 def _middle(

@@ -12,6 +12,7 @@ from typing import Any, Final, Generic, TypeVar
 import viser
 
 from pd_editor.base.errors import PdEditorError
+from pd_editor.editor.library.thumbnail import STANDS
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 _LOG: Final = logging.getLogger(__name__)
@@ -67,6 +68,12 @@ class PanelStyle:
         self._element.content = f"<style>{''.join(self._rules)}</style>"
 
 
+def _image(picture: str) -> str:
+    """SVG as a value of CSS."""
+    content = base64.b64encode(picture.encode()).decode()
+    return f'url("data:image/svg+xml;base64,{content}")' if picture else "none"
+
+
 class PictureRows:
     """A list of buttons with a small picture at the left of each, and its text beside it."""
 
@@ -94,19 +101,21 @@ class PictureRows:
     def draw(self, row: viser.GuiButtonHandle, picture: str) -> None:
         """Show another picture in a row."""
         uuid = row._impl.uuid
-        content = base64.b64encode(picture.encode()).decode()
-        image = f'url("data:image/svg+xml;base64,{content}")' if picture else "none"
+        image, moves = (_image(one) for one in (picture, picture.replace(STANDS, "")))
         name = f'[id="{uuid}"]'
+        size = f"{ROW_PX * 3 // 2}px {ROW_PX - 2}px"
+        place = f"var(--picture) no-repeat left center/{size}"
         self._rules[uuid] = (
             f"{name}{{height:{ROW_PX}px !important;"
             f"padding:0 0.6em 0 {ROW_PX * 3 // 2 + 8}px;"
             "font-weight:500;color:var(--mantine-color-text);border-radius:3px;"
             "border:1px solid rgba(128,144,160,0.4);"
-            f"background:{image} no-repeat left center/"
-            f"{ROW_PX * 3 // 2}px {ROW_PX - 2}px,rgba(128,144,160,0.1)}}"
-            # viser's own colour of a button under the mouse is dark.
-            f"{name}:hover:not([data-disabled]){{background-color:rgba(128,144,160,0.22);"
-            "color:var(--mantine-color-text)}"
+            f"--picture:{image};background:{place},rgba(128,144,160,0.1)}}"
+            # viser's own background of a button under the mouse is dark.
+            f"{name}:hover:not([data-disabled]){{color:var(--mantine-color-text);"
+            f"background:{place},rgba(128,144,160,0.22)}}"
+            f"@media (prefers-reduced-motion:no-preference)"
+            f"{{{name}:hover{{--picture:{moves}}}}}"
             f"{name} .mantine-Button-inner{{justify-content:flex-start}}"
             f"{name} .mantine-Button-section svg{{width:20px;height:20px}}"
             f"{name} .mantine-Button-label{{display:block;height:auto;text-box:normal;"
