@@ -3,7 +3,7 @@
 For up to three moving vehicles of each scene one request of each kind is made, at default
 strength: goals at the ends of trajectories of another seed and along paths that the agent
 could take, speeds 4 m/s slower to 4 m/s faster, limits at 70 % of the speed, lines at 45
-to 95 % of the way. Obedience is that of feasible requests, as ``guidance_problems`` tells
+to 95 % of the way, and paths with a speed, a time or a wait at one way-point. Obedience is that of feasible requests, as ``guidance_problems`` tells
 before the run, and of agents that were not slowed afterwards to avoid a collision; the
 share of both is told. Realism is that of the whole scene against the unguided sample of the
 same seed. Reads the train and val folders under PD_EDITOR_AV2; settings are chosen on
@@ -14,7 +14,7 @@ import argparse
 import time
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from benchmarks.candidates import full_scenarios
 from benchmarks.figures import load_in_words
 from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.feasibility import guidance_problems
-from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.analysis.guidance.kinds.space import StayOnRoad
 from pd_editor.analysis.guidance.kinds.speed import (
     ComfortLimits,
@@ -118,6 +119,37 @@ def requests(
     yield StayOnRoad()
 
 
+def way_points(
+    scenario: Scenario, random: np.random.Generator
+) -> Iterator[tuple[str, GuidanceTerm]]:
+    """Paths of some moving vehicles with a speed, a time or a wait half-way."""
+    agents, now = scenario.agents, scenario.current_step
+    speed = agents.speed_mps()[:, now]
+    moving = agents.kind_mask(MOTOR_VEHICLE_KINDS) & (speed > LEAST_MPS)
+    rows = random.permutation(np.flatnonzero(moving & agents.is_valid[:, now]))
+    for row in rows[:AGENTS_PER_SCENE].tolist():
+        agent = AgentNow(scenario=scenario, row=row)
+        path = agent.paths_m[random.integers(len(agent.paths_m))][:40:2]
+        points = tuple((float(x), float(y)) for x, y in path)
+        reach = speed[row] * random.uniform(2.0, 4.0)
+        at = min(max(round(reach / 4.0), 1), len(points) - 2)
+
+        def asked(value: object, at: int = at, count: int = len(points)) -> tuple:
+            return tuple(value if one == at else None for one in range(count))
+
+        plain = FollowPath(agent_id=agents.ids[row], points_m=points)
+        mps = round(float(np.clip(speed[row] + random.uniform(-4, 4), 0.0, 20.0)), 1)
+        yield "a speed there", replace(plain, speeds_mps=asked(mps))
+        at_s = round(reach / speed[row] * random.uniform(0.7, 1.4), 1)
+        yield "a time there", replace(plain, times_s=asked(at_s))
+        for other in random.permutation(rows).tolist():
+            if other != row:
+                wait = replace(plain, waits_for=asked(agents.ids[other]))
+                if not guidance_problems(scenario, (wait,)):
+                    yield "a wait there", wait
+                    break
+
+
 def told(split: str, num_scenes: int, seed: int) -> None:
     """Run a split and print its figures."""
     random = np.random.default_rng(seed)
@@ -125,8 +157,12 @@ def told(split: str, num_scenes: int, seed: int) -> None:
     scenarios = full_scenarios(split)[:num_scenes]
     for scenario in scenarios:
         other = generated(scenario, seed=seed + 1).samples[0]
-        for term in requests(scenario, other, random):
-            name = term.kind + ("" if term.guided_ids else " of all")
+        asked: list[tuple[str, GuidanceTerm]] = [
+            (one.kind + ("" if one.guided_ids else " of all"), one)
+            for one in requests(scenario, other, random)
+        ]
+        asked += way_points(scenario, np.random.default_rng(seed))
+        for name, term in asked:
             tally = tallies[name]
             if guidance_problems(scenario, (term,)):
                 tally.num_infeasible += 1

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.analysis.guidance.kinds.speed import StopAtLine, TargetSpeed
 from pd_editor.editor.recipe import Recipe
 from pd_editor.viewer.guidance.term_marks import OFFER

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.analysis.guidance.kinds.course import FollowPath
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.base.errors import RecipeError
 from pd_editor.editor.commands import AddGuidance, SetAgentSpeed, SetRoadWarp
 from pd_editor.editor.commands.json_values import to_json

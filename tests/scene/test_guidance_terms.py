@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.kinds.space import KeepGap
 from pd_editor.analysis.guidance.kinds.speed import (
     ComfortLimits,

@@ -23,6 +23,8 @@ from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm, PairGuidance
 MAX_FILE_BYTES: Final = 2**20
 _UNITS: Final = ("_mps2", "_mps", "_m", "_s", "_id")
 _OWN_NAMES: Final = {"agent_ids": "agents", "lane_ids": "lanes"}
+_NOTHING: Final = "-"
+"""Stands for a value that is not given, among several."""
 _HIDDEN: Final = {"is_on"}
 
 
@@ -123,7 +125,7 @@ def _value(hint: Any, text: str, where: str) -> Any:
     origin, args = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         (inner,) = (arg for arg in args if arg is not type(None))
-        return _value(inner, text, where)
+        return None if text == _NOTHING else _value(inner, text, where)
     if hint is float:
         return _number(text, where)
     if hint is int:

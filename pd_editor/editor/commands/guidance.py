@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from pd_editor.analysis.guidance.kinds.course import FollowLane
+from pd_editor.analysis.guidance.kinds.path import FollowLane
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import Command
 from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm

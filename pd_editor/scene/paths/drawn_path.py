@@ -61,6 +61,10 @@ class FollowedPath:
     path: DrivingPaths
     length_m: float
     """Its length up to the line's end."""
+    start_m: float
+    """Arc length of the line at which the path begins; below 0 before its first point."""
+    first_mps: float
+    """Speed of the agent where the path begins."""
     turn_rad: float
     """Angle from the line's direction, where the agent joins it, to the heading."""
 
@@ -85,7 +89,9 @@ def path_to_follow(
     forward = unit_vector(heading_rad)
     start = line[min(1, len(line) - 1)] - line[0]
     is_before = float(ahead @ forward) > 0 and float(ahead @ start) > 0
-    if is_before and np.linalg.norm(ahead) > _DENSE_M:
+    before = float(np.linalg.norm(ahead)) if is_before else 0.0
+    before = before if before > _DENSE_M else 0.0
+    if before:
         line = densify(np.concatenate([position_m[None], line]), _DENSE_M)
     if len(line) > 2:
         middle = smoothed(line, _SMOOTHING_M / _DENSE_M)
@@ -112,5 +118,7 @@ def path_to_follow(
     return FollowedPath(
         path=with_limits(points[None, :, 0], points[None, :, 1], heading, heading),
         length_m=length,
+        start_m=s - before,
+        first_mps=speed_mps,
         turn_rad=float(turn[0]),
     )

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import viser
 
-from pd_editor.analysis.guidance.kinds.course import FollowPath
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.analysis.metrics.collisions.path_collision import (
     PathCollision,
     first_collisions,

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions
 from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine, TargetSpeed
 from pd_editor.base.errors import GenerationError, InputError
@@ -31,6 +32,12 @@ TEXTS = {
     ),
     "follow-path:agent=12,points=0/0+5/1+9/1": FollowPath(
         agent_id="12", points_m=((0.0, 0.0), (5.0, 1.0), (9.0, 1.0))
+    ),
+    "follow-path:agent=12,points=0/0+5/1+9/1,speeds=-+8+-,waits-for=-+-+13": FollowPath(
+        agent_id="12",
+        points_m=((0.0, 0.0), (5.0, 1.0), (9.0, 1.0)),
+        speeds_mps=(None, 8.0, None),
+        waits_for=(None, None, "13"),
     ),
     "follow-lane:agent=12,lanes=4+5": FollowLane(agent_id="12", lane_ids=(4, 5)),
     "avoid-collisions:side=left": AvoidCollisions(side="left"),

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap, StayOnRoad
 from pd_editor.analysis.guidance.kinds.speed import (
     ComfortLimits,

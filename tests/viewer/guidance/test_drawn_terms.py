@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.analysis.guidance.kinds.course import (
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import (
     MAX_DRAWN_POINTS,
     FollowLane,
     FollowPath,
-    GoalPoint,
 )
 from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine, TargetSpeed
 from pd_editor.base.errors import EditError

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.analysis.guidance.kinds.speed import StopAtLine, TargetSpeed
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AddGuidance

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from pd_editor.analysis.guidance.guidance_kind import GuidanceKind
-from pd_editor.analysis.guidance.kinds import course, pairs, space, speed
+from pd_editor.analysis.guidance.kinds import course, pairs, path, space, speed
 
 KINDS: Final[Mapping[str, GuidanceKind[Any]]] = {
     one.value.kind: one
     for one in (
         course.GOAL,
-        course.PATH,
-        course.LANES,
+        path.PATH,
+        path.LANES,
         speed.STOP,
         pairs.YIELD,
         pairs.THREAT,

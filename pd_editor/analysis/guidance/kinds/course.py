@@ -1,4 +1,4 @@
-"""Kinds of terms on the course of an agent: a goal point, a path, lanes."""
+"""The goal point of an agent, and what terms on its course share."""
 
 import itertools
 import math
@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Final
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.agent_now import AgentNow
@@ -17,16 +16,14 @@ from pd_editor.analysis.guidance.guidance_kind import (
     GuidanceKind,
     Measured,
     Plan,
-    Refusal,
     Tool,
 )
-from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M, OBEYED_PATH_M
+from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
 from pd_editor.analysis.metrics.road.off_road import is_off_road, outside_m
 from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.geometry.angles import left_of, unit_vector
-from pd_editor.scene.geometry.frenet import FrenetFrames
 from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.guidance_terms import (
     AgentGuidance,
@@ -35,41 +32,27 @@ from pd_editor.scene.guidance_terms import (
     Motion,
     Point,
 )
-from pd_editor.scene.paths.drawn_path import lane_line, path_to_follow
 from pd_editor.scene.paths.driving_paths import SPACING_M
-from pd_editor.scene.paths.lanes.lane_chain import lane_chain
-from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES
 from pd_editor.scene.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_POSITION_M
 from pd_editor.scene.thresholds import STANDING_MPS
 
-MAX_PATH_POINTS: Final = 1_000
-MAX_DRAWN_POINTS: Final = 60
-"""A line that is drawn by hand is simplified to so many points."""
 LANE_REACH_M: Final = 6.0
 """Largest distance of a click to the centre line of the lane it means."""
 _ON_MAP_M: Final = 4.0
 """Distance to the drivable area up to which a point counts as on the map."""
 _ON_FOOT_M: Final = 20.0
 """The same for agents that walk: pavements are no part of the drivable area."""
-_PATH_TOLERANCE_M: Final = 0.25
-"""Largest distance between a drawn line and its simplified path."""
-_LEAST_PATH_M: Final = 3.0
-_LANE_TOLERANCE_M: Final = 0.2
 _BESIDE_PATH_M: Final = 4.0
 """Distance of a goal from all planned paths at which it counts as unreachable."""
-_FAR_START_M: Final = 15.0
-_GRIP_MPS2: Final = 6.0
-"""Lateral acceleration above which a path cannot be followed at the current speed."""
 _SAME_PATH_M: Final = 1.0
 """Paths that come as near to a goal as the nearest one, up to this, lead there."""
 _MOST_NAMED: Final = 3
 _SWERVE_M: Final = 1.0
 """Agents can swerve by so much around one that stands at the side of their way."""
 _LEAST_WIDTH_M: Final = 0.2
-_MERGED_S: Final = 2.0
-"""Time after which an agent should be on the path that it follows."""
 
 
 def check_points(term: GuidanceTerm, points_m: tuple[Point, ...]) -> None:
@@ -95,15 +78,15 @@ def length_m(points_m: tuple[Point, ...]) -> float:
     return sum(itertools.starmap(math.dist, itertools.pairwise(points_m)))
 
 
-def rounded(point_m: Float[np.ndarray, "2"]) -> Point:
-    """A point that is drawn by hand, to centimetres."""
-    return round(float(point_m[0]), 2), round(float(point_m[1]), 2)
-
-
 def lane_kinds(scenario: Scenario, agent_id: str) -> tuple:
     """Kinds of the lanes that an agent uses."""
     (row,) = scenario.agents.rows([agent_id])
     return lane_kinds_of(scenario.agents.kinds[row]) or DRIVING_LANES
+
+
+def rounded(point_m: Float[np.ndarray, "2"]) -> Point:
+    """A point that is drawn by hand, to centimetres."""
+    return round(float(point_m[0]), 2), round(float(point_m[1]), 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +120,7 @@ class GoalPoint(AgentGuidance):
             EditError: the point is off the map.
         """
         away = float(outside_m(scenario, points_m)[0])
-        if away > _reach_m(scenario, agent_id):
+        if away > map_reach_m(scenario, agent_id):
             raise EditError(
                 f"The goal is {away:.0f} m off the road; drop it on the road or close to "
                 "it."
@@ -145,7 +128,8 @@ class GoalPoint(AgentGuidance):
         return cls(agent_id=agent_id, point_m=rounded(points_m[0]))
 
 
-def _reach_m(scenario: Scenario, agent_id: str) -> float:
+def map_reach_m(scenario: Scenario, agent_id: str) -> float:
+    """Distance to the drivable area up to which points of an agent count as on the map."""
     (row,) = scenario.agents.rows([agent_id])
     walks = scenario.agents.kinds[row] is AgentKind.PEDESTRIAN
     return _ON_FOOT_M if walks else _ON_MAP_M
@@ -335,258 +319,4 @@ GOAL: Final = GuidanceKind(
     ),
     shape="flag",
     points_m=lambda term, _: (term.point_m,),
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FollowPath(AgentGuidance):
-    """Drive along a path, at a speed that the model chooses."""
-
-    kind: ClassVar[str] = "follow-path"
-    noun: ClassVar[str] = "path"
-
-    points_m: tuple[Point, ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 2 <= len(self.points_m) <= MAX_PATH_POINTS:
-            raise EditError(
-                f"A path to follow has {len(self.points_m)} points; expected 2 to "
-                f"{MAX_PATH_POINTS}."
-            )
-        check_points(self, self.points_m)
-        if length_m(self.points_m) < 1.0:
-            raise EditError("A path to follow is shorter than 1 m; draw a longer one.")
-
-    def moved(self, motion: Motion) -> "FollowPath":
-        """The term with moved points."""
-        return replace(self, points_m=moved_points(self.points_m, motion))
-
-    @classmethod
-    def drawn(
-        cls, scenario: Scenario, agent_id: str, points_m: Float[np.ndarray, "N 2"]
-    ) -> "FollowPath":
-        """Path of an agent along a line drawn by hand, simplified to few points.
-
-        Raises:
-            EditError: the line is too short, or leaves the map.
-        """
-        line = shapely.LineString(points_m) if len(points_m) > 1 else None
-        if line is None or line.length < _LEAST_PATH_M:
-            raise EditError(
-                f"The path is too short; it takes at least {_LEAST_PATH_M:g} m of road."
-            )
-        tolerance = _PATH_TOLERANCE_M
-        simple = shapely.get_coordinates(line.simplify(tolerance))
-        while len(simple) > MAX_DRAWN_POINTS:
-            tolerance *= 2
-            simple = shapely.get_coordinates(line.simplify(tolerance))
-        away = float(outside_m(scenario, simple).max())
-        if away > _reach_m(scenario, agent_id):
-            raise EditError(
-                f"The path leads {away:.0f} m off the road; draw it on the road or close "
-                "to it."
-            )
-        return cls(agent_id=agent_id, points_m=tuple(map(rounded, simple)))
-
-
-def _line_problems(
-    agent: AgentNow, line_m: Float[np.ndarray, "N 2"], what: str
-) -> Found:
-    whose = f"The {what} of {agent.name}"
-    gap = float(np.linalg.norm(line_m - agent.position_m, axis=-1).min())
-    if gap > _FAR_START_M:
-        yield f"{whose} begins {gap:.0f} m away; begin it at the agent."
-    followed = path_to_follow(
-        line_m, agent.position_m, agent.heading_rad, agent.speed_mps
-    )
-    path, length = followed.path, followed.length_m
-    if length < 1.0:
-        yield f"{whose} ends behind it; draw it ahead of the agent."
-        return
-    if not followed.is_drivable:
-        yield (
-            f"{whose} leads sideways or backwards, so it is not followed; begin it in "
-            "the agent's direction."
-        )
-        return
-    turn = np.abs(np.diff(path.heading_rad[0])) / SPACING_M
-    driven = agent.reach_m(agent.duration_s)[1] / SPACING_M
-    within = np.arange(len(turn)) < min(driven, length / SPACING_M)
-    braked = np.maximum(
-        agent.speed_mps**2 - 2 * 3.0 * SPACING_M * np.arange(len(turn)), 1.0
-    )
-    if (braked * turn)[within].max(initial=0.0) > _GRIP_MPS2:
-        yield (
-            f"{whose} bends too sharply for {agent.speed_mps:.1f} m/s; draw a wider "
-            "curve or lower the speed."
-        )
-
-
-def _path_clash(
-    term: "FollowPath | FollowLane",
-    other: GuidanceTerm,
-    shared: str | None,
-    _plan: Plan,
-) -> Found:
-    """Lanes leave it to paths to tell of both."""
-    if shared and isinstance(other, (FollowLane, type(term))):
-        yield f"{shared} has two paths to follow; keep one of them."
-
-
-def _line_outcome(
-    line_m: Float[np.ndarray, "N 2"], words: str, driven: Driven
-) -> Measured:
-    """Mean distance to the side of the path that joins a line, after the first seconds."""
-    (row,) = driven.rows
-    sample = driven.sample
-    followed = path_to_follow(
-        line_m,
-        sample.position_m[row, 0],
-        float(sample.heading_rad[row, 0]),
-        float(driven.speed_mps()[row, 0]),
-    )
-    path, length = followed.path, followed.length_m
-    points = np.stack([path.x_m, path.y_m], axis=-1)
-    along, beside = FrenetFrames(points_m=points).to_frenet(
-        sample.position_m[row, None]
-    )
-    counted = along[0] <= length
-    counted[: round(_MERGED_S / driven.step_s)] = False
-    error = float(np.abs(beside[0][counted]).mean()) if counted.any() else 0.0
-    return Measured(
-        asked=f"along {words}",
-        achieved=f"{error:.1f} m beside it",
-        error=error,
-        unit="m",
-        is_obeyed=error <= OBEYED_PATH_M,
-    )
-
-
-PATH: Final = GuidanceKind(
-    value=FollowPath,
-    title="Path",
-    hint="Draw or click the path that the agent should follow (D)",
-    icon="M3.5 16.5c6.5 0 3-6 6.5-7s3-6 6.5-6M13.5 2.5h3.5V6",
-    asks=lambda _: "follow this path",
-    outcome=lambda term, driven: _line_outcome(
-        np.array(term.points_m), "the path", driven
-    ),
-    check=lambda term, plan: _line_problems(
-        plan.agents((term.agent_id,))[0], np.array(term.points_m), "path"
-    ),
-    clash=_path_clash,
-    leads=True,
-    tool=Tool(
-        "draw",
-        "click its points and double click the last, or drag along the path.",
-        "Draw a path",
-        "D",
-        draw=FollowPath.drawn,
-    ),
-    shape="path",
-    points_m=lambda term, _: term.points_m,
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FollowLane(AgentGuidance):
-    """Drive along the centre lines of lanes, one after another."""
-
-    kind: ClassVar[str] = "follow-lane"
-    noun: ClassVar[str] = "lane route"
-
-    lane_ids: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= len(self.lane_ids) <= MAX_PATH_POINTS:
-            raise EditError(
-                f"A lane to follow is made of {len(self.lane_ids)} lanes; expected 1 "
-                f"to {MAX_PATH_POINTS}."
-            )
-
-    @classmethod
-    def drawn(
-        cls, scenario: Scenario, agent_id: str, points_m: Float[np.ndarray, "1 2"]
-    ) -> "FollowLane":
-        """Lanes from an agent's lane to the lane nearest to a point.
-
-        Raises:
-            EditError: no lane is near, or it is not reached from the agent's lane.
-        """
-        agents, step = scenario.agents, scenario.current_step
-        kinds = lane_kinds(scenario, agent_id)
-        (row,) = agents.rows([agent_id])
-        to = nearest_lanes(scenario.road_map, points_m, kinds=kinds)
-        start = nearest_lanes(
-            scenario.road_map,
-            agents.position_m[row, step][None],
-            heading_rad=agents.heading_rad[row, step][None],
-            kinds=kinds,
-        )
-        if not to.is_valid[0] or to.distance_m[0] > LANE_REACH_M:
-            raise EditError("There is no lane here to follow; click a lane.")
-        first, last = int(start.lane_id[0]), int(to.lane_id[0])
-        chain = lane_chain(scenario.road_map, first, last, kinds=kinds)
-        if chain is None:
-            raise EditError(
-                f"Lane {last} is not reached from the agent's lane without a lane "
-                "change; draw a path instead."
-            )
-        return cls(agent_id=agent_id, lane_ids=chain)
-
-    def points_m(self, scenario: Scenario) -> Float[np.ndarray, "N 2"]:
-        """The centre lines of the lanes as one line, simplified."""
-        lanes = scenario.road_map.lane_of
-        lines = [lanes[one].centerline_m for one in self.lane_ids if one in lanes]
-        if not lines:
-            return np.zeros((0, 2))
-        line = shapely.LineString(np.concatenate(lines))
-        return shapely.get_coordinates(line.simplify(_LANE_TOLERANCE_M))
-
-
-def _lane_problems(term: FollowLane, plan: Plan) -> Found:
-    (agent,) = plan.agents((term.agent_id,))
-    lanes = plan.scenario.road_map.lane_of
-    line = lane_line(plan.scenario.road_map, term.lane_ids)
-    if line is None or len(line) < 2:
-        missing = next((one for one in term.lane_ids if one not in lanes), 0)
-        yield Refusal(
-            f"Lane {missing}, which {agent.name} should follow, is not on this map; "
-            "choose another one."
-        )
-        return
-    for one, other in itertools.pairwise(term.lane_ids):
-        lane = lanes[one]
-        if other not in (*lane.successors, lane.left_neighbor, lane.right_neighbor):
-            yield (
-                f"Lane {other} does not follow lane {one}; choose lanes of {agent.name} "
-                "that are connected."
-            )
-    yield from _line_problems(agent, line, "lane")
-
-
-def _lane_outcome(term: FollowLane, driven: Driven) -> Measured | None:
-    line = lane_line(driven.scenario.road_map, term.lane_ids)
-    if line is None or len(line) < 2:
-        return None
-    lanes = "lane" if len(term.lane_ids) == 1 else "lanes"
-    words = f"{lanes} {', '.join(map(str, term.lane_ids[:3]))}"
-    return _line_outcome(line, words, driven)
-
-
-LANES: Final = GuidanceKind(
-    value=FollowLane,
-    title="Lanes",
-    hint="Click the lane that the agent should reach",
-    icon="M4.5 17V3M15.5 17V3M10 16.5V5M7.5 7.5 10 5l2.5 2.5",
-    asks=lambda _: "follow these lanes",
-    outcome=_lane_outcome,
-    check=_lane_problems,
-    clash=_path_clash,
-    leads=True,
-    tool=Tool("click", "click the lane that it should reach.", draw=FollowLane.drawn),
-    shape="path",
-    points_m=FollowLane.points_m,
 )

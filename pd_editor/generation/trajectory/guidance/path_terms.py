@@ -1,6 +1,6 @@
 """Terms on the course of an agent: a path, lanes, a goal point."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -10,7 +10,11 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath, way_plan
+from pd_editor.analysis.guidance.pace import Rates
+from pd_editor.analysis.guidance.way_points import WayPlan, WayPoint
+from pd_editor.analysis.threats.encounter import Track
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.target_motion import (
     Curves,
@@ -42,7 +46,8 @@ _ROUNDS: Final = 2
 class PathTerm(AgentsTerm):
     """Follows paths that begin at the agents' poses, at the predicted pace.
 
-    A path that leads sideways or backwards is not followed.
+    Agents with way-points that ask for something go at a pace that meets it. A path that
+    leads sideways or backwards is not followed.
     """
 
     curves: Curves
@@ -50,6 +55,7 @@ class PathTerm(AgentsTerm):
     """Arc length at which each path to follow ends."""
     limit_mps: Float[Tensor, "G M"]
     """Speed limits of the paths, one per node."""
+    plans: tuple[WayPlan | None, ...]
 
     @classmethod
     def of_guided(
@@ -73,11 +79,15 @@ class PathTerm(AgentsTerm):
             for one in paths
         ]
         length = np.array([one.length_m for one in lines])
+        tracks = context.scenario.agents
+        ids = [one.agent_id for one in guided.values]
+        width = tracks.size_m[tracks.rows(ids), 1].tolist()
         return cls(
             guided=guided,
             curves=Curves(node=torch.cat([one.node for one in curves], dim=1)),
             length_m=context.tensor(length)[:, None],
             limit_mps=context.tensor(np.array(limit)),
+            plans=tuple(map(way_plan, guided.values, lines, width)),
         )
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
@@ -96,12 +106,77 @@ class PathTerm(AgentsTerm):
                 ),
                 motion.step_s,
             )
-        target = TargetMotion.along(self.agents, self.curves, slowed, motion.step_s)
-        return target.rows(
+        is_free = torch.tensor([one is None for one in self.plans])[:, None]
+        is_free = is_free.to(pace.device)
+        along = slowed if is_free.all() else self._planned(motion, slowed)
+        target = TargetMotion.along(self.agents, self.curves, along, motion.step_s)
+        is_on_path = along <= self.length_m
+        rows = target.rows(
             along_m=self.config.pace_m,
             across_m=self.config.path_m,
             strength=self.guided.weight,
-            is_wanted=slowed <= self.length_m,
+            is_wanted=is_on_path & is_free,
+        )
+        if is_free.all():
+            return rows
+        return [
+            *rows,
+            *target.rows(
+                along_m=self.config.speed_m,
+                speed_mps=self.config.speed_mps,
+                across_m=self.config.path_m,
+                strength=self.guided.weight,
+                is_wanted=is_on_path & ~is_free,
+            ),
+            # A time is one of many steps.
+            *target.rows(
+                along_m=self.config.goal_m * (10.0 / len(motion.time_s)) ** 0.5,
+                across_m=self.config.path_m,
+                strength=self.guided.weight,
+                is_wanted=is_on_path & self._is_due(motion),
+            ),
+        ]
+
+    def _is_due(self, motion: PredictedMotion) -> Bool[Tensor, "G T"]:
+        """Steps at which agents are asked to be at way-points."""
+        times = [
+            [one.at_s for one in plan.points if one.at_s is not None] if plan else []
+            for plan in self.plans
+        ]
+        due = torch.zeros(len(times), len(motion.time_s), dtype=torch.bool)
+        for row, some in enumerate(times):
+            step = torch.tensor(some).div(motion.step_s).round().long()
+            due[row, step.clamp_max(due.shape[1] - 1)] = True
+        return due.to(motion.time_s.device)
+
+    def _planned(
+        self, motion: PredictedMotion, free_m: Float[Tensor, "S G T"]
+    ) -> Float[Tensor, "S G T"]:
+        """Arc lengths that way-points ask for; those of other agents as given."""
+        along, time_s = free_m.clone(), motion.time_s.numpy(force=True)
+        for index, plan in enumerate(self.plans):
+            if plan is None:
+                continue
+            rates = self._rates(plan)
+            waits = any(one.waits_for is not None for one in plan.points)
+            # Who is waited for is predicted anew in each sample.
+            count = motion.num_samples if waits else 1
+            paces = [
+                plan.pace(rates, _passing(plan, motion, sample, self.guided.context))
+                for sample in range(count)
+            ]
+            planned = np.stack([one.along_at(time_s) for one in paces])
+            along[:, index] = self.guided.context.tensor(planned)
+        return along
+
+    def _rates(self, plan: WayPlan) -> Rates:
+        config = self.config
+        return Rates(
+            up=config.acceleration_mps2,
+            down=config.braking_mps2,
+            hardest_up=config.max_acceleration_mps2,
+            hardest_down=config.max_braking_mps2,
+            cruise_mps=plan.cruise_mps(),
         )
 
     def _limits(self, along_m: Float[Tensor, "S G T"]) -> Float[Tensor, "S G T"]:
@@ -248,6 +323,27 @@ def _followed(
         float(np.hypot(*tracks.velocity_mps[row, now])),
     )
     return followed if followed.is_drivable else None
+
+
+def _passing(
+    plan: WayPlan, motion: PredictedMotion, sample: int, context: TermContext
+) -> Callable[[WayPoint, float], float]:
+    """When the agents that are waited for pass in a sample; at once if they are gone."""
+
+    def passed_s(one: WayPoint, place_m: float) -> float:
+        index = context.index_of(str(one.waits_for))
+        if index is None:
+            return 0.0
+        other = Track(
+            position_m=motion.position_m[sample, index].numpy(force=True),
+            heading_rad=motion.heading_rad[sample, index].numpy(force=True),
+            velocity_mps=motion.velocity_mps[sample, index].numpy(force=True),
+            size_m=motion.size_m[index].numpy(force=True),
+        )
+        is_there = motion.exists[index].numpy(force=True)
+        return plan.passed_s(place_m, other, is_there, motion.step_s)
+
+    return passed_s
 
 
 def _points_m(path: DrivingPaths) -> Float[np.ndarray, "1 M 2"]:

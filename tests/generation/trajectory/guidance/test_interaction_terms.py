@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from pd_editor.analysis.guidance.kinds.course import FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
 from pd_editor.analysis.guidance.kinds.speed import StopAtLine
 from pd_editor.analysis.metrics.collisions.box_collision import box_overlap

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from pd_editor.analysis.guidance.kinds.course import FollowLane, FollowPath, GoalPoint
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.kinds.space import KeepGap, StayOnRoad
 from pd_editor.analysis.guidance.kinds.speed import (
     ComfortLimits,
@@ -15,6 +16,7 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
+from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M
 from pd_editor.analysis.guidance.report import term_outcomes
 from pd_editor.analysis.metrics.motion.kinematics import (
     WINDOW_STEPS,
@@ -71,6 +73,45 @@ def test_a_goal_is_reached_at_its_time_and_others_keep_their_noise(
     at_4_s = guided(diffuser, scenario, early).position_m[0, 40]
     assert np.linalg.norm(at_end - goal.point_m) < 0.3
     assert np.linalg.norm(at_4_s - early.point_m) < 0.3
+
+
+LINE_M = ((0.0, 0.0), (20.0, 0.0), (40.0, 0.0))
+
+
+def test_way_points_are_passed_at_their_times_and_speeds(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    """Also by a network of random weights, to which other paces are as likely."""
+    timed = FollowPath(agent_id="100", points_m=LINE_M, times_s=(None, 3.0, 5.5))
+    x = guided(diffuser, scenario, timed).position_m[0, :, 0]
+    assert abs(x[30] - 20.0) < OBEYED_GOAL_M
+    assert abs(x[55] - 40.0) < OBEYED_GOAL_M
+    slow = FollowPath(agent_id="100", points_m=LINE_M, speeds_mps=(None, 5.0, None))
+    sample = guided(diffuser, scenario, slow)
+    there = int(np.abs(sample.position_m[0, :, 0] - 20.0).argmin())
+    assert abs(speeds(sample, 0)[there] - 5.0) < 0.7
+
+
+def test_an_agent_waits_at_a_way_point_until_another_one_has_passed(
+    diffuser: PathDiffuser,
+):
+    """The other one is kept, or generated in the same run."""
+    scene = scenario_with(straight_drivers([(0, 0, 0, 8), (26, -34, np.pi / 2, 8)]))
+    waits = FollowPath(agent_id="100", points_m=LINE_M, waits_for=(None, "101", None))
+    for ids in (("100",), ("100", "101")):
+        sample = generated(
+            diffuser, scene, ids, guidance=(SINGLE, waits), seed=3
+        ).samples[0]
+        x = sample.position_m[0, :, 0]
+        other_y = (
+            sample.position_m[1, :, 1]
+            if len(ids) > 1
+            else scene.agents.position_m[1, scene.current_step :, 1]
+        )
+        passed = int((other_y > 4.0).argmax())
+        assert passed > 30
+        assert x[passed] < 21.5
+        assert x[-1] > x[passed] + 0.5 or passed > 50
 
 
 def test_target_speed_is_reached_and_kept(diffuser: PathDiffuser, scenario: Scenario):

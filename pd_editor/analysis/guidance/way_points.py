@@ -1,0 +1,270 @@
+"""Way-points of a path: what is asked of an agent where it passes them.
+
+Places are arc lengths of the path that the agent follows from its pose; way-points are
+numbered from 1 in sentences.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from pd_editor.analysis.guidance.agent_now import AgentNow
+from pd_editor.analysis.guidance.guidance_kind import Driven, Found, Measured
+from pd_editor.analysis.guidance.limits import (
+    MAX_BRAKING_MPS2,
+    OBEYED_GOAL_M,
+    OBEYED_SPEED_MPS,
+)
+from pd_editor.analysis.guidance.pace import Ask, Pace, Rates, pace_of
+from pd_editor.analysis.threats.encounter import Track
+from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.guidance_terms import Point
+from pd_editor.scene.paths.drawn_path import FollowedPath
+from pd_editor.scene.paths.driving_paths import SPACING_M
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
+
+_GO_MPS: Final = 8.0
+"""Speed at which an agent drives off after a wait, if it was slower before."""
+_ARC_SHARE: Final = 0.1
+"""Of two places as near to a way-point, the one at its arc length is meant."""
+_LOOKED_AHEAD_M: Final = 40.0
+_CROSSED_M: Final = 6.0
+"""Length of the part of the path that another agent has to leave to have passed."""
+_BESIDE_M: Final = 0.3
+_LATE_M: Final = 0.5
+"""Deviation from its place up to which a way-point counts as possible."""
+_BEGUN_M: Final = 1.0
+"""An agent that waits may drive so far beyond its way-point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WayPoint:
+    """A point of a path with what is asked there; None: nothing."""
+
+    number: int
+    point_m: Point
+    speed_mps: float | None
+    at_s: float | None
+    waits_for: str | None
+
+    @property
+    def asks(self) -> str:
+        """What is asked, in words; empty: nothing."""
+        told = [] if self.waits_for is None else [f"wait for {self.waits_for}"]
+        told += [] if self.speed_mps is None else [f"{self.speed_mps:g} m/s"]
+        told += [] if self.at_s is None else [f"at {self.at_s:g} s"]
+        return ", ".join(told)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WayPlan:
+    """Way-points that ask for something on the path that an agent follows."""
+
+    points: tuple[WayPoint, ...]
+    place_m: tuple[float, ...]
+    course_m: Float[np.ndarray, "M 2"]
+    first_mps: float
+    width_m: float
+
+    @classmethod
+    def of(
+        cls,
+        points: Sequence[WayPoint],
+        followed: FollowedPath,
+        width_m: float,
+    ) -> "WayPlan":
+        """The plan of all points of a path; those behind the agent ask for nothing."""
+        path = followed.path
+        course = np.stack([path.x_m[0], path.y_m[0]], axis=-1)
+        line = np.array([one.point_m for one in points])
+        arc = arc_length(line) - followed.start_m
+        gap = np.linalg.norm(course - line[:, None], axis=-1)
+        nodes = SPACING_M * np.arange(len(course))
+        near = (gap + _ARC_SHARE * np.abs(nodes - arc[:, None])).argmin(axis=1)
+        ahead = np.gradient(course, SPACING_M, axis=0)[near]
+        place = nodes[near] + ((line - course[near]) * ahead).sum(-1)
+        found = [
+            (one, at)
+            for one, at in zip(points, place.tolist(), strict=True)
+            if one.asks and at > 0
+        ]
+        return cls(
+            points=tuple(one for one, _ in found),
+            place_m=tuple(at for _, at in found),
+            course_m=course,
+            first_mps=followed.first_mps,
+            width_m=width_m,
+        )
+
+    def pace(self, rates: Rates, passed_s: Callable[[WayPoint, float], float]) -> Pace:
+        """Pace that meets what is asked for, as far as it can.
+
+        ``passed_s`` tells when the agent that a way-point names has passed its place.
+        """
+        asks = [
+            Ask(
+                along_m=place,
+                speed_mps=one.speed_mps,
+                at_s=one.at_s,
+                release_s=None if one.waits_for is None else passed_s(one, place),
+            )
+            for one, place in zip(self.points, self.place_m, strict=True)
+        ]
+        return pace_of(asks, self.first_mps, rates)
+
+    def cruise_mps(self) -> float:
+        """Speed at which the agent drives off after a wait."""
+        return max(self.first_mps, _GO_MPS)
+
+    def passed_s(
+        self,
+        place_m: float,
+        other: Track,
+        is_there: Bool[np.ndarray, "T"],
+        step_s: float,
+    ) -> float:
+        """Time at which another agent has passed a place of the path.
+
+        It has when it leaves the part of the path ahead of the place that it crosses
+        first, or, if it crosses none, when it is nearest to the place. Infinite if it
+        does not in its trajectory.
+        """
+        first = int(place_m / SPACING_M)
+        course = self.course_m[first : first + int(_LOOKED_AHEAD_M / SPACING_M) + 1]
+        half = other.size_m[0] / 2 * unit_vector(other.heading_rad)
+        body = np.stack([other.position_m + share * half for share in (-1, 0, 1)], 1)
+        gap = np.linalg.norm(body[:, :, None] - course, axis=-1).min(axis=1)
+        near = (self.width_m + other.size_m[1]) / 2 + _BESIDE_M
+        blocks = (gap < near) & is_there[:, None]
+        there = np.flatnonzero(is_there)
+        if not len(there):
+            return 0.0
+        if blocks.any():
+            begin = int(blocks.any(axis=0).argmax())
+            zone = blocks[:, begin : begin + int(_CROSSED_M / SPACING_M) + 1]
+            last = int(np.flatnonzero(zone.any(axis=1))[-1]) + 1
+        else:
+            last = int(there[gap[there, 0].argmin()])
+        return np.inf if last >= there[-1] else last * step_s
+
+
+def hardest_rates(plan: WayPlan) -> Rates:
+    """Rates up to which what is asked for counts as possible."""
+    return Rates(
+        up=FIRM_ACCELERATION_MPS2,
+        down=MAX_BRAKING_MPS2,
+        hardest_up=FIRM_ACCELERATION_MPS2,
+        hardest_down=MAX_BRAKING_MPS2,
+        cruise_mps=plan.cruise_mps(),
+    )
+
+
+def way_point_problems(
+    plan: WayPlan, agent: AgentNow, tracks: Callable[[str], Track | None]
+) -> Found:
+    """What an agent cannot meet at its way-points.
+
+    ``tracks`` are those of agents that are kept; None: it is generated.
+    """
+    step_s = agent.scenario.time_axis.step_s
+    never: set[int] = set()
+
+    def passed_s(one: WayPoint, place: float) -> float:
+        other = tracks(str(one.waits_for))
+        if other is None:
+            # Nothing is known of it: neither that the agent waits, nor for how long.
+            return 0.0
+        is_there = np.ones(len(other.heading_rad), bool)
+        at_s = plan.passed_s(place, other, is_there, step_s)
+        if not np.isfinite(at_s):
+            never.add(one.number)
+        return at_s
+
+    pace = plan.pace(hardest_rates(plan), passed_s)
+    met = zip(plan.points, plan.place_m, pace.arrivals, strict=True)
+    for one, place, (at_s, along, speed) in met:
+        what = f"Way-point {one.number} of {agent.name}"
+        if one.number in never:
+            yield (
+                f"Agent {one.waits_for} does not pass way-point {one.number} of "
+                f"{agent.name} in the scenario, so it would wait to the end; name another "
+                "agent."
+            )
+            return
+        if one.at_s is not None and one.at_s > agent.duration_s + 1e-6:
+            yield (
+                f"{what} is asked for at {one.at_s:g} s, and trajectories last "
+                f"{agent.duration_s:.1f} s; ask for less."
+            )
+            return
+        if one.at_s is not None and abs(place - along) > _LATE_M:
+            side = "short of" if along < place else "beyond"
+            yield (
+                f"{what} is asked for at {one.at_s:g} s, when it is {abs(place - along):.0f} "
+                f"m {side} it at best; allow {'more' if along < place else 'less'} time."
+            )
+            return
+        asked = 0.0 if one.waits_for and at_s and speed < 0.1 else one.speed_mps
+        if asked is not None and abs(speed - asked) > OBEYED_SPEED_MPS:
+            yield (
+                f"{what} asks for {asked:.1f} m/s, and it has {speed:.1f} m/s there at "
+                "best; ask for another speed, or move it further."
+            )
+            return
+
+
+def way_points_measured(plan: WayPlan, driven: Driven, line: Measured) -> Measured:
+    """What was asked and achieved at way-points, with the worst of it.
+
+    ``line`` is how the path was kept, which counts as well.
+    """
+    (row,) = driven.rows
+    place = driven.sample.position_m[row]
+    gap = np.linalg.norm(place[:, None] - plan.course_m, axis=-1)
+    node = gap.argmin(axis=1)
+    ahead = np.gradient(plan.course_m, SPACING_M, axis=0)[node]
+    along = SPACING_M * node + ((place - plan.course_m[node]) * ahead).sum(-1)
+    along = np.maximum.accumulate(along)
+    speed = driven.speed_mps()[row]
+    step = np.arange(len(along))
+    told: list[tuple[float, str, float, str]] = []
+    for one, at in zip(plan.points, plan.place_m, strict=True):
+        passes = along >= at
+        when = float(np.interp(at, along, step)) if passes.any() else len(along) - 1.0
+        name = f"way-point {one.number}"
+        if one.at_s is not None:
+            due = min(one.at_s / driven.step_s, len(along) - 1)
+            off = abs(float(np.interp(due, step, along)) - at)
+            told.append((off / OBEYED_GOAL_M, f"{off:.1f} m off {name}", off, "m"))
+        if one.waits_for is not None:
+            other = driven.track(one.waits_for)
+            if other is None:
+                continue
+            there = np.ones(len(other.heading_rad), bool)
+            passed = plan.passed_s(at, other, there, driven.step_s) / driven.step_s
+            begun = along >= at + _BEGUN_M
+            left = float(step[begun][0]) if begun.any() else np.inf
+            early = max(min(passed, len(along)) - left, 0.0) * driven.step_s
+            words = f"drives on {early:.1f} s early" if early else "lets it pass"
+            told.append((2 * early, f"{words} at {name}", early, "s"))
+        elif one.speed_mps is not None:
+            mps = float(np.interp(when, step, speed))
+            off = abs(mps - one.speed_mps)
+            words = (
+                f"{mps:.1f} m/s at {name}" if passes.any() else f"{name} not reached"
+            )
+            off = off if passes.any() or one.speed_mps == 0 else max(off, 1.0)
+            told.append((off / OBEYED_SPEED_MPS, words, off, "m/s"))
+    worst = max(told, default=None)
+    asked = "; ".join(f"{one.asks} at way-point {one.number}" for one in plan.points)
+    return Measured(
+        asked=f"{line.asked}, {asked}",
+        achieved="; ".join([line.achieved, *(words for _, words, *_ in told)]),
+        error=line.error if worst is None else worst[2],
+        unit=line.unit if worst is None else worst[3],
+        is_obeyed=line.is_obeyed and (worst is None or worst[0] <= 1.0),
+    )
