@@ -569,6 +569,7 @@ export interface GuidanceRow {
   readonly stop: number;
   readonly inputs: readonly (GuidanceInput)[];
   readonly notes: readonly (Note)[];
+  readonly action: string;
 }
 
 export interface EncounterLine {
@@ -601,7 +602,7 @@ export interface GuidancePanelState {
 }
 
 export interface GuidancePanelEvent {
-  readonly kind: "choose" | "input" | "leave" | "look" | "make" | "point" | "remove" | "switch" | "take" | "tool" | "weight";
+  readonly kind: "act" | "choose" | "input" | "leave" | "look" | "make" | "point" | "remove" | "switch" | "take" | "tool" | "weight";
   readonly version: number | null;
   readonly count: number;
   readonly tool?: string;
@@ -625,7 +626,7 @@ export interface GuidanceBadge {
 }
 
 export interface GuidanceMark {
-  readonly shape: "arc" | "arrow" | "badge" | "flag" | "line" | "path";
+  readonly shape: "arc" | "arrow" | "badge" | "dot" | "flag" | "line" | "path";
   readonly index: number;
   readonly kind: string;
   readonly isOn: boolean;
@@ -640,6 +641,9 @@ export interface GuidanceMark {
   readonly points: readonly ([number, number])[] | null;
   readonly at: [number, number, number] | null;
   readonly badges: readonly (GuidanceBadge)[];
+  readonly node: number | null;
+  readonly label: string;
+  readonly achieved: [number, number] | null;
 }
 
 export interface GuidanceMarksState {
@@ -652,6 +656,9 @@ export interface GuidanceMarksEvent {
   readonly kind: "cancel" | "drag" | "drop" | "grab" | "point";
   readonly index: number | null;
   readonly point?: [number, number] | null;
+  readonly node?: number | null;
+  readonly isOffer?: boolean;
+  readonly isFree?: boolean;
 }
 
 export interface GuidingGhost {
@@ -675,6 +682,7 @@ export interface GuidingEvent {
   readonly at?: [number, number];
   readonly ray?: [[number, number, number], [number, number, number]] | null;
   readonly points?: readonly ([number, number])[];
+  readonly isClicked?: boolean;
 }
 
 export interface States {

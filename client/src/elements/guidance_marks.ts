@@ -1,5 +1,5 @@
-// Marks of guidance terms on the road: flags, paths, stop lines, arrows and badges. Flags
-// and stop lines are dragged; a click on any mark chooses its term.
+// Marks of guidance terms on the road: flags, paths, way-points, stop lines, arrows and
+// badges. Flags, way-points and stop lines are dragged; a click on any mark chooses its term.
 import { ground, project } from "../bridge.ts";
 import { make, svg, within } from "../dom.ts";
 import {
@@ -28,7 +28,9 @@ const HELD_BACK_PX = 16; // Arrows begin and end outside the agents.
 const BADGE_PX = 23;
 // Around an offered flag's foot: agents in there could not be pressed.
 const COVERED_PX = { left: -20, right: 37, top: -48, bottom: 2 };
-const DRAGGED = ["flag", "line"];
+const DRAGGED = ["flag", "line", "dot"];
+const APART_PX = 44; // A way-point is offered between points that are so far apart.
+const MISSED_PX = 5;
 const MODES = ["pd-crosshair", "pd-bending", "pd-drawing-region", "pd-guiding"];
 
 type Drawn = GuidanceBadge & Partial<GuidanceMark>;
@@ -39,7 +41,11 @@ interface Hold extends Press {
   pointer: Pixel;
   offset: Pixel;
   known: ReadonlySet<number>;
+  isFree: boolean;
 }
+
+const keyOf = ({ index, node, isOffer }: Drawn): string =>
+  node == null ? String(index) : `${index} ${node} ${isOffer}`;
 
 define("guidance_marks", (api) => {
   const layer = svg("svg", "pd-guide-marks");
@@ -59,6 +65,9 @@ define("guidance_marks", (api) => {
   function isHeldBack(mark: GuidanceMark): boolean {
     const hold = press ?? settling;
     if (!hold?.point || mark.shape === "badge") return false;
+    // The line of a way-point follows it; a new one is drawn in the place of its offer.
+    if (hold.mark.shape === "dot")
+      return keyOf(mark) === keyOf(hold.mark) || (mark.isOffer && hold.mark.isOffer) === true;
     return mark.index === hold.mark.index || !hold.known.has(mark.index);
   }
 
@@ -69,7 +78,7 @@ define("guidance_marks", (api) => {
     if (mark.isChosen) classes.push("pd-guide-chosen");
     if (mark.isOffer) classes.push("pd-guide-offer");
     if (DRAGGED.includes(mark.shape ?? "")) classes.push("pd-guide-drags");
-    return svg("g", classes.join(" "), { "data-guide": mark.index });
+    return svg("g", classes.join(" "), { "data-guide": keyOf(mark) });
   }
 
   function put(parent: Element, picture: Element, [x, y]: Pixel) {
@@ -90,6 +99,30 @@ define("guidance_marks", (api) => {
     warn(parent, mark, [at[0] + 10, at[1] - 10]);
   }
 
+  // From where the agent should be to where it is at that time.
+  function drawMissed(mark: Drawn, parent: Element, [x, y]: Pixel) {
+    const there = mark.achieved ? project(mark.achieved) : null;
+    if (!there || mark.isFaint || distance(there, [x, y]) < MISSED_PX) return;
+    parent.append(svg("path", "pd-guide-missed", { d: along([[x, y], there]) }));
+    parent.append(svg("circle", "pd-guide-missed", { cx: there[0], cy: there[1], r: 4 }));
+  }
+
+  function drawDot(mark: Drawn, parent: Element) {
+    const [from, to] = (mark.points ?? []).map(project);
+    if (mark.isOffer && !(from && to && distance(from, to) > APART_PX)) return;
+    const at: Pixel | null =
+      from && to ? [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2] : mark.point ? project(mark.point) : null;
+    if (!at) return;
+    drawMissed(mark, parent, at);
+    const dot = svg("g");
+    dot.append(
+      svg("circle", "pd-guide-hit", { r: 11 }),
+      svg("circle", "pd-guide-point", { r: mark.isOffer ? 3.5 : 6 }),
+    );
+    if (mark.label) dot.append(svg("text", "pd-guide-label", { x: 11, y: 4 }, mark.label));
+    put(parent, dot, at);
+  }
+
   function isCovered(x: number, y: number): boolean {
     const { left, right, top, bottom } = COVERED_PX;
     return left < x && x < right && top < y && y < bottom;
@@ -102,6 +135,7 @@ define("guidance_marks", (api) => {
     if (mark.isOffer && from && isCovered(from[0] - foot[0], from[1] - foot[1])) return;
     if (from && !mark.isFaint && !mark.isOffer)
       parent.append(svg("path", "pd-guide-leader", { d: along([from, foot]) }));
+    drawMissed(mark, parent, foot);
     put(parent, flag(mark.isOffer), foot);
     cover(foot[0] - 9, foot[1] - 34, foot[0] + 24, foot[1] + 8);
     warn(parent, mark, [foot[0] + 20, foot[1] - 31]);
@@ -113,7 +147,11 @@ define("guidance_marks", (api) => {
     if (!line) return;
     // The line takes no clicks: agents that are to be dragged stand on it.
     parent.append(...haloed(line), ...haloed(head(pixels)));
-    drawPlate(parent, mark, halfWay(pixels.filter(isSeen)));
+    const seen = pixels.filter(isSeen);
+    // Way-points are pressed in the place of the plate.
+    const hasDots = state.marks.some(({ shape, index }) => shape === "dot" && index === mark.index);
+    if (hasDots) warn(parent, mark, [seen[seen.length - 1][0] + 14, seen[seen.length - 1][1] - 12]);
+    else drawPlate(parent, mark, halfWay(seen));
   }
 
   function drawLine(mark: Drawn, parent: Element) {
@@ -170,7 +208,7 @@ define("guidance_marks", (api) => {
     });
   }
 
-  const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
+  const drawings = { flag: drawFlag, dot: drawDot, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
   function drawMark(mark: Drawn) {
     if (mark.shape === "badge") drawBadges(mark.badges ?? [], mark.at ?? null);
     if (!mark.shape || mark.shape === "badge") return;
@@ -187,7 +225,8 @@ define("guidance_marks", (api) => {
     if (!hold?.point) return;
     const isBad = state.refusal !== "";
     const mark = { ...hold.mark, isOffer: false, isFaint: false, isChosen: true, isBad };
-    if (mark.shape === "flag") drawMark({ ...mark, point: hold.point });
+    if (mark.shape === "flag" || mark.shape === "dot")
+      drawMark({ ...mark, point: hold.point, points: null, achieved: null });
     // The line snaps to a lane: where, the server says.
     else drawMark(state.marks.find((one) => one.index === mark.index) ?? mark);
     if (isBad) layer.lastElementChild?.classList.add("pd-guide-refused");
@@ -204,9 +243,8 @@ define("guidance_marks", (api) => {
   function markOf(event: Event): Drawn | null {
     const found = within(event, "[data-guide]");
     if (!found || !layer.contains(found)) return null;
-    const index = Number(found.dataset.guide);
     const all = state.marks.flatMap((mark): readonly Drawn[] => (mark.shape === "badge" ? mark.badges : [mark]));
-    return all.find((mark) => mark.index === index) ?? null;
+    return all.find((mark) => keyOf(mark) === found.dataset.guide) ?? null;
   }
 
   function tell(lines: readonly string[], at: Pixel) {
@@ -219,8 +257,8 @@ define("guidance_marks", (api) => {
   }
   const tellRefusal = (at: Pixel) => tell(state.refusal ? [state.refusal] : [], at);
 
-  const send = (kind: GuidanceMarksEvent["kind"], { mark, point }: Hold) =>
-    api.send({ kind, index: mark.index, point });
+  const send = (kind: GuidanceMarksEvent["kind"], { mark, point, isFree }: Hold) =>
+    api.send({ kind, index: mark.index, point, node: mark.node ?? null, isOffer: mark.isOffer === true, isFree });
   const { ask: sendDrag, stop: stopDrag } = paced(SEND_MS, () => {
     if (press?.point) send("drag", press);
     return true;
@@ -249,7 +287,7 @@ define("guidance_marks", (api) => {
     if (!mark) return;
     take(event);
     const at = local(event);
-    const foot = (mark.shape === "flag" && mark.point && project(mark.point)) || at;
+    const foot = (mark.shape !== "line" && mark.point && project(mark.point)) || at;
     press = {
       id: event.pointerId,
       mark,
@@ -258,6 +296,7 @@ define("guidance_marks", (api) => {
       point: null,
       offset: [foot[0] - at[0], foot[1] - at[1]],
       known: new Set(state.marks.map((one) => one.index)),
+      isFree: event.altKey,
     };
     settling = null;
     send("grab", press);
@@ -274,6 +313,7 @@ define("guidance_marks", (api) => {
       markBody("pd-guide-dragging", true);
       press.point = point;
       press.pointer = at;
+      press.isFree = event.altKey;
       sendDrag();
       draw();
       tellRefusal(at);

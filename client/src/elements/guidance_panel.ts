@@ -247,7 +247,9 @@ define("guidance_panel", (api) => {
     head.append(choose, isOn, remove);
     const notes = make("div", "pd-guidance-notes");
     controls.push((next) => notes.replaceChildren(...next.notes.map(noted)));
-    item.append(head, inputs(row, controls), strength(row, weights, controls), notes);
+    item.append(head, inputs(row, controls));
+    if (row.action) item.append(button("pd-guidance-take", row.action, () => send({ kind: "act", index })));
+    item.append(strength(row, weights, controls), notes);
     return { make: makeOf(row), item, controls };
   }
 

@@ -1,6 +1,7 @@
 // Drawing a guidance term: a click on the road, a line drawn on it, or another agent. A line
 // is drawn by a drag, or from point to point by clicks: Enter, or another click on the last
-// point, such as a double click, ends it; Backspace takes the last point back.
+// point, such as a double click, ends it; Backspace takes the last point back. Points that
+// are clicked snap to lanes, unless Alt is held.
 //
 // While the mode is on, left presses on the picture belong to it: viser does not hear
 // them, so that neither the camera turns nor a rectangle is drawn.
@@ -39,6 +40,7 @@ define("guiding", (api) => {
   let at: Pixel | null = null;
   let press: (Press & { points: Ground[] | null }) | null = null;
   let line: Ground[] = []; // Points that were clicked, after the agent's place.
+  let isClicked = false; // Whether all of them were.
 
   function stroke(parent: Element, pixels: readonly (Pixel | null)[], isArrow: boolean) {
     parent.append(...haloed(along(pixels)));
@@ -117,7 +119,7 @@ define("guiding", (api) => {
     const rounded = (value: number) => Math.round(value * 100) / 100;
     const points = line.map(([x, y]): Ground => [rounded(x), rounded(y)]);
     line = [];
-    api.send({ kind: "drawn", tool: kind, points });
+    api.send({ kind: "drawn", tool: kind, points, isClicked });
   }
   function isNear(one: Ground, other: Ground | undefined): boolean {
     const [here, there] = [project(one), other ? project(other) : null];
@@ -125,13 +127,14 @@ define("guiding", (api) => {
   }
 
   // A drag is the whole line, or goes on with one that was begun by clicks.
-  function addToLine(points: Ground[], mode: GuidingState) {
+  function addToLine(points: Ground[], mode: GuidingState, isFree: boolean) {
     const isClick = points.length > 0 && points.every((point) => isNear(point, points[0]));
     if (isClick && line.length > 1 && isNear(points[0], line.at(-1))) {
       finish(mode);
       return;
     }
     const isWhole = !isClick && !line.length;
+    isClicked = isClick && !isFree && (isClicked || !line.length);
     if (isClick && !line.length) line.push([mode.start[0], mode.start[1]]);
     line.push(...(isClick ? [points[0]] : points));
     if (isWhole) finish(mode);
@@ -150,7 +153,7 @@ define("guiding", (api) => {
     (event, { points }) => {
       const pixel = local(event);
       const seen = points ? null : ray(...pixel);
-      if (state && points) addToLine(points, state);
+      if (state && points) addToLine(points, state, event.altKey);
       else if (state && seen) api.send({ kind: "click", tool: state.kind, at: pixel, ray: seen });
       giveUp();
     },

@@ -133,6 +133,10 @@ class Tool:
 
     Raises ``EditError`` where they cannot be.
     """
+    click: Callable[[Scenario, str, Float[np.ndarray, "N 2"]], GuidanceTerm] | None = (
+        None
+    )
+    """The same from points of a line that were clicked one by one; None: as drawn."""
 
 
 def _nothing(*_: Any) -> Found:

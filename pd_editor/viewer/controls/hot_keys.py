@@ -14,10 +14,10 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Undo", tab.history.undo, "Z", "cmd/ctrl")
     key("Redo", tab.history.redo, "Z", "cmd/ctrl+shift")
     key("Redo (Ctrl+Y)", tab.history.redo, "Y", "cmd/ctrl")
-    key("Delete selection", tab.agent.delete, "delete", failure="Not deleted")
+    key("Delete selection", tab.delete, "delete", failure="Not deleted")
     key(
         "Delete selection (Backspace)",
-        tab.agent.delete,
+        tab.delete,
         "backspace",
         failure="Not deleted",
     )

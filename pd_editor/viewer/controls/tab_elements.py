@@ -117,6 +117,11 @@ class TabElements:
             self.view = ViewPanel(ui, self.picture)
         self.chip = StatusChip(ui, self.timeline, self.viewpoint, self.export)
 
+    def delete(self) -> None:
+        """Delete the way-point that is chosen, else the selection."""
+        if not self.guidance.remove_point():
+            self.agent.delete()
+
     def escape(self) -> None:
         """Leave what is innermost: a gesture, a mode, a list; else clear the selection."""
         ui = self._ui
@@ -132,6 +137,7 @@ class TabElements:
             or self.branches.close()
             or self.agent.locks.withdraw()
             or self.steering.encounters.close()
+            or self.guidance.leave_point()
         ):
             ui.session.select(())
 

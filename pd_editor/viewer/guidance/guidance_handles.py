@@ -1,4 +1,4 @@
-"""Marks of guidance terms over the picture; flags and stop lines can be dragged."""
+"""Marks of guidance terms over the picture; flags, lines and way-points are dragged."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ import numpy as np
 
 from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import AddGuidance, ChangeGuidance, Command
 from pd_editor.scene.scenario import Scenario
@@ -22,6 +23,7 @@ from pd_editor.viewer.guidance.term_marks import (
     offered_goal,
     round_bodies,
 )
+from pd_editor.viewer.guidance.way_point_inputs import with_point_at
 from pd_editor.viewer.overlay.messages import GuidanceMarksState
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -36,6 +38,11 @@ class _Grab:
     scenario: Scenario
     """The scenario when the mark was taken; the drag's commands apply to it."""
     agent_id: str
+    node: int | None = None
+    """Place of the way-point, or of the one before a new one."""
+    is_new: bool = False
+    is_free: bool = False
+    """Whether points do not snap to lanes."""
     has_moved: bool = False
     refusal: str = ""
     """Why the mark cannot be where the pointer is; empty if it can."""
@@ -68,7 +75,10 @@ class GuidanceHandles:
         session = self._ui.session
         scenario, selection = session.scenario, session.selection
         notes, chosen = self._notes.sentences(), self._model.chosen_term
-        marks = marks_of(scenario, poses, selection, notes, chosen=chosen)
+        point = self._model.chosen_point
+        marks = marks_of(
+            scenario, poses, selection, notes, chosen=chosen, chosen_point=point
+        )
         playback = self._ui.workspace.playback
         offer = None if playback.is_playing else offered_goal(scenario, selection)
         if offer is not None:
@@ -94,11 +104,16 @@ class GuidanceHandles:
             return
         if what == "grab" and isinstance(index, int):
             self._grab = self._grabbed(index)
+            if self._grab is not None:
+                node = event.get("node")
+                self._grab.node = node if isinstance(node, int) else None
+                self._grab.is_new = event.get("isOffer") is True
             return
         grab = self._grab
         if grab is None:
             return
         point = point_of(event.get("point"))
+        grab.is_free = event.get("isFree") is True
         if what == "drag" and point is not None:
             self._drag(grab, point)
         elif what == "drop":
@@ -136,9 +151,16 @@ class GuidanceHandles:
         )
 
     def _choose(self, grab: _Grab) -> None:
-        """A click without a drag chooses the term, and selects its agent."""
-        if grab.index != OFFER:
-            self._model.choose_term(grab.index)
+        """A click without a drag chooses the term or way-point, or makes a new one."""
+        if grab.index == OFFER:
+            return
+        if grab.node is not None and grab.is_new:
+            term = grab.scenario.guidance[grab.index]
+            assert isinstance(term, FollowPath)
+            ends = np.array(term.points_m[grab.node : grab.node + 2])
+            self._drop(grab, ends.mean(axis=0))
+        else:
+            self._model.choose_term(grab.index, grab.node)
 
     def _drag(self, grab: _Grab, point_m: np.ndarray) -> None:
         if not self._holds(grab):
@@ -165,6 +187,8 @@ class GuidanceHandles:
             self._ui.end_gesture()
             if grab.index == OFFER:
                 self._model.choose_term(len(grab.scenario.guidance))
+            elif grab.node is not None:
+                self._model.choose_term(grab.index, grab.node + grab.is_new)
 
     def _holds(self, grab: _Grab) -> bool:
         """Whether nothing else has ended the drag or changed the scenario."""
@@ -180,6 +204,16 @@ def _command(grab: _Grab, point_m: np.ndarray) -> Command | None:
     if grab.index == OFFER:
         return AddGuidance(term=GoalPoint.drawn(scenario, grab.agent_id, points_m))
     former = scenario.guidance[grab.index]
+    if isinstance(former, FollowPath) and grab.node is not None:
+        path = with_point_at(
+            former,
+            grab.node,
+            point_m,
+            scenario,
+            is_new=grab.is_new,
+            is_free=grab.is_free,
+        )
+        return ChangeGuidance(index=grab.index, term=path)
     if KINDS[former.kind].shape not in ("flag", "line"):
         return None
     term = drawn(former.kind, scenario, grab.agent_id, points_m)

@@ -7,6 +7,7 @@ from typing import Any, Final
 from msgspec import structs
 
 from pd_editor.analysis.guidance.kinds import KINDS
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import (
     AddGuidance,
@@ -27,7 +28,15 @@ from pd_editor.viewer.guidance.term_rows import (
     weight_stop,
     with_input,
 )
+from pd_editor.viewer.guidance.way_point_inputs import (
+    chosen_point,
+    has_handles,
+    point_inputs,
+    with_point_input,
+    without_point,
+)
 from pd_editor.viewer.overlay.messages import (
+    GuidanceInput,
     GuidancePanelState,
     GuidanceRow,
     GuidanceTool,
@@ -36,6 +45,7 @@ from pd_editor.viewer.overlay.messages import (
 from pd_editor.viewer.tab.ui_context import UiContext
 
 HOST: Final = '<div data-pd-host="guidance"></div>'
+REMOVE_POINT: Final = "Remove way-point"
 NEEDS_ONE: Final = "Select one agent first"
 
 
@@ -65,6 +75,7 @@ class GuidancePanel:
         self._kinds: tuple[Any, ...] = ()
         ui.client.gui.add_html(HOST)
         self._overlay.on("guidance_panel", self._heard)
+        self._model.agent_clicked.subscribe(self.leave_point)
         for signal in (
             self._model.shown,
             self._model.checked,
@@ -131,10 +142,48 @@ class GuidancePanel:
             stop=weight_stop(term.weight),
             inputs=tuple(
                 structs.replace(one, notes=self._notes.of_options(index, one.name))
-                for one in inputs_of(term)
+                for one in self._inputs(index, term)
             ),
             notes=_noted(self._notes.of_term(index)),
+            action="" if self._point(index, term) is None else REMOVE_POINT,
         )
+
+    def _inputs(self, index: int, term: GuidanceTerm) -> list[GuidanceInput]:
+        if isinstance(term, FollowPath) and has_handles(term):
+            chosen = self._point(index, term)
+            return point_inputs(term, chosen, self._ui.session.scenario)
+        return inputs_of(term)
+
+    def _point(self, index: int, term: GuidanceTerm) -> int | None:
+        """The chosen way-point of a term."""
+        chosen = self._model.chosen_point
+        if (
+            index != self._model.chosen_term
+            or not isinstance(term, FollowPath)
+            or term.agent_id not in self._ui.session.selection
+        ):
+            return None
+        return None if chosen is None or chosen >= len(term.points_m) else chosen
+
+    def leave_point(self) -> bool:
+        """Choose no way-point any more; False if none was chosen."""
+        if self._model.chosen_point is None:
+            return False
+        self._model.choose_term(self._model.chosen_term)
+        return True
+
+    def remove_point(self) -> bool:
+        """Remove the way-point that is chosen; False if none is."""
+        index, terms = self._model.chosen_term, self._ui.session.scenario.guidance
+        term = None if index is None or index >= len(terms) else terms[index]
+        if index is None or not isinstance(term, FollowPath):
+            return False
+        point = self._point(index, term)
+        if point is None:
+            return False
+        self._ui.apply(ChangeGuidance(index=index, term=without_point(term, point)))
+        self._model.choose_term(index)
+        return True
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         """Act on an event of the list, and answer it even if it changes nothing."""
@@ -210,18 +259,26 @@ class GuidancePanel:
             self._ui.apply(RemoveGuidance(index=index))
         elif kind == "weight":
             self._weigh(index, term, event)
+        elif kind == "act":
+            self._report_refused(KINDS[term.kind].title, self.remove_point)
         elif kind == "input":
+            name, value = str(event.get("name")), event.get("value")
+            if name == "point" and isinstance(term, FollowPath):
+                self._select_agents(term)
+                self._model.choose_term(index, chosen_point(term, value))
+                return
             self._report_refused(
-                KINDS[term.kind].title,
-                lambda: self._ui.apply(
-                    ChangeGuidance(
-                        index=index,
-                        term=with_input(
-                            term, str(event.get("name")), event.get("value")
-                        ),
-                    )
-                ),
+                KINDS[term.kind].title, lambda: self._give(index, term, name, value)
             )
+
+    def _give(self, index: int, term: GuidanceTerm, name: str, value: Any) -> None:
+        """Set a value of a term, or of its chosen way-point."""
+        point = self._point(index, term)
+        if point is not None and isinstance(term, FollowPath):
+            changed: GuidanceTerm = with_point_input(term, point, name, value)
+        else:
+            changed = with_input(term, name, value)
+        self._ui.apply(ChangeGuidance(index=index, term=changed))
 
     def _weigh(self, index: int, term: GuidanceTerm, event: Mapping[str, Any]) -> None:
         """Set a strength; the moves of a slider until it is released are one edit."""
@@ -244,7 +301,7 @@ class GuidancePanel:
         if ids and not set(ids) & set(session.selection):
             session.select(ids)
 
-    def _report_refused(self, title: str, act: Callable[[], None]) -> None:
+    def _report_refused(self, title: str, act: Callable[[], object]) -> None:
         """Do something; a refusal is told."""
         try:
             act()

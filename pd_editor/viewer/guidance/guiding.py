@@ -145,7 +145,8 @@ class Guiding(Mode):
             self._finish(lambda: self._clicked(ray))
         elif what == "drawn":
             points = _points(event.get("points", []))
-            self._finish(lambda: self._drawn(points))
+            is_clicked = event.get("isClicked") is True
+            self._finish(lambda: self._drawn(points, is_clicked=is_clicked))
 
     def _finish(self, make: Callable[[], GuidanceTerm]) -> None:
         """Put the term and end the mode; a refused one leaves the mode on."""
@@ -169,8 +170,10 @@ class Guiding(Mode):
             raise EditError("That is the sky; click the road.")
         return self._drawn(ray.ground_m[None])
 
-    def _drawn(self, points_m: np.ndarray) -> GuidanceTerm:
-        scenario = self._ui.session.scenario
+    def _drawn(self, points_m: np.ndarray, *, is_clicked: bool = False) -> GuidanceTerm:
+        scenario, tool = self._ui.session.scenario, TOOLS[str(self.tool)]
+        if is_clicked and tool.click is not None and len(points_m) > 1:
+            return tool.click(scenario, self.agent_id, points_m)
         return drawn(str(self.tool), scenario, self.agent_id, points_m)
 
     def _picked(self, ray: PointerRay) -> str | None:

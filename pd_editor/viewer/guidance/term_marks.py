@@ -1,5 +1,6 @@
 """Marks of guidance terms on the road: what the page draws over the picture."""
 
+import itertools
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
@@ -9,10 +10,12 @@ from msgspec import structs
 
 from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.term_rows import sentence_of
+from pd_editor.viewer.guidance.way_point_inputs import has_handles
 from pd_editor.viewer.meshes.agent_poses import AgentPoses
 from pd_editor.viewer.overlay.messages import (
     Ground,
@@ -26,6 +29,8 @@ LEAST_OFFER_M: Final = 4.0
 """Shortest trajectory whose end is offered as a goal to drag."""
 OFFER: Final = -1
 """Index of the offered goal, which is no term yet."""
+DOT_HINT: Final = "drag to move, Alt: off the lane; click for its speed, time or wait"
+NEW_DOT_HINT: Final = "click or drag: a way-point more"
 DRAG_HINT: Final = "drag to set a goal"
 
 
@@ -36,11 +41,13 @@ def marks_of(
     notes: Mapping[int, tuple[str, ...]],
     *,
     chosen: int | None,
+    chosen_point: int | None = None,
 ) -> list[GuidanceMark]:
     """One mark per term that has a place on the road, and badges of the other terms.
 
     Arrows and badges follow the drawn poses. Terms of agents that are not selected are
-    fainter. ``notes`` are further lines of a term's tooltip, by its index.
+    fainter; paths of those that are have their way-points as well. ``notes`` are further
+    lines of a term's tooltip, by its index.
     """
     marks = []
     badges: dict[str, list[GuidanceBadge]] = {}
@@ -58,6 +65,9 @@ def marks_of(
         place = _place_of(term, scenario, at)
         if place is not None:
             marks.append(structs.replace(place, **structs.asdict(look)))
+            if isinstance(term, FollowPath) and has_handles(term) and not look.is_faint:
+                point = chosen_point if look.is_chosen else None
+                marks += _dots(term, index, scenario, point)
         elif KINDS[term.kind].shape == "badge":
             for agent_id in term.guided_ids:
                 badges.setdefault(agent_id, []).append(look)
@@ -66,6 +76,63 @@ def marks_of(
         if place is not None:
             marks.append(GuidanceMark(shape="badge", at=place, badges=tuple(looks)))
     return marks
+
+
+def _dots(
+    term: FollowPath, index: int, scenario: Scenario, chosen: int | None
+) -> list[GuidanceMark]:
+    """The way-points of a path, and between them places for more."""
+    row, now = scenario.agents.row_of.get(term.agent_id), scenario.current_step
+    if row is None:
+        return []
+    gap = np.array(term.points_m) - scenario.agents.position_m[row, now]
+    # A point under the agent would be pressed in its place.
+    is_free = np.linalg.norm(gap, axis=-1) > scenario.agents.size_m[row, 0] / 2 + 0.5
+    dots = [
+        GuidanceMark(
+            shape="dot",
+            index=index,
+            kind=term.kind,
+            is_on=term.is_on,
+            is_chosen=node == chosen,
+            lines=(
+                f"Way-point {one.number}{': ' * bool(one.asks)}{one.asks}",
+                DOT_HINT,
+            ),
+            point=one.point_m,
+            node=node,
+            label=one.asks,
+            achieved=_place_at(scenario, term.agent_id, one.at_s),
+        )
+        for node, one in enumerate(term.way_points())
+        if is_free[node]
+    ]
+    between = [
+        GuidanceMark(
+            shape="dot",
+            index=index,
+            kind=term.kind,
+            is_on=term.is_on,
+            lines=(NEW_DOT_HINT,),
+            points=(before, after),
+            node=node,
+            is_offer=True,
+        )
+        for node, (before, after) in enumerate(itertools.pairwise(term.points_m))
+    ]
+    return [*between, *dots]
+
+
+def _place_at(scenario: Scenario, agent_id: str, at_s: float | None) -> Ground | None:
+    """Where an agent is at a time; None if it is not there, or no time is given."""
+    row = scenario.agents.row_of.get(agent_id)
+    if row is None or at_s is None:
+        return None
+    agents = scenario.agents
+    step = scenario.current_step + round(at_s / scenario.time_axis.step_s)
+    if step >= agents.num_steps or not agents.is_valid[row, step]:
+        return None
+    return _rounded(agents.position_m[row, step])
 
 
 def offered_goal(
@@ -136,7 +203,11 @@ def _place_of(
     points = tuple(_rounded(point) for point in kind.points_m(term, scenario))
     if kind.shape == "flag":
         start = at(*term.guided_ids)
-        return GuidanceMark(shape="flag", point=points[0], start=start)
+        assert isinstance(term, GoalPoint)
+        axis = scenario.time_axis
+        end_s = axis.num_future_steps * axis.step_s if term.at_s is None else term.at_s
+        there = _place_at(scenario, term.agent_id, end_s)
+        return GuidanceMark(shape="flag", point=points[0], start=start, achieved=there)
     return GuidanceMark(shape=kind.shape, points=points)
 
 

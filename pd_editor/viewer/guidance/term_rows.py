@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import EditError
-from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance, forms_of
+from pd_editor.scene.guidance_terms import Form, GuidanceTerm, PairGuidance, forms_of
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.overlay.messages import GuidanceInput
 
@@ -44,20 +44,38 @@ def inputs_of(term: GuidanceTerm) -> list[GuidanceInput]:
     """The values of a term that can be edited, for the page: choices, then numbers."""
     forms = forms_of(type(term))
     return [
-        GuidanceInput(
-            name=name,
-            label=form.label,
-            value=form.choices.get(value, value),
-            unit=form.unit,
-            least=form.least if form.first is None else form.first,
-            most=form.most,
-            step=form.step,
-            options=tuple(form.choices.values()),
-            empty=form.empty,
-        )
+        form_input(name, form, form.choices.get(value, value))
         for name, form in sorted(forms.items(), key=lambda one: not one[1].choices)
         for value in (getattr(term, name),)
     ]
+
+
+def form_input(name: str, form: Form, value: Any) -> GuidanceInput:
+    """The input of a form that shows a value."""
+    return GuidanceInput(
+        name=name,
+        label=form.label,
+        value=value,
+        unit=form.unit,
+        least=form.least if form.first is None else form.first,
+        most=form.most,
+        step=form.step,
+        options=tuple(form.choices.values()),
+        empty=form.empty,
+    )
+
+
+def checked_number(form: Form, value: Any) -> float | None:
+    """The number that was given in the input of a form.
+
+    Raises:
+        EditError: it is none.
+    """
+    if value is None and form.empty:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise EditError(f"{form.label} needs a number.")
+    return float(value)
 
 
 def with_input(term: GuidanceTerm, name: str, value: Any) -> GuidanceTerm:
@@ -76,10 +94,8 @@ def with_input(term: GuidanceTerm, name: str, value: Any) -> GuidanceTerm:
                 f"{form.label} is one of {', '.join(named)}; {value!r} is not."
             )
         value = named[value]
-    elif value is not None or not form.empty:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise EditError(f"{form.label} needs a number.")
-        value = float(value)
+    else:
+        value = checked_number(form, value)
     return replace(term, **{name: value})
 
 

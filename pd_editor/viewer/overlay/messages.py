@@ -663,12 +663,12 @@ class GuidanceInput(Message, frozen=True):
     name: str
     label: str
     value: str | float | None
-    unit: str
-    least: float | None
-    most: float | None
-    step: float | None
-    options: tuple[str, ...]
-    empty: str
+    unit: str = ""
+    least: float | None = None
+    most: float | None = None
+    step: float | None = None
+    options: tuple[str, ...] = ()
+    empty: str = ""
     notes: dict[str, tuple[str, str]] = {}
     """Few words, and a sentence, on each option."""
 
@@ -684,6 +684,8 @@ class GuidanceRow(Message, frozen=True):
     stop: int
     inputs: tuple[GuidanceInput, ...]
     notes: tuple[Note, ...]
+    action: str = ""
+    """What a button of the row does; empty: there is none."""
 
 
 class EncounterLine(Message, frozen=True):
@@ -720,7 +722,7 @@ class GuidancePanelState(Message, frozen=True):
 class GuidancePanelEvent(Message, frozen=True):
     kind: Literal[
         "tool", "take", "look", "leave", "point", "make",
-        "choose", "switch", "remove", "weight", "input",
+        "choose", "switch", "remove", "weight", "input", "act",
     ]  # fmt: skip
     version: int | None
     count: int
@@ -747,7 +749,7 @@ class GuidanceBadge(Message, frozen=True):
 class GuidanceMark(Message, frozen=True):
     """A term on the road, or the badges of an agent at ``at``."""
 
-    shape: Literal["flag", "path", "line", "arrow", "arc", "badge"]
+    shape: Literal["flag", "path", "line", "arrow", "arc", "badge", "dot"]
     index: int = 0
     kind: str = ""
     is_on: bool = True
@@ -762,6 +764,11 @@ class GuidanceMark(Message, frozen=True):
     points: tuple[Ground, ...] | None = None
     at: Place | None = None
     badges: tuple[GuidanceBadge, ...] = ()
+    node: int | None = None
+    """Number of a way-point, or of the one before a point that is offered."""
+    label: str = ""
+    achieved: Ground | None = None
+    """Where the agent is when it should be at the point."""
 
 
 class GuidanceMarksState(Message, frozen=True):
@@ -776,6 +783,10 @@ class GuidanceMarksEvent(Message, frozen=True):
     kind: Literal["point", "grab", "drag", "drop", "cancel"]
     index: int | None
     point: Ground | None = None
+    node: int | None = None
+    is_offer: bool = False
+    is_free: bool = False
+    """Whether points do not snap to lanes."""
 
 
 class GuidingGhost(Message, frozen=True):
@@ -799,6 +810,8 @@ class GuidingEvent(Message, frozen=True):
     at: Pixel = (0.0, 0.0)
     ray: Ray | None = None
     points: tuple[Ground, ...] = ()
+    is_clicked: bool = False
+    """Whether the points were clicked one by one."""
 
 
 STATES: Final[dict[str, type[Message]]] = {

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (075f0b614e4d83c2); not to be edited. */
+/* Built by .ci/client.py from client/ (e59f8a0fff0d0b1c); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1150,8 +1150,11 @@
   var HELD_BACK_PX = 16;
   var BADGE_PX = 23;
   var COVERED_PX = { left: -20, right: 37, top: -48, bottom: 2 };
-  var DRAGGED = ["flag", "line"];
+  var DRAGGED = ["flag", "line", "dot"];
+  var APART_PX = 44;
+  var MISSED_PX = 5;
   var MODES = ["pd-crosshair", "pd-bending", "pd-drawing-region", "pd-guiding"];
+  var keyOf = ({ index, node, isOffer }) => node == null ? String(index) : `${index} ${node} ${isOffer}`;
   define("guidance_marks", (api) => {
     const layer = svg("svg", "pd-guide-marks");
     const tip = make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
@@ -1166,6 +1169,8 @@
     function isHeldBack(mark) {
       const hold = press ?? settling;
       if (!hold?.point || mark.shape === "badge") return false;
+      if (hold.mark.shape === "dot")
+        return keyOf(mark) === keyOf(hold.mark) || (mark.isOffer && hold.mark.isOffer) === true;
       return mark.index === hold.mark.index || !hold.known.has(mark.index);
     }
     function group(mark) {
@@ -1175,7 +1180,7 @@
       if (mark.isChosen) classes.push("pd-guide-chosen");
       if (mark.isOffer) classes.push("pd-guide-offer");
       if (DRAGGED.includes(mark.shape ?? "")) classes.push("pd-guide-drags");
-      return svg("g", classes.join(" "), { "data-guide": mark.index });
+      return svg("g", classes.join(" "), { "data-guide": keyOf(mark) });
     }
     function put(parent, picture2, [x, y]) {
       picture2.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
@@ -1192,6 +1197,26 @@
       put(parent, plate(mark.kind), at);
       warn(parent, mark, [at[0] + 10, at[1] - 10]);
     }
+    function drawMissed(mark, parent, [x, y]) {
+      const there = mark.achieved ? project(mark.achieved) : null;
+      if (!there || mark.isFaint || distance(there, [x, y]) < MISSED_PX) return;
+      parent.append(svg("path", "pd-guide-missed", { d: along([[x, y], there]) }));
+      parent.append(svg("circle", "pd-guide-missed", { cx: there[0], cy: there[1], r: 4 }));
+    }
+    function drawDot(mark, parent) {
+      const [from, to] = (mark.points ?? []).map(project);
+      if (mark.isOffer && !(from && to && distance(from, to) > APART_PX)) return;
+      const at = from && to ? [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2] : mark.point ? project(mark.point) : null;
+      if (!at) return;
+      drawMissed(mark, parent, at);
+      const dot = svg("g");
+      dot.append(
+        svg("circle", "pd-guide-hit", { r: 11 }),
+        svg("circle", "pd-guide-point", { r: mark.isOffer ? 3.5 : 6 })
+      );
+      if (mark.label) dot.append(svg("text", "pd-guide-label", { x: 11, y: 4 }, mark.label));
+      put(parent, dot, at);
+    }
     function isCovered(x, y) {
       const { left, right, top, bottom } = COVERED_PX;
       return left < x && x < right && top < y && y < bottom;
@@ -1203,6 +1228,7 @@
       if (mark.isOffer && from && isCovered(from[0] - foot[0], from[1] - foot[1])) return;
       if (from && !mark.isFaint && !mark.isOffer)
         parent.append(svg("path", "pd-guide-leader", { d: along([from, foot]) }));
+      drawMissed(mark, parent, foot);
       put(parent, flag(mark.isOffer), foot);
       cover(foot[0] - 9, foot[1] - 34, foot[0] + 24, foot[1] + 8);
       warn(parent, mark, [foot[0] + 20, foot[1] - 31]);
@@ -1212,7 +1238,10 @@
       const line = along(pixels);
       if (!line) return;
       parent.append(...haloed(line), ...haloed(head(pixels)));
-      drawPlate(parent, mark, halfWay(pixels.filter(isSeen)));
+      const seen = pixels.filter(isSeen);
+      const hasDots = state.marks.some(({ shape, index }) => shape === "dot" && index === mark.index);
+      if (hasDots) warn(parent, mark, [seen[seen.length - 1][0] + 14, seen[seen.length - 1][1] - 12]);
+      else drawPlate(parent, mark, halfWay(seen));
     }
     function drawLine(mark, parent) {
       const pixels = (mark.points ?? []).map(project);
@@ -1262,7 +1291,7 @@
         layer.append(parent);
       });
     }
-    const drawings = { flag: drawFlag, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
+    const drawings = { flag: drawFlag, dot: drawDot, path: drawPath, line: drawLine, arrow: drawArrow, arc: drawArc };
     function drawMark(mark) {
       if (mark.shape === "badge") drawBadges(mark.badges ?? [], mark.at ?? null);
       if (!mark.shape || mark.shape === "badge") return;
@@ -1278,7 +1307,8 @@
       if (!hold?.point) return;
       const isBad = state.refusal !== "";
       const mark = { ...hold.mark, isOffer: false, isFaint: false, isChosen: true, isBad };
-      if (mark.shape === "flag") drawMark({ ...mark, point: hold.point });
+      if (mark.shape === "flag" || mark.shape === "dot")
+        drawMark({ ...mark, point: hold.point, points: null, achieved: null });
       else drawMark(state.marks.find((one) => one.index === mark.index) ?? mark);
       if (isBad) layer.lastElementChild?.classList.add("pd-guide-refused");
     }
@@ -1291,9 +1321,8 @@
     function markOf(event) {
       const found = within(event, "[data-guide]");
       if (!found || !layer.contains(found)) return null;
-      const index = Number(found.dataset.guide);
       const all = state.marks.flatMap((mark) => mark.shape === "badge" ? mark.badges : [mark]);
-      return all.find((mark) => mark.index === index) ?? null;
+      return all.find((mark) => keyOf(mark) === found.dataset.guide) ?? null;
     }
     function tell(lines, at) {
       tip.hidden = !lines.length;
@@ -1304,7 +1333,7 @@
       tip.style.top = `${at[1] + 14}px`;
     }
     const tellRefusal = (at) => tell(state.refusal ? [state.refusal] : [], at);
-    const send2 = (kind, { mark, point }) => api.send({ kind, index: mark.index, point });
+    const send2 = (kind, { mark, point, isFree }) => api.send({ kind, index: mark.index, point, node: mark.node ?? null, isOffer: mark.isOffer === true, isFree });
     const { ask: sendDrag, stop: stopDrag } = paced(SEND_MS, () => {
       if (press?.point) send2("drag", press);
       return true;
@@ -1331,7 +1360,7 @@
       if (!mark) return;
       take(event);
       const at = local(event);
-      const foot = mark.shape === "flag" && mark.point && project(mark.point) || at;
+      const foot = mark.shape !== "line" && mark.point && project(mark.point) || at;
       press = {
         id: event.pointerId,
         mark,
@@ -1339,7 +1368,8 @@
         pointer: at,
         point: null,
         offset: [foot[0] - at[0], foot[1] - at[1]],
-        known: new Set(state.marks.map((one) => one.index))
+        known: new Set(state.marks.map((one) => one.index)),
+        isFree: event.altKey
       };
       settling = null;
       send2("grab", press);
@@ -1355,6 +1385,7 @@
         markBody("pd-guide-dragging", true);
         press.point = point;
         press.pointer = at;
+        press.isFree = event.altKey;
         sendDrag();
         draw();
         tellRefusal(at);
@@ -1601,7 +1632,9 @@
       head3.append(choose, isOn, remove);
       const notes = make("div", "pd-guidance-notes");
       controls2.push((next) => notes.replaceChildren(...next.notes.map(noted)));
-      item.append(head3, inputs(row, controls2), strength(row, weights, controls2), notes);
+      item.append(head3, inputs(row, controls2));
+      if (row.action) item.append(button("pd-guidance-take", row.action, () => send2({ kind: "act", index })));
+      item.append(strength(row, weights, controls2), notes);
       return { make: makeOf(row), item, controls: controls2 };
     }
     function showRows(state2) {
@@ -1652,7 +1685,7 @@
 
   // src/elements/guiding.ts
   var ASK_MS = 60;
-  var APART_PX = 2;
+  var APART_PX2 = 2;
   var SAME_PX = 8;
   var MAX_POINTS = 1500;
   define("guiding", (api) => {
@@ -1664,6 +1697,7 @@
     let at = null;
     let press = null;
     let line = [];
+    let isClicked = false;
     function stroke(parent, pixels, isArrow) {
       parent.append(...haloed(along(pixels)));
       if (isArrow) parent.append(svg("path", "pd-guide-line", { d: head(pixels) }));
@@ -1719,7 +1753,7 @@
       if (press && event.pointerId !== press.id) return;
       at = press || isOnPicture(event) ? local(event) : null;
       if (press?.points && at) {
-        const isFar = distance(at, press.at) >= APART_PX;
+        const isFar = distance(at, press.at) >= APART_PX2;
         const point = isFar ? ground(...at) : null;
         if (point && press.points.length < MAX_POINTS) {
           press.points.push(point);
@@ -1736,19 +1770,20 @@
       const rounded = (value) => Math.round(value * 100) / 100;
       const points = line.map(([x, y]) => [rounded(x), rounded(y)]);
       line = [];
-      api.send({ kind: "drawn", tool: kind, points });
+      api.send({ kind: "drawn", tool: kind, points, isClicked });
     }
     function isNear(one, other) {
       const [here, there] = [project(one), other ? project(other) : null];
       return here !== null && there !== null && distance(here, there) <= SAME_PX;
     }
-    function addToLine(points, mode) {
+    function addToLine(points, mode, isFree) {
       const isClick = points.length > 0 && points.every((point) => isNear(point, points[0]));
       if (isClick && line.length > 1 && isNear(points[0], line.at(-1))) {
         finish(mode);
         return;
       }
       const isWhole = !isClick && !line.length;
+      isClicked = isClick && !isFree && (isClicked || !line.length);
       if (isClick && !line.length) line.push([mode.start[0], mode.start[1]]);
       line.push(...isClick ? [points[0]] : points);
       if (isWhole) finish(mode);
@@ -1766,7 +1801,7 @@
       (event, { points }) => {
         const pixel = local(event);
         const seen = points ? null : ray(...pixel);
-        if (state && points) addToLine(points, state);
+        if (state && points) addToLine(points, state, event.altKey);
         else if (state && seen) api.send({ kind: "click", tool: state.kind, at: pixel, ray: seen });
         giveUp();
       },

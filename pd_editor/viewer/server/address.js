@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (075f0b614e4d83c2); not to be edited. */
+/* Built by .ci/client.py from client/ (e59f8a0fff0d0b1c); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

@@ -85,7 +85,8 @@ class TabModel:
         self.ground_clicked = Signal[np.ndarray]()
         """Offers a click on the ground, in metres."""
         self.chosen_term: int | None = None
-        """Index of the guidance term that stands out."""
+        self.chosen_point: int | None = None
+        """Index of the guidance term that stands out, and of a way-point of its path."""
         self.term_chosen = Signal[()]()
         self.fan_shown = Signal[bool]()
         """Possible trajectories are shown or hidden."""
@@ -137,9 +138,9 @@ class TabModel:
         self.pointed_id = agent_id
         self.marks_changed.emit()
 
-    def choose_term(self, index: int | None) -> None:
-        """Let a guidance term stand out in the list and on the road."""
-        self.chosen_term = index
+    def choose_term(self, index: int | None, point: int | None = None) -> None:
+        """Let a guidance term stand out in the list and on the road, or its way-point."""
+        self.chosen_term, self.chosen_point = index, point
         self.term_chosen.emit()
 
     def open_drawer(self, drawer: Drawer | None) -> None:

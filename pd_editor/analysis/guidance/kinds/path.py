@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 import shapely
+import shapely.ops
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.agent_now import AgentNow
@@ -41,6 +42,7 @@ from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.geometry.frenet import FrenetFrames
+from pd_editor.scene.geometry.polyline import point_at
 from pd_editor.scene.guidance_terms import (
     AgentGuidance,
     Form,
@@ -61,6 +63,11 @@ _PATH_TOLERANCE_M: Final = 0.25
 """Largest distance between a drawn line and its simplified path."""
 _LEAST_PATH_M: Final = 3.0
 _LANE_TOLERANCE_M: Final = 0.2
+_SNAP_M: Final = 1.5
+"""A point that is clicked this near to a lane's centre line is meant to be on it."""
+_ON_LANE_M: Final = 0.05
+_DETOUR: Final = 1.6
+"""Lanes that are longer than the way between two points, by this, do not join them."""
 _FAR_START_M: Final = 15.0
 _GRIP_MPS2: Final = 6.0
 """Lateral acceleration above which a path cannot be followed at the current speed."""
@@ -213,13 +220,81 @@ class FollowPath(AgentGuidance):
         while len(simple) > MAX_DRAWN_POINTS:
             tolerance *= 2
             simple = shapely.get_coordinates(line.simplify(tolerance))
-        away = float(outside_m(scenario, simple).max())
-        if away > map_reach_m(scenario, agent_id):
+        return cls(
+            agent_id=agent_id, points_m=tuple(map(rounded, simple))
+        ).checked_on_map(scenario)
+
+    @classmethod
+    def clicked(
+        cls, scenario: Scenario, agent_id: str, points_m: Float[np.ndarray, "N 2"]
+    ) -> "FollowPath":
+        """Path through points, which snap to lanes and are joined along these.
+
+        The first point is the agent's own place, which stays as it is.
+
+        Raises:
+            EditError: they make no path, or leave the map.
+        """
+        points = [snapped(scenario, agent_id, one) for one in points_m]
+        points[0] = points_m[0]
+        line = [points[0]]
+        for before, after in itertools.pairwise(points):
+            line += [*_along_lanes(scenario, agent_id, before, after), after]
+        return cls(
+            agent_id=agent_id, points_m=tuple(dict.fromkeys(map(rounded, line)))
+        ).checked_on_map(scenario)
+
+    def checked_on_map(self, scenario: Scenario) -> "FollowPath":
+        """The path itself.
+
+        Raises:
+            EditError: it leaves the map.
+        """
+        away = float(outside_m(scenario, np.array(self.points_m)).max())
+        if away > map_reach_m(scenario, self.agent_id):
             raise EditError(
                 f"The path leads {away:.0f} m off the road; draw it on the road or close "
                 "to it."
             )
-        return cls(agent_id=agent_id, points_m=tuple(map(rounded, simple)))
+        return self
+
+
+def snapped(
+    scenario: Scenario, agent_id: str, point_m: Float[np.ndarray, "2"]
+) -> Float[np.ndarray, "2"]:
+    """The point of a lane's centre line near a point; the point itself without one."""
+    found = nearest_lanes(
+        scenario.road_map, point_m[None], kinds=lane_kinds(scenario, agent_id)
+    )
+    if not found.is_valid[0] or found.distance_m[0] > _SNAP_M:
+        return point_m
+    lane = scenario.road_map.lane_of[int(found.lane_id[0])]
+    return point_at(lane.centerline_m, found.along_m)[0]
+
+
+def _along_lanes(
+    scenario: Scenario,
+    agent_id: str,
+    before_m: Float[np.ndarray, "2"],
+    after_m: Float[np.ndarray, "2"],
+) -> list[Float[np.ndarray, "2"]]:
+    """Points between two ones, of the lanes that lead from one to the other if any do."""
+    kinds = lane_kinds(scenario, agent_id)
+    ends = np.array([before_m, after_m])
+    found = nearest_lanes(scenario.road_map, ends, kinds=kinds)
+    first, last = found.lane_id.tolist()
+    if not found.is_valid.all() or found.distance_m.max() > _ON_LANE_M:
+        return []
+    chain = lane_chain(scenario.road_map, first, last, kinds=kinds)
+    line = None if chain is None else lane_line(scenario.road_map, chain)
+    if line is None or len(line) < 2:
+        return []
+    whole = shapely.LineString(line)
+    begin, end = (whole.project(shapely.Point(one)) for one in ends)
+    if not 0 < end - begin < _DETOUR * np.linalg.norm(after_m - before_m):
+        return []
+    part = shapely.ops.substring(whole, begin, end).simplify(_LANE_TOLERANCE_M)
+    return list(shapely.get_coordinates(part)[1:-1])
 
 
 def _line_problems(
@@ -357,6 +432,7 @@ PATH: Final = GuidanceKind(
         "Draw a path",
         "D",
         draw=FollowPath.drawn,
+        click=FollowPath.clicked,
     ),
     shape="path",
     points_m=lambda term, _: term.points_m,
