@@ -31,6 +31,7 @@ import "./elements/scorecard.ts";
 import "./elements/status.ts";
 import "./elements/timeline.ts";
 import "./elements/speed_curve.ts";
+import "./elements/time_handles.ts";
 import "./elements/toolbar.ts";
 import "./elements/tooltip.ts";
 import "./elements/view.ts";

@@ -286,6 +286,23 @@ export interface TimelineEvent {
   readonly value?: number;
 }
 
+export interface TimeHandle {
+  readonly kind: string;
+  readonly step: number;
+  readonly text: string;
+  readonly isChosen: boolean;
+}
+
+export interface TimeHandlesState {
+  readonly handles: readonly (TimeHandle)[];
+}
+
+export interface TimeHandlesEvent {
+  readonly kind: "cancel" | "drag" | "drop" | "grab";
+  readonly index: number;
+  readonly step?: number | null;
+}
+
 export interface SpeedCurveState {
   readonly agent: string;
   readonly beginStep: number;
@@ -713,6 +730,7 @@ export interface States {
   readonly "timeline": TimelineState;
   readonly "playhead": PlayheadState;
   readonly "speedCurve": SpeedCurveState;
+  readonly "timeHandles": TimeHandlesState;
   readonly "samples": SamplesState;
   readonly "sample-pictures": SamplePicturesState;
   readonly "branches": BranchesState;
@@ -747,6 +765,7 @@ export interface Events {
   readonly "toolbar": ToolbarEvent;
   readonly "timeline": TimelineEvent;
   readonly "speedCurve": SpeedCurveEvent;
+  readonly "timeHandles": TimeHandlesEvent;
   readonly "samples": StripEvent;
   readonly "branches": StripEvent;
   readonly "pair": ScenePairEvent;

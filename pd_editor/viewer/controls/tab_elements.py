@@ -26,6 +26,7 @@ from pd_editor.viewer.generation.region_drawing import RegionDrawing
 from pd_editor.viewer.generation.sample_strip import SampleStrip
 from pd_editor.viewer.guidance.guidance_panel import GuidancePanel
 from pd_editor.viewer.guidance.steering import Steering
+from pd_editor.viewer.guidance.time_handles import TimeHandles
 from pd_editor.viewer.road.bending import Bending
 from pd_editor.viewer.road.road_panel import RoadPanel
 from pd_editor.viewer.road.signals_panel import SignalsPanel
@@ -74,6 +75,7 @@ class TabElements:
         self.scorecard = ScorecardDrawer(ui, self.timeline, self.viewpoint)
         self.selecting = Selecting(ui)
         SpeedCurve(ui, self.timeline)
+        TimeHandles(ui)
         Hover(ui)
         self.plans = PlansView(ui)
         Hints(ui)

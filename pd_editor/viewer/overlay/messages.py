@@ -360,6 +360,25 @@ class TimelineEvent(Message, frozen=True):
     value: int = 0
 
 
+class TimeHandle(Message, frozen=True):
+    """A time that can be dragged: of a goal, a way-point or a lock."""
+
+    kind: str
+    step: int
+    text: str
+    is_chosen: bool
+
+
+class TimeHandlesState(Message, frozen=True):
+    handles: tuple[TimeHandle, ...] = ()
+
+
+class TimeHandlesEvent(Message, frozen=True):
+    kind: Literal["grab", "drag", "drop", "cancel"]
+    index: int
+    step: int | None = None
+
+
 class SpeedCurveState(Message, frozen=True):
     """Speeds of the one selected agent in m/s, from ``begin_step`` on; none without it.
 
@@ -842,6 +861,7 @@ STATES: Final[dict[str, type[Message]]] = {
     "timeline": TimelineState,
     "playhead": PlayheadState,
     "speedCurve": SpeedCurveState,
+    "timeHandles": TimeHandlesState,
     "samples": SamplesState,
     "sample-pictures": SamplePicturesState,
     "branches": BranchesState,
@@ -877,6 +897,7 @@ EVENTS: Final[dict[str, type[Message]]] = {
     "toolbar": ToolbarEvent,
     "timeline": TimelineEvent,
     "speedCurve": SpeedCurveEvent,
+    "timeHandles": TimeHandlesEvent,
     "samples": StripEvent,
     "branches": StripEvent,
     "pair": ScenePairEvent,

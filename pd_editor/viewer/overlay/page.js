@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (e59f8a0fff0d0b1c); not to be edited. */
+/* Built by .ci/client.py from client/ (34de6e4f74f90bd9); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3733,6 +3733,85 @@
     };
   });
 
+  // src/elements/time_handles.ts
+  var PAUSE_MS3 = 40;
+  var STILL_PX3 = 3;
+  define("timeHandles", (api) => {
+    const lane = make("div", "pd-time-handles");
+    track.box?.append(lane);
+    let state = { handles: [] };
+    let hold = null;
+    const width = () => track.box?.offsetWidth ?? 0;
+    function picture2({ kind, step, text, isChosen }, index) {
+      const at = hold?.index === index && hold.step !== null ? hold.step : step;
+      const words = hold?.index === index ? `${text.replace(/ [\d.]+ s$/, "")} ${inWords(at, track)}` : text;
+      const handle = make("div", `pd-time-handle pd-guide-${kind}`, {
+        role: "slider",
+        tabindex: 0,
+        title: `${words}. Drag it, or press an arrow key`,
+        "aria-label": words,
+        "aria-valuenow": (at * track.stepS).toFixed(1)
+      });
+      handle.classList.toggle("pd-is-chosen", isChosen);
+      handle.style.left = `${(100 * track.share(at)).toFixed(3)}%`;
+      handle.append(kind === "lock" ? padlock() : guidanceIcon(kind, 13));
+      handle.addEventListener("pointerdown", (event) => {
+        if (event.button !== 0 || hold) return;
+        event.stopPropagation();
+        hold = { id: event.pointerId, index, startX: event.clientX, step: null };
+        api.send({ kind: "grab", index });
+      });
+      handle.addEventListener("keydown", (event) => {
+        const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+        if (!by || hold) return;
+        event.preventDefault();
+        event.stopPropagation();
+        api.send({ kind: "grab", index });
+        api.send({ kind: "drop", index, step: step + by * (event.shiftKey ? 10 : 1) });
+      });
+      return handle;
+    }
+    function draw() {
+      const focus = [...lane.children].indexOf(document.activeElement);
+      lane.replaceChildren(...state.handles.map(picture2));
+      if (focus >= 0) lane.children[focus]?.focus();
+    }
+    const { ask, stop } = paced(PAUSE_MS3, () => {
+      if (hold?.step === null || !hold) return false;
+      api.send({ kind: "drag", index: hold.index, step: hold.step });
+      return true;
+    });
+    listen(window, "pointermove", (event) => {
+      if (hold?.id !== event.pointerId) return;
+      if (hold.step === null && Math.abs(event.clientX - hold.startX) <= STILL_PX3) return;
+      const from = state.handles[hold.index]?.step ?? 0;
+      const left = (track.box?.getBoundingClientRect().left ?? 0) + track.share(0) * width();
+      const step = Math.round((event.clientX - left) / ((track.share(1) - track.share(0)) * width() || 1));
+      if (step === (hold.step ?? from)) return;
+      hold.step = step;
+      ask();
+      draw();
+    });
+    function end(kind) {
+      if (!hold) return;
+      stop();
+      api.send({ kind, index: hold.index, step: kind === "drop" ? hold.step : null });
+      hold = null;
+      draw();
+    }
+    followPress(
+      () => hold,
+      () => end("drop"),
+      () => end("cancel")
+    );
+    track.drawn.listen(draw);
+    return (next) => {
+      state = next;
+      if (hold && hold.index >= state.handles.length) hold = null;
+      draw();
+    };
+  });
+
   // src/elements/toolbar.ts
   var PATHS = {
     undo: "M7 4 3 8l4 4M3.5 8H12a4.5 4.5 0 0 1 0 9H8",
@@ -3790,7 +3869,7 @@
 
   // src/elements/tooltip.ts
   var REST_MS = 400;
-  var STILL_PX3 = 3;
+  var STILL_PX4 = 3;
   var GAP_PX2 = 14;
   define("tooltip", (api) => {
     const tip = make("div", "pd-tip", { role: "tooltip" });
@@ -3821,7 +3900,7 @@
       "pointermove",
       (event) => {
         const now = isOnPicture(event) && event.buttons === 0 ? local(event) : null;
-        if (now && at && distance(now, at) <= STILL_PX3) return;
+        if (now && at && distance(now, at) <= STILL_PX4) return;
         hide();
         at = now;
         if (now) timer = setTimeout(ask, REST_MS);
