@@ -46,3 +46,23 @@ def test_a_path_gets_a_speed_at_a_way_point_and_is_driven(steered):  # noqa: F81
     # The run tells what was asked and achieved there.
     editor.run("Regenerate", steered.agent_id)
     page.get_by_text("4 m/s at way-point 3").first.wait_for(timeout=60_000)
+
+
+def test_the_time_of_a_goal_is_dragged_on_the_timeline(steered):  # noqa: F811
+    editor, page = steered.editor, steered.page
+    steered.tool("Goal")
+    steered.banner("click where it should drive to")
+    steered.click(steered.ahead(30.0))
+    editor.until(lambda: steered.guidance, "a goal")
+    handle = page.get_by_role("slider", name=f"Goal of {steered.agent_id}")
+    box = handle.bounding_box()
+    assert box is not None
+    start = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    before = steered.num_edits()
+    editor.drag_pixels(start, (start[0] - 90.0, start[1]))
+    editor.until(lambda: steered.guidance[0].at_s is not None, "a time")
+    editor.until(lambda: steered.num_edits() == before + 1, "one edit", 60)
+    at_s = steered.guidance[0].at_s
+    handle.press("ArrowRight")
+    editor.until(lambda: steered.guidance[0].at_s > at_s, "a tenth more")
+    assert steered.guidance[0].at_s == pytest.approx(at_s + 0.1)
