@@ -177,6 +177,22 @@ def test_a_click_beside_a_tick_seeks_and_one_on_it_chooses(editor):
     editor.until(lambda: session.selection == last.agent_ids, "the problem")
 
 
+def test_of_two_quick_clicks_on_the_track_the_later_one_counts(editor):
+    """The answer to the first moved the playhead back, to where the second then sought."""
+    page, playback = editor.page, editor.workspace.playback
+    now = editor.session.scenario.current_step
+    track = page.get_by_role("slider", name="Time", exact=True).bounding_box()
+    middle = track["y"] + track["height"] / 2
+    for turn in range(8):
+        wanted = (10, 30)[turn % 2] + turn
+        for step in (50, wanted):
+            x = track["x"] + (now + step) / 109 * track["width"]
+            page.mouse.click(x, middle)
+        editor.until(
+            lambda at=now + wanted: abs(playback.step - at) <= 1, "the later click", 5
+        )
+
+
 def test_what_cannot_help_is_not_offered(editor):
     """(D13) A collision now is not cured by new futures; removing one agent helps."""
     session, watch = editor.session, editor.tab().ui.model.findings

@@ -13,8 +13,7 @@ interface Hold {
   id: number;
   index: number;
   startX: number;
-  /** The step it is dragged to; null until it moves. */
-  step: number | null;
+  step: number | null; // null until it moves
 }
 
 define("timeHandles", (api) => {
@@ -68,10 +67,9 @@ define("timeHandles", (api) => {
   listen(window, "pointermove", (event) => {
     if (hold?.id !== event.pointerId) return;
     if (hold.step === null && Math.abs(event.clientX - hold.startX) <= STILL_PX) return;
-    const from = state.handles[hold.index]?.step ?? 0;
     const left = (track.box?.getBoundingClientRect().left ?? 0) + track.share(0) * width();
     const step = Math.round((event.clientX - left) / ((track.share(1) - track.share(0)) * width() || 1));
-    if (step === (hold.step ?? from)) return;
+    if (step === (hold.step ?? state.handles[hold.index]?.step)) return;
     hold.step = step;
     ask();
     draw();

@@ -129,10 +129,11 @@ define("timeline", (api) => {
     loop.setAttribute("aria-pressed", String(head.loops));
   };
 
-  let sent: number | null = null;
+  // Not the playhead's step, which an earlier answer may still move back.
+  let [wanted, sent]: (number | null)[] = [null, null];
   const { ask: tell } = paced(SCRUB_PAUSE_MS, () => {
-    if (head.step === sent) return false;
-    sent = head.step;
+    if (wanted === null || wanted === sent) return false;
+    sent = wanted;
     api.send({ kind: "seek", value: sent });
     return true;
   });
@@ -140,6 +141,7 @@ define("timeline", (api) => {
     const box = track.getBoundingClientRect();
     const part = (event.clientX - box.left) / Math.max(box.width, 1);
     const step = inside(Math.round(axis.firstStep + part * (axis.lastStep - axis.firstStep)));
+    wanted = step;
     head = { ...head, step, isPlaying: false };
     drawHead(step);
     tell();

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (34de6e4f74f90bd9); not to be edited. */
+/* Built by .ci/client.py from client/ (6f987e4198dfd5c1); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3491,10 +3491,10 @@
       speed.setAttribute("aria-label", `Speed ${speed.textContent}`);
       loop.setAttribute("aria-pressed", String(head2.loops));
     };
-    let sent = null;
+    let [wanted, sent] = [null, null];
     const { ask: tell } = paced(SCRUB_PAUSE_MS, () => {
-      if (head2.step === sent) return false;
-      sent = head2.step;
+      if (wanted === null || wanted === sent) return false;
+      sent = wanted;
       api.send({ kind: "seek", value: sent });
       return true;
     });
@@ -3502,6 +3502,7 @@
       const box = track2.getBoundingClientRect();
       const part = (event.clientX - box.left) / Math.max(box.width, 1);
       const step = inside(Math.round(axis.firstStep + part * (axis.lastStep - axis.firstStep)));
+      wanted = step;
       head2 = { ...head2, step, isPlaying: false };
       drawHead(step);
       tell();
@@ -3784,10 +3785,9 @@
     listen(window, "pointermove", (event) => {
       if (hold?.id !== event.pointerId) return;
       if (hold.step === null && Math.abs(event.clientX - hold.startX) <= STILL_PX3) return;
-      const from = state.handles[hold.index]?.step ?? 0;
       const left = (track.box?.getBoundingClientRect().left ?? 0) + track.share(0) * width();
       const step = Math.round((event.clientX - left) / ((track.share(1) - track.share(0)) * width() || 1));
-      if (step === (hold.step ?? from)) return;
+      if (step === (hold.step ?? state.handles[hold.index]?.step)) return;
       hold.step = step;
       ask();
       draw();

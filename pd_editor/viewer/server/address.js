@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (34de6e4f74f90bd9); not to be edited. */
+/* Built by .ci/client.py from client/ (6f987e4198dfd5c1); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts
