@@ -94,7 +94,7 @@ def pace_of(asks: Sequence[Ask], first_mps: float, rates: Rates) -> Pace:
     """
     nodes, arrivals = [(0.0, 0.0, first_mps)], []
     after_wait: float | None = None
-    for ask, following in zip(asks, [*asks[1:], None], strict=True):
+    for ask, following in zip(asks, [*asks, None][1:], strict=True):
         time, along, speed = nodes[-1]
         gap = max(ask.along_m - along, 0.0)
         release = -1.0 if ask.release_s is None else min(ask.release_s, _FOREVER_S)
@@ -102,6 +102,8 @@ def pace_of(asks: Sequence[Ask], first_mps: float, rates: Rates) -> Pace:
         if release > time + gap / max(speed, after_wait or 0.0, 0.1):
             _drive(nodes, _legs(gap, speed, 0.0, left, rates)[0])
             arrivals.append(nodes[-1])
+            # Who could not stop there does it behind the place.
+            _drive(nodes, [_change(nodes[-1][2], 0.0, rates.up, rates.hardest_down)])
             _drive(nodes, [(release - nodes[-1][0], 0.0)])
             after_wait = rates.cruise_mps if ask.speed_mps is None else ask.speed_mps
             continue
@@ -214,17 +216,9 @@ def _timed(
         low, high = (between, high) if is_short else (low, between)
     if not legs:
         # Not even the speed is reached in the time.
-        return _legs_to_speed(first_mps, last_mps, gap_m, up, down), False
+        last = first_mps if last_mps is None else last_mps
+        return _untimed(gap_m, first_mps, last, up, down)[0], False
     return legs, abs(_length(first_mps, legs) - gap_m) < _NEAR_M
-
-
-def _legs_to_speed(
-    first_mps: float, last_mps: float | None, gap_m: float, up: float, down: float
-) -> list[_Leg]:
-    legs, _ = _untimed(
-        gap_m, first_mps, first_mps if last_mps is None else last_mps, up, down
-    )
-    return legs
 
 
 def _change(first_mps: float, last_mps: float, up: float, down: float) -> _Leg:

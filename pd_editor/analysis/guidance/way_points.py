@@ -66,6 +66,8 @@ class WayPlan:
 
     points: tuple[WayPoint, ...]
     place_m: tuple[float, ...]
+    numbers_behind: tuple[int, ...]
+    """Way-points behind the agent that ask for something."""
     course_m: Float[np.ndarray, "M 2"]
     first_mps: float
     width_m: float
@@ -87,14 +89,14 @@ class WayPlan:
         near = (gap + _ARC_SHARE * np.abs(nodes - arc[:, None])).argmin(axis=1)
         ahead = np.gradient(course, SPACING_M, axis=0)[near]
         place = nodes[near] + ((line - course[near]) * ahead).sum(-1)
-        found = [
-            (one, at)
-            for one, at in zip(points, place.tolist(), strict=True)
-            if one.asks and at > 0
+        asking = [
+            one for one in zip(points, place.tolist(), strict=True) if one[0].asks
         ]
+        found = [(one, at) for one, at in asking if at > 0]
         return cls(
             points=tuple(one for one, _ in found),
             place_m=tuple(at for _, at in found),
+            numbers_behind=tuple(one.number for one, at in asking if at <= 0),
             course_m=course,
             first_mps=followed.first_mps,
             width_m=width_m,
@@ -171,7 +173,7 @@ def way_point_problems(
     ``tracks`` are those of agents that are kept; None: it is generated.
     """
     step_s = agent.scenario.time_axis.step_s
-    never: set[int] = set()
+    passed: dict[int, float] = {}
 
     def passed_s(one: WayPoint, place: float) -> float:
         other = tracks(str(one.waits_for))
@@ -179,16 +181,19 @@ def way_point_problems(
             # Nothing is known of it: neither that the agent waits, nor for how long.
             return 0.0
         is_there = np.ones(len(other.heading_rad), bool)
-        at_s = plan.passed_s(place, other, is_there, step_s)
-        if not np.isfinite(at_s):
-            never.add(one.number)
-        return at_s
+        passed[one.number] = plan.passed_s(place, other, is_there, step_s)
+        return passed[one.number]
 
     pace = plan.pace(hardest_rates(plan), passed_s)
+    for number in plan.numbers_behind:
+        yield (
+            f"Way-point {number} of {agent.name} is behind it, so what is asked there has "
+            "no effect; move it ahead."
+        )
     met = zip(plan.points, plan.place_m, pace.arrivals, strict=True)
     for one, place, (at_s, along, speed) in met:
         what = f"Way-point {one.number} of {agent.name}"
-        if one.number in never:
+        if np.isinf(passed.get(one.number, 0.0)):
             yield (
                 f"Agent {one.waits_for} does not pass way-point {one.number} of "
                 f"{agent.name} in the scenario, so it would wait to the end; name another "
@@ -208,7 +213,8 @@ def way_point_problems(
                 f"m {side} it at best; allow {'more' if along < place else 'less'} time."
             )
             return
-        asked = 0.0 if one.waits_for and at_s and speed < 0.1 else one.speed_mps
+        is_held = passed.get(one.number, 0.0) > at_s
+        asked = 0.0 if is_held else None if one.waits_for else one.speed_mps
         if asked is not None and abs(speed - asked) > OBEYED_SPEED_MPS:
             yield (
                 f"{what} asks for {asked:.1f} m/s, and it has {speed:.1f} m/s there at "

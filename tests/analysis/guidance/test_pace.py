@@ -15,7 +15,7 @@ TIMES_S = np.linspace(0.0, 20.0, 2_001)
 def asks(draw: st.DrawFn) -> list[Ask]:
     """Up to four places in order, with times in order as well."""
     found, along, time = [], 0.0, 0.0
-    for _ in range(draw(st.integers(1, 4))):
+    for _ in range(draw(st.integers(0, 4))):
         along += draw(st.floats(1.0, 60.0))
         time += draw(st.floats(0.2, 8.0))
         found.append(
@@ -70,6 +70,14 @@ def test_an_agent_stands_until_it_may_go_and_drives_off():
     assert along[stands] == pytest.approx(30.0, abs=0.05)
     assert along[-1] > 60.0
     assert waits(np.inf).along_at(TIMES_S)[-1] == pytest.approx(30.0, abs=0.05)
+
+
+def test_who_cannot_stop_at_a_place_waits_behind_it():
+    pace = pace_of([Ask(along_m=3.0, release_s=9.0)], 10.0, RATES)
+    assert pace.arrivals[0][2] > 5.0
+    along = pace.along_at(TIMES_S)
+    stands = (TIMES_S > 4.0) & (TIMES_S < 9.0)
+    assert along[stands] == pytest.approx(10.0**2 / (2 * RATES.hardest_down), abs=0.1)
 
 
 def test_an_agent_that_arrives_later_does_not_stop():

@@ -91,8 +91,17 @@ def test_what_can_be_met_has_no_problem(term: FollowPath):
         (asked(times_s=(None, 0.5, None)), "way-point 2 .*m short of it at best"),
         (asked(times_s=(None, None, 50.0)), "trajectories last"),
         (asked(waits_for=(None, "102", None)), "102 does not pass way-point 2"),
+        (asked(speeds_mps=(3.0, None, None)), "way-point 1 .* is behind it"),
+        (
+            FollowPath(
+                agent_id="100",
+                points_m=((0.0, 0.0), (3.0, 0.0), (40.0, 0.0)),
+                waits_for=(None, "101", None),
+            ),
+            "way-point 2 .*asks for 0.0 m/s, and it has 5.* m/s there at best",
+        ),
     ],
-    ids=["speed", "early", "late", "wait"],
+    ids=["speed", "early", "late", "wait", "behind", "stop"],
 )
 def test_what_cannot_be_met_is_a_warning(term: FollowPath, said: str):
     (problem,) = guidance_problems(CROSSING, (term,), ("100",))

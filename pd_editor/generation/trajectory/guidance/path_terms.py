@@ -106,8 +106,8 @@ class PathTerm(AgentsTerm):
                 ),
                 motion.step_s,
             )
-        is_free = torch.tensor([one is None for one in self.plans])[:, None]
-        is_free = is_free.to(pace.device)
+        is_free = torch.tensor([not (one and one.points) for one in self.plans])
+        is_free = is_free[:, None].to(pace.device)
         along = slowed if is_free.all() else self._planned(motion, slowed)
         target = TargetMotion.along(self.agents, self.curves, along, motion.step_s)
         is_on_path = along <= self.length_m
@@ -155,7 +155,7 @@ class PathTerm(AgentsTerm):
         """Arc lengths that way-points ask for; those of other agents as given."""
         along, time_s = free_m.clone(), motion.time_s.numpy(force=True)
         for index, plan in enumerate(self.plans):
-            if plan is None:
+            if plan is None or not plan.points:
                 continue
             rates = self._rates(plan)
             waits = any(one.waits_for is not None for one in plan.points)

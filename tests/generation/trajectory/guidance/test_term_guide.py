@@ -92,6 +92,15 @@ def test_way_points_are_passed_at_their_times_and_speeds(
     assert abs(speeds(sample, 0)[there] - 5.0) < 0.7
 
 
+def test_what_is_asked_behind_an_agent_leaves_its_pace_to_the_model(
+    diffuser: PathDiffuser, scenario: Scenario
+):
+    path = FollowPath(agent_id="100", points_m=LINE_M)
+    behind = replace(path, speeds_mps=(2.0, None, None))
+    one, two = (guided(diffuser, scenario, term) for term in (path, behind))
+    assert np.array_equal(one.position_m, two.position_m)
+
+
 def test_an_agent_waits_at_a_way_point_until_another_one_has_passed(
     diffuser: PathDiffuser,
 ):
