@@ -1,6 +1,7 @@
 """The player's page, opened from a file without a network, as a person would."""
 
 import re
+import time
 from dataclasses import replace
 from operator import methodcaller, ne
 from pathlib import Path
@@ -126,6 +127,10 @@ def test_an_agent_is_followed_and_labelled(opened):
     for _ in range(3):
         page.keyboard.press("j")
     page.keyboard.press("Home")
+    # A busy machine draws what fades out late.
+    end = time.monotonic() + 10.0
+    while picture(page) != whole and time.monotonic() < end:
+        page.wait_for_timeout(200)
     assert picture(page) == whole
 
 
