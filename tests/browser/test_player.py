@@ -96,6 +96,7 @@ def test_time_runs_and_the_picture_moves(opened):
 def test_an_agent_is_followed_and_labelled(opened):
     page = opened()
     focal = open_scenario("signalised-junction").focal_id
+    page.wait_for_timeout(500)
     whole = picture(page)
     page.keyboard.press("f")
     expect(page.get_by_role("button", name="Follow")).to_have_attribute(
