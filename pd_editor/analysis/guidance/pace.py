@@ -111,9 +111,9 @@ def pace_of(asks: Sequence[Ask], first_mps: float, rates: Rates) -> Pace:
         if wanted is None and left is None:
             wanted = speed if after_wait is None else after_wait
         legs, is_met = _legs(gap, speed, wanted, left, rates)
-        if wanted is None and left and following and following.at_s and ask.at_s:
+        if wanted is None and left and left > 0 and following and following.at_s:
             # The speed between those before and after the place, if that is possible.
-            after = (following.along_m - ask.along_m) / (following.at_s - ask.at_s)
+            after = (following.along_m - ask.along_m) / (following.at_s - time - left)
             others = _legs(gap, speed, (gap / left + after) / 2, left, rates)
             legs = others[0] if others[1] or not is_met else legs
         _drive(nodes, legs)
