@@ -3,28 +3,33 @@
 Scenes of a split of PD_EDITOR_AV2. Rates are per minute of a vehicle's presence, by thirds
 of the roll-out; the recorded future beside them is 6 s long. Traffic alone, then the
 fastest vehicle brakes at 4 m/s2: how many of its followers hit it, and how many do when
-all others drive as recorded.
+all others drive as recorded. Goals: up to three vehicles of a scene are to be, at a time
+beyond a window's horizon, where another seed's roll-out had them.
 """
 
 import argparse
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M
 from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.metrics.road.off_road import departures
 from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.roll_out import RollOutRequest, roll_out
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.policy import Controls
 from pd_editor.scene.scenario import Scenario
 
 THIRDS = 3
+LEAST_WAY_M = 5.0
 
 
 class Brakes:
@@ -103,6 +108,34 @@ def hits(scenario: Scenario, name: str) -> int:
     return count
 
 
+def goals(other: Scenario, scenario: Scenario, at_s: float) -> tuple[GoalPoint, ...]:
+    """Places of up to three vehicles that have moved in another roll-out."""
+    agents, now = other.agents, scenario.current_step
+    at = now + round(at_s / scenario.time_axis.step_s)
+    moved = np.linalg.norm(agents.position_m[:, at] - agents.position_m[:, now], axis=1)
+    fits = agents.is_valid[:, now : at + 1].all(axis=1) & (moved > LEAST_WAY_M)
+    rows = np.flatnonzero(fits & agents.kind_mask(MOTOR_VEHICLE_KINDS))
+    return tuple(
+        GoalPoint(
+            agent_id=agents.ids[row],
+            point_m=tuple(map(float, agents.position_m[row, at])),
+            at_s=at_s,
+        )
+        for row in np.random.default_rng(0).permutation(rows)[:3]
+    )
+
+
+def misses(scenario: Scenario, terms: tuple[GoalPoint, ...]) -> list[float]:
+    """Distances to goals at their times; infinite of those that have left."""
+    agents, found = scenario.agents, []
+    for one in terms:
+        row = agents.row_of[one.agent_id]
+        at = scenario.current_step + round(one.at_s / scenario.time_axis.step_s)
+        gap = np.linalg.norm(agents.position_m[row, at] - one.point_m)
+        found.append(float(gap) if agents.is_valid[row, at] else np.inf)
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--split", default="val")
@@ -110,11 +143,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--signals", action="store_true", help="sample phases")
     parser.add_argument("--model", default=SHIPPED_MODEL)
+    parser.add_argument("--goals-at", type=float, default=15.0, help="s")
     options = parser.parse_args()
     root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
     generator = make_generator(options.model)
     parts: list[list[dict[str, float]]] = [[] for _ in range(THIRDS + 1)]
     joints, times, windows, answered, logged = [], [], [], 0, 0
+    missed: list[list[float]] = [[], []]
     for folder in sorted(root.iterdir())[: options.scenes]:
         scenario = open_scenario(folder)
         if options.signals and junctions(scenario.road_map):
@@ -130,6 +165,13 @@ def main() -> None:
         parts[0].append(rates(scenario, now, scenario.time_axis.num_steps))
         for third, part in enumerate(parts[1:]):
             part.append(rates(one, bounds[third], bounds[third + 1]))
+        asked = {"duration_s": min(options.goals_at + 1.0, options.seconds)}
+        other, *_ = run(RollOutRequest(scenario=scenario, seed=1, **asked), generator)
+        terms = goals(other.scenario, scenario, options.goals_at)
+        guided = replace(scenario, guidance=terms)
+        guided, *_ = run(RollOutRequest(scenario=guided, **asked), generator)
+        for gaps, rolled in zip(missed, (guided.scenario, one), strict=True):
+            gaps.extend(misses(rolled, terms))
         agents = scenario.agents
         goes = agents.is_valid[:, now:].all(axis=1)
         speed = np.where(goes, agents.speed_mps()[:, now], 0.0)
@@ -169,6 +211,12 @@ def main() -> None:
     print(
         f"Hit from behind while braking: {answered}; all others as recorded: {logged}."
     )
+    for words, gaps in zip(("guided", "unguided"), np.array(missed), strict=True):
+        print(
+            f"Goals at {options.goals_at:g} s, {words}: {(gaps <= OBEYED_GOAL_M).sum()} of "
+            f"{len(gaps)} within {OBEYED_GOAL_M:g} m, median {np.median(gaps):.2f} m, p90 "
+            f"{np.quantile(gaps, 0.9, method='higher'):.1f} m."
+        )
 
 
 if __name__ == "__main__":

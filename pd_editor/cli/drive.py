@@ -20,8 +20,12 @@ from pd_editor.cli.options.arguments import (
     several,
     shown,
 )
+from pd_editor.cli.options.guide_option import guidance_terms_of
+from pd_editor.cli.options.kept_agents import lock_commands
+from pd_editor.cli.output.guidance_table import GuidanceTable
 from pd_editor.cli.output.outcome import Outcome, described, write_session
 from pd_editor.cli.output.progress import ProgressLine
+from pd_editor.editor.commands import AddGuidance, Command
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
@@ -38,7 +42,7 @@ from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.work_engine.work_engine import failure_of
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
-from pd_editor.scene.generation import ScenarioGenerator
+from pd_editor.scene.generation import GuidanceReport, ScenarioGenerator
 from pd_editor.scene.policy import Policy
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
@@ -54,6 +58,8 @@ class DriveOptions(PartOptions, ManyOptions):
         also: Further agents, each driven by a policy in every roll-out, such as bus-0165=idm.
         seconds: Length of a roll-out.
         replan: Seconds between two generations of the traffic, 0.5 to 3.
+        guide: What agents should do, as for generate; times up to the end of the roll-out.
+        lock: What is kept of single agents, as for generate.
         enter: No vehicles enter for those that leave the map.
         seed: Random seed.
         model: What generates the traffic.
@@ -74,10 +80,24 @@ class DriveOptions(PartOptions, ManyOptions):
     ] = ()
     seconds: Annotated[float, shown("S")] = 30.0
     replan: Annotated[float, shown("S")] = 1.0
+    guide: Annotated[str | tuple[str, ...], shown("TERM [TERM ...]", "(optional)")] = ()
+    lock: Annotated[str | tuple[str, ...], shown("ID=WHAT [...]", "(optional)")] = ()
     enter: Switch = True
     seed: int = 0
     model: Annotated[str, shown("NAME")] = SHIPPED_MODEL
     name: NameOption = ""
+
+    def edits(self) -> tuple[Command, ...]:
+        """What is edited before the roll-out.
+
+        Raises:
+            GenerationError: a lock cannot be read.
+            InputError: a guidance term cannot be read.
+        """
+        guide = (self.guide,) if isinstance(self.guide, str) else self.guide
+        terms = guidance_terms_of(guide)
+        locks = lock_commands(several(self.lock))
+        return (*(AddGuidance(term=term) for term in terms), *locks)
 
 
 def _with_report(outcome: Outcome, options: DriveOptions) -> Outcome:
@@ -120,9 +140,14 @@ def drive(scenario: str, options: DriveOptions) -> Outcome:
     labels = [policy_of(one).name for one in names]
     if len(set(labels)) < len(labels):
         raise InputError(f"Two policies have one name: {', '.join(labels)}.")
+    opened = open_part(scenario, options.cut)
+    session = EditorSession(opened)
+    for command in options.edits():
+        session.apply(command)
     run = _Run(
+        opened=opened,
         request=RollOutRequest(
-            scenario=open_part(scenario, options.cut),
+            scenario=session.scenario,
             duration_s=float(options.seconds),
             replan_s=float(options.replan),
             keeps_density=options.enter,
@@ -137,7 +162,11 @@ def drive(scenario: str, options: DriveOptions) -> Outcome:
     return Outcome(
         folders=tuple(folder for folder, *_ in made),
         scenarios=tuple(one for _, one, _ in made if one is not None),
-        remarks=tuple(one.in_words for one in drives if names or one.ended),
+        remarks=tuple(
+            line
+            for one in drives
+            for line in ([one.in_words] * bool(names or one.ended) + [*one.guidance])
+        ),
         records=drives,
     )
 
@@ -146,7 +175,9 @@ def drive(scenario: str, options: DriveOptions) -> Outcome:
 class _Run:
     """Roll-outs of one scene, each with another policy."""
 
+    opened: Scenario
     request: RollOutRequest
+    """With the scene as it is to be rolled out."""
     options: DriveOptions
     also: Mapping[str, str]
     """Names of the policies of further agents."""
@@ -155,7 +186,7 @@ class _Run:
         self, policy: str | Policy | None, label: str, name: str
     ) -> tuple[Path, Scenario | None, Drive]:
         """Roll out and write, unless a run of equal settings has, and did not fail."""
-        request, opened, options = self.request, self.request.scenario, self.options
+        request, opened, options = self.request, self.opened, self.options
         ego, out = options.ego, Path(options.out)
         given = f"{name or short_id(opened.scenario_id)} {label} s{request.seed}"
         called = name_from_text(given)
@@ -170,6 +201,8 @@ class _Run:
             "model": options.model,
             "scene": request.scenario.provenance.content_sha256,
         }
+        if edits := options.edits():
+            known["edits"] = [repr(one) for one in edits]
         done = _finished(record, known)
         if done is not None and not (options.overwrite or done.has_failed):
             return out / done.folder, None, done
@@ -181,16 +214,22 @@ class _Run:
         )
         session = EditorSession(opened)
         session.describe(described(called))
-        session.apply(rolled.command)
+        for command in (*edits, rolled.command):
+            session.apply(command)
         may_replace = options.overwrite or done is not None
         folder = write_session(out, session, overwrite=may_replace)
         is_scored = policy is not None and not rolled.failed
+        report = GuidanceReport(outcomes=rolled.guidance)
+        table = GuidanceTable(names=(called,), reports=(report,))
+        if rolled.guidance:
+            table.write(out / f"{called}-guidance.csv")
         drive = Drive(
             scene=opened.scenario_id,
             policy=label,
             folder=folder.name,
             ended=" ".join(rolled.ended.values()),
             has_failed=bool(rolled.failed),
+            guidance=table.lines(),
             scores=drive_scores(rolled.scenario, ego, route_of(opened, ego))
             if is_scored
             else None,

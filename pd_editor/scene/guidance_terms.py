@@ -22,6 +22,9 @@ from pd_editor.base.plain_text import is_plain, one_line
 MAX_TERMS: Final = 200
 """Largest number of terms of a scenario or of a request."""
 MAX_WEIGHT: Final = 10.0
+LEAST_AT_S: Final = 0.1
+MOST_AT_S: Final = 90.0
+"""Earliest and latest time that a term may ask for: as long as a roll-out may last."""
 
 Point = tuple[float, float]
 Motion = Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
@@ -124,6 +127,10 @@ class GuidanceTerm:
         """The term after a motion of the plane."""
         return self
 
+    def later(self: _Term, seconds: float) -> _Term | None:  # noqa: ARG002
+        """The term as it stands some seconds later; None if its time is over."""
+        return self
+
     def without_agents(self: _Term, agent_ids: Collection[str]) -> _Term | None:
         """The term after agents are removed; None if nothing is left of it."""
         return None if set(self.named_ids) & set(agent_ids) else self
@@ -211,6 +218,12 @@ class PairGuidance(AgentGuidance):
     def guided_ids(self) -> tuple[str, ...]:
         """Id of the agent that is guided."""
         return (self.agent_id,)
+
+
+def time_left_s(at_s: float | None, seconds: float) -> float | None:
+    """A time of a term as it stands some seconds later; None if it is over, or is none."""
+    left_s = 0.0 if at_s is None else round(at_s - seconds, 3)
+    return None if left_s < LEAST_AT_S else left_s
 
 
 def terms_without(

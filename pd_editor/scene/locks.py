@@ -52,6 +52,14 @@ class Lock:
         """Whether only the first seconds of the trajectory are kept."""
         return bool(self.kept_s)
 
+    def later(self, seconds: float) -> "Lock":
+        """The lock as it stands some seconds later."""
+        return (
+            self
+            if self.kept_s is None
+            else Lock(kept_s=max(self.kept_s - seconds, 0.0))
+        )
+
     @property
     def in_words(self) -> str:
         """What is kept: "trajectory", "state" or "first 2 s"."""

@@ -46,6 +46,25 @@ def test_policies_drive_and_are_scored(shell: Shell, tmp_path: Path, monkeypatch
     assert files_of(Path(again.lines[0])) == files_of(one)
 
 
+def test_guidance_and_locks_of_the_shell_hold(shell: Shell, tmp_path: Path):
+    guide = ("--guide", "speed-limit:speed=4", "stop-at-line:agent=AV,line=500/0+503/0")
+    options = ("--lock", "car-0071=1.5", "--seconds", 2, "--out", tmp_path / "out")
+    result = shell.run("drive", JUNCTION, *guide, *options)
+    assert (result.code, result.err) == (0, "")
+    folder, limit, stop = result.lines
+    assert limit.startswith("speed limit of all agents: ")
+    assert stop.startswith(
+        "stop line of agent AV: asked stops before the line, achieved"
+    )
+    assert Path(f"{folder}-guidance.csv").read_text().count("\n") == 3
+    commands = json.loads((Path(folder) / "recipe.json").read_text())["commands"]
+    assert len(commands) == 4
+    before = files_of(tmp_path / "out")
+    assert shell.run("drive", JUNCTION, *guide, *options).lines == result.lines
+    assert files_of(tmp_path / "out") == before
+    assert "--guide" in shell.refused("drive", JUNCTION, "--guide", "gaol", *options)
+
+
 def test_what_is_no_policy_is_refused(shell: Shell, tmp_path: Path):
     out = ("--out", tmp_path, "--model", "lane-follower")
     assert "There is no policy 'idn'; the nearest is idm" in shell.refused(

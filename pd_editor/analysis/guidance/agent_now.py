@@ -24,6 +24,8 @@ class AgentNow:
 
     scenario: Scenario
     row: int
+    lasts_s: float | None = None
+    """Length of its trajectory; None: to the end of the scenario."""
 
     @property
     def name(self) -> str:
@@ -61,7 +63,8 @@ class AgentNow:
     def duration_s(self) -> float:
         """Length of trajectories."""
         axis = self.scenario.time_axis
-        return axis.num_future_steps * axis.step_s
+        whole_s = axis.num_future_steps * axis.step_s
+        return whole_s if self.lasts_s is None else self.lasts_s
 
     @cached_property
     def paths_m(self) -> Float[np.ndarray, "P M 2"]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int
 
 from pd_editor.analysis.findings.friction import slowed_to_limit
 from pd_editor.analysis.repair import retime_for_comfort, yield_to_others
@@ -296,6 +296,32 @@ def agents_with_trajectory(
         velocity_mps=velocity,
         is_valid=is_valid,
     )
+
+
+def agents_with_motion(
+    agents: AgentTracks,
+    rows: Int[np.ndarray, "G"],
+    now: int,
+    begins: Int[np.ndarray, "G"],
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> AgentTracks:
+    """Set the states of agents from a step of their own on.
+
+    Positions, headings and velocities of ``motion`` begin at ``now``.
+    """
+    last = now + motion[0].shape[1]
+    for first in np.unique(begins[begins < last]).tolist():
+        some = begins == first
+        position, heading, velocity = (one[some, first - now :] for one in motion)
+        agents = agents_with_trajectory(
+            agents,
+            rows[some],
+            slice(first, last),
+            position_m=position,
+            heading_rad=heading,
+            velocity_mps=velocity,
+        )
+    return agents
 
 
 def _rolls_back(agents: AgentTracks, now: int) -> np.ndarray:

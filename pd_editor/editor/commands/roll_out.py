@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float32
 
+from pd_editor.analysis.metrics.traffic_view import SAME_STATE_M
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
 from pd_editor.editor.commands.command import Command, agents_in_words
@@ -15,7 +16,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     check_velocities,
 )
-from pd_editor.editor.commands.motion import agents_with_trajectory
+from pd_editor.editor.commands.motion import agents_with_motion
 from pd_editor.editor.commands.traffic import blank_tracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -77,9 +78,14 @@ class RolledMotion:
         )
 
     @property
+    def num_steps(self) -> int:
+        """Number of steps."""
+        return self.heading_rad.shape[1]
+
+    @property
     def exists(self) -> Bool[np.ndarray, "G S"]:
         """Whether each agent is there at each step."""
-        steps = np.arange(self.heading_rad.shape[1])
+        steps = np.arange(self.num_steps)
         first = np.array(self.first_step, int)[:, None]
         return (steps >= first) & (steps <= np.array(self.last_step, int)[:, None])
 
@@ -88,7 +94,7 @@ class RolledMotion:
 class ContinueScene(Command):
     """Replace all that comes after the current step by a roll-out.
 
-    Current states and locked tracks stay; the motion is stored, so that a replay needs neither the generator
+    Current states, locked tracks and locked beginnings stay; the motion is stored, so that a replay needs neither the generator
     nor the policies. The scene ends with the roll-out.
     """
 
@@ -123,14 +129,15 @@ class ContinueScene(Command):
     def apply(self, scenario: Scenario) -> Scenario:
         """Scenario that goes on with the roll-out."""
         motion, now = self.motion, scenario.current_step
-        count = now + motion.heading_rad.shape[1]
+        count = now + motion.num_steps
         if count > MAX_STEPS:
             raise EditError(
                 f"The scene would have {count} steps; at most {MAX_STEPS} are possible."
             )
         place, there = focal_place_m(scenario), scenario.agents.row_of
         locked = trajectory_locked_ids(scenario)
-        keeps = np.isin(scenario.agents.ids, list(locked))
+        held = self._held_steps(scenario)
+        keeps = np.isin(scenario.agents.ids, [*locked, *held])
         agents = scenario.agents.without_future(now, count, keeps)
         new = [row for row, name in enumerate(motion.ids) if name not in there]
         for row in new:
@@ -148,19 +155,17 @@ class ContinueScene(Command):
         rows = agents.rows(motion.ids)
         goes_on = agents.is_valid[rows, now]
         is_free = ~np.isin(motion.ids, list(locked))
-        for some, first in ((goes_on & is_free, 1), (~goes_on & is_free, 0)):
-            agents = agents_with_trajectory(
-                agents,
-                rows[some],
-                slice(now + first, count),
-                position_m=motion.position_m[some, first:],
-                heading_rad=motion.heading_rad[some, first:],
-                velocity_mps=motion.velocity_mps[some, first:],
-            )
+        begins = now + np.array([held.get(name, 1) for name in motion.ids], int)
+        begins = np.where(goes_on, begins, now)
+        begins[~is_free] = count
+        tracks = (motion.position_m, motion.heading_rad, motion.velocity_mps)
+        agents = agents_with_motion(agents, rows, now, begins, tracks)
         kept = np.ones((len(rows), count), bool)
         kept[:, now:] = motion.exists
         kept[:, now] |= goes_on
         kept[~is_free] = True
+        for name, steps in held.items():
+            kept[motion.ids.index(name), now : now + steps] = True
         agents = agents.with_rows(
             rows,
             position_m=agents.position_m[rows] * kept[..., None],
@@ -173,8 +178,23 @@ class ContinueScene(Command):
             f"{self.seed}."
         )
         signals = continued_signals(scenario, count, self.seed)
-        longer = replace(_lasting(scenario, agents), signals=signals)
+        longer = replace(with_length(scenario, agents), signals=signals)
         return with_focal_agent(longer.with_agents(agents, note), place)
+
+    def _held_steps(self, scenario: Scenario) -> dict[str, int]:
+        """Steps of locked beginnings that the motion keeps: no rounding changes them."""
+        agents, now, held = scenario.agents, scenario.current_step, {}
+        kept = scenario.kept_steps()[:, now:].sum(axis=1)
+        for row, name in enumerate(self.motion.ids):
+            lock = scenario.locks.get(name)
+            if lock is None or not lock.keeps_beginning:
+                continue
+            count = int(kept[agents.row_of[name]])
+            was = agents.position_m[agents.row_of[name], now : now + count]
+            gap = self.motion.position_m[row, :count] - was[: self.motion.num_steps]
+            if np.linalg.norm(gap, axis=-1).max() <= SAME_STATE_M:
+                held[name] = count
+        return held
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,12 +258,12 @@ def begun_like(base: Scenario, commands: Iterable[Command]) -> Scenario:
                 if now >= base.time_axis.num_steps:
                     # A roll-out reached further than what was recorded.
                     last = base.time_axis.num_steps - 1
-                    base = _lasting(base, base.agents.without_future(last, now + 1))
+                    base = with_length(base, base.agents.without_future(last, now + 1))
                 base = _begun(base, now)
     return base
 
 
-def _lasting(scenario: Scenario, agents: AgentTracks) -> Scenario:
+def with_length(scenario: Scenario, agents: AgentTracks) -> Scenario:
     """The scenario with tracks of another length."""
     count = agents.num_steps
     signals = tuple(

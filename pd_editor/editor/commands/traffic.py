@@ -19,7 +19,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_velocities,
 )
 from pd_editor.editor.commands.locks import locked_agents_error
-from pd_editor.editor.commands.motion import agents_with_trajectory
+from pd_editor.editor.commands.motion import agents_with_motion
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -236,17 +236,8 @@ class ReplaceTraffic(Command):
         # What a lock keeps is not written at all, so that no rounding changes it.
         kept = kept_steps(agents, axis, scenario.locks)[rows, now:].sum(axis=1)
         begins = np.where(same, now + np.maximum(kept, 1), now)
-        for first in np.unique(begins).tolist():
-            some = begins == first
-            if first < axis.num_steps:
-                agents = agents_with_trajectory(
-                    agents,
-                    rows[some],
-                    slice(first, axis.num_steps),
-                    position_m=sample.position_m[some, first - now :],
-                    heading_rad=sample.heading_rad[some, first - now :],
-                    velocity_mps=sample.velocity_mps[some, first - now :],
-                )
+        motion = (sample.position_m, sample.heading_rad, sample.velocity_mps)
+        agents = agents_with_motion(agents, rows, now, begins, motion)
         agents = with_past(agents, rows[~same], now, self.past)
         return _with_activity(agents, rows, ~same, sample)
 

@@ -45,6 +45,8 @@ class Drive:
     """Whether a policy failed."""
     scores: DriveScores | None
     """None if a policy failed, or none drove the ego."""
+    guidance: tuple[str, ...] = ()
+    """What was achieved of each term."""
 
     @property
     def in_words(self) -> str:
@@ -64,7 +66,9 @@ class Drive:
             TypeError: there are other values than these.
         """
         scores = values["scores"]
-        return cls(**{**values, "scores": DriveScores(**scores) if scores else None})
+        guidance = tuple(values.get("guidance", ()))
+        scored = DriveScores(**scores) if scores else None
+        return cls(**{**values, "scores": scored, "guidance": guidance})
 
 
 def policy_values(drives: Sequence[Drive]) -> dict[str, Float[np.ndarray, "P N"]]:

@@ -16,6 +16,10 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked
 from pd_editor.editor.commands import ContinueScene
 from pd_editor.experiments.closed_loop.entrances import Entrances
+from pd_editor.experiments.closed_loop.window_guidance import (
+    guidance_now,
+    guidance_outcomes,
+)
 from pd_editor.experiments.closed_loop.world import HORIZON, World
 from pd_editor.experiments.work_engine.time_limit import time_limit
 from pd_editor.scene.generation import (
@@ -27,6 +31,7 @@ from pd_editor.scene.generation import (
     supported_by,
 )
 from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.guidance_outcome import TermOutcome
 from pd_editor.scene.paths.candidate_grid import Role, Start, plan_paths
 from pd_editor.scene.paths.driving_paths import velocity_of
 from pd_editor.scene.paths.lasting_tracks import lasting
@@ -94,6 +99,12 @@ class RollOutRequest:
                     f"Agent {name} is not there at the current step, so no policy can "
                     "drive it."
                 )
+            lock = self.scenario.locks.get(name)
+            if lock is not None and lock.keeps != "state":
+                raise GenerationError(
+                    f"The {lock.in_words} of agent {name} is locked, so no policy can "
+                    "drive it; unlock the agent."
+                )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,6 +119,8 @@ class RollOut:
     failed: frozenset[str]
     """Agents whose policies failed; the others left the map, or had no further plan."""
     num_entered: int
+    guidance: tuple[TermOutcome, ...]
+    """What was achieved of the scene's guidance."""
     plans_m: Mapping[str, Mapping[int, Float[np.ndarray, "F 2"]]]
     """Where each driven agent was to go, by the step at which its policy planned it."""
 
@@ -159,13 +172,9 @@ class Rolling:
         )
 
     @property
-    def _last(self) -> int:
-        return self.world.scenario.time_axis.num_steps - 1 - HORIZON
-
-    @property
     def is_over(self) -> bool:
         """Whether the time is over."""
-        return self.world.step >= self._last
+        return self.world.step >= self.world.last_step
 
     def observation(self, agent_id: str) -> Observation:
         """What the policy of an agent may know now."""
@@ -188,7 +197,9 @@ class Rolling:
             yield from self._generate()
         to_replan = replans - begun % replans
         steps = min(replan if self.drivers.policies else replans, to_replan)
-        self.world = self.world.after(min(steps, self._last - self.world.step))
+        self.world = self.world.after(
+            min(steps, self.world.last_step - self.world.step)
+        )
         self.drivers.leave(self.world)
 
     def _generate(self) -> Generator[GenerationProgress, None, None]:
@@ -214,9 +225,11 @@ class Rolling:
             replan_s=request.replan_s,
             policies={name: one.name for name, one in request.policies.items()},
         )
+        scenario = command.apply(request.scenario)
         return RollOut(
             command=command,
-            scenario=command.apply(request.scenario),
+            scenario=scenario,
+            guidance=guidance_outcomes(request.scenario, scenario, request.policies),
             ended=self.drivers.ended,
             failed=frozenset(self.drivers.failed),
             num_entered=self.num_entered,
@@ -236,9 +249,9 @@ def _generated(
     if not ids and wanted is None:
         return None
     scenario = lasting(world.window(), (*drivers.policies, *world.replayed))
+    scenario = replace(scenario, guidance=guidance_now(world, scenario, ids))
     region, numbers = wanted or (None, {})
-    begun, total = world.step - request.scenario.current_step, request.duration_s
-    seconds = begun * scenario.time_axis.step_s
+    seconds, total = world.elapsed_s, request.duration_s
     asked_for = GenerationRequest(
         scenario=scenario,
         agent_ids=ids,

@@ -11,13 +11,14 @@ from pd_editor.analysis.manoeuvres import scene_content
 from pd_editor.analysis.metrics.road.off_road import is_past_lanes
 from pd_editor.analysis.repair.yielding import LEAST_WAY_M
 from pd_editor.editor.commands.agents import new_agent_ids
-from pd_editor.editor.commands.motion import agents_with_trajectory
+from pd_editor.editor.commands.motion import agents_with_motion
 from pd_editor.editor.commands.roll_out import RolledMotion
 from pd_editor.editor.commands.traffic import NEW_PREFIX, blank_tracks
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.junction_phases import continued_signals
+from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
@@ -50,27 +51,38 @@ class World:
         now = scenario.current_step
         agents = scenario.agents
         count = now + 1 + num_steps + HORIZON
-        locked = {
-            name for name, lock in scenario.locks.items() if lock.keeps_trajectory
-        }
-        keeps = np.array([name in locked for name in agents.ids], bool)
+        locked = trajectory_locked_ids(scenario)
+        keeps = np.array([name in scenario.locks for name in agents.ids], bool)
+        kept = scenario.kept_steps() | scenario.time_axis.is_past
+        agents = replace(agents, is_valid=agents.is_valid & kept)
         agents = agents.without_future(now, count, keeps)
         parked = _is_parked(scenario)
         static = parked | ~agents.kind_mask(ROAD_USER_KINDS)
-        static &= agents.is_valid[:, now] & ~keeps
+        static &= agents.is_valid[:, now] & ~np.isin(agents.ids, list(locked))
         replayed = locked.union(agents.ids[row] for row in np.flatnonzero(parked))
-        agents = agents_with_trajectory(
-            agents,
-            np.flatnonzero(static),
-            slice(now, count),
-            position_m=agents.position_m[static, now, None],
-            heading_rad=agents.heading_rad[static, now, None],
-            velocity_mps=np.zeros((int(static.sum()), 1, 2)),
-        )
+        rows, steps = np.flatnonzero(static), np.zeros(count - now, int)
+        # They stand where a locked beginning ends.
+        begins = now + np.maximum(scenario.kept_steps()[rows, now:].sum(axis=1) - 1, 0)
+        place = (rows[:, None], begins[:, None] + steps)
+        standing = (agents.position_m[place], agents.heading_rad[place])
+        motion = (*standing, np.zeros_like(standing[0]))
+        begins += begins > now
+        agents = agents_with_motion(agents, rows, now, begins, motion)
         axis = scenario.time_axis.lasting(count)
         signals = continued_signals(scenario, count, seed)
         scenario = replace(scenario, agents=agents, time_axis=axis, signals=signals)
         return cls(scenario=scenario, step=now, replayed=frozenset(replayed))
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the roll-out began."""
+        axis = self.scenario.time_axis
+        return (self.step - axis.current_step) * axis.step_s
+
+    @property
+    def last_step(self) -> int:
+        """The step at which the roll-out ends."""
+        return self.scenario.time_axis.num_steps - 1 - HORIZON
 
     def is_present(self) -> Bool[np.ndarray, "A"]:
         """Whether each agent is there now."""
@@ -102,7 +114,11 @@ class World:
                 axis, num_steps=last + 1 - first, current_step=self.step - first
             ),
             retired_ids=self.scenario.retired_ids.union(agents.ids).difference(there),
-            locks={},
+            locks={
+                name: lock.later(self.elapsed_s)
+                for name, lock in self.scenario.locks.items()
+                if name in there
+            },
             guidance=(),
             signals=tuple(
                 replace(one, states=one.states[steps]) for one in self.scenario.signals
@@ -123,26 +139,22 @@ class World:
 
     def planned(self, sample: TrafficSample) -> "World":
         """With a sample as the plan of its agents, of which some may be new."""
-        agents, sample = self.scenario.agents, _at_rest(sample)
+        agents = self.scenario.agents
+        kept = np.flatnonzero(self.scenario.kept_steps()[:, self.step + 1])
+        sample = _at_rest(sample, [agents.ids[row] for row in kept])
         new = [row for row, name in enumerate(sample.ids) if name not in agents.row_of]
         if new:
             blank = blank_tracks(sample, np.array(new), agents.num_steps)
             agents = agents.joined(blank)
         rows = agents.rows(sample.ids)
         is_new = np.isin(np.arange(len(rows)), new)
-        for some, first in ((~is_new, 1), (is_new, 0)):
-            agents = agents_with_trajectory(
-                agents,
-                rows[some],
-                slice(self.step + first, self.step + sample.heading_rad.shape[1]),
-                position_m=sample.position_m[some, first:],
-                heading_rad=sample.heading_rad[some, first:],
-                velocity_mps=sample.velocity_mps[some, first:],
-            )
+        motion = (sample.position_m, sample.heading_rad, sample.velocity_mps)
+        begins = self.step + 1 - is_new
+        agents = agents_with_motion(agents, rows, self.step, begins, motion)
         return replace(self, scenario=replace(self.scenario, agents=agents))
 
     def after(self, num_steps: int) -> "World":
-        """Some steps later, without the agents that left the mapped road."""
+        """Some steps later, without the agents that left the mapped road; locked ones stay."""
         step = self.step + num_steps
         world = replace(self, step=step)
         agents, road_map = self.scenario.agents, self.scenario.road_map
@@ -154,6 +166,7 @@ class World:
         rows = np.flatnonzero(agents.kind_mask(LANE_FOLLOWER_KINDS) & is_valid[:, -1])
         way = unit_vector(agents.heading_rad[rows, step])
         gone[rows] |= is_past_lanes(road_map, agents.position_m[rows, step], way)
+        gone &= ~self.scenario.kept_steps()[:, step]
         return world.without([agents.ids[row] for row in np.flatnonzero(gone)])
 
     def without(self, names: Iterable[str]) -> "World":
@@ -184,7 +197,7 @@ def _is_parked(scenario: Scenario) -> Bool[np.ndarray, "A"]:
     return of_tracks | (scenario.activity() == Activity.PARKED)
 
 
-def _at_rest(sample: TrafficSample) -> TrafficSample:
+def _at_rest(sample: TrafficSample, kept_ids: Collection[str]) -> TrafficSample:
     """The sample, in which agents stand that stand now and would hardly move.
 
     Those do not yield, so that window after window they would creep into the next one.
@@ -192,7 +205,8 @@ def _at_rest(sample: TrafficSample) -> TrafficSample:
     begin = sample.position_m[:, :1]
     way = np.linalg.norm(sample.position_m - begin, axis=-1).max(axis=1)
     speed = np.linalg.norm(sample.velocity_mps[:, 0], axis=-1)
-    rests = ((way < LEAST_WAY_M) & (speed < STANDING_MPS))[:, None]
+    rests = (way < LEAST_WAY_M) & (speed < STANDING_MPS)
+    rests = (rests & ~np.isin(sample.ids, list(kept_ids)))[:, None]
     return replace(
         sample,
         position_m=np.where(rests[..., None], begin, sample.position_m),

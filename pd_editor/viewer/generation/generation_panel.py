@@ -581,7 +581,7 @@ class GenerationPanel:
         held = tuple(
             name
             for name, lock in scenario.locks.items()
-            if lock.keeps_beginning or (name in driven and lock.keeps_trajectory)
+            if name in driven and lock.keeps != "state"
         )
         if held:
             raise locked_agents_error(scenario, held)

@@ -98,6 +98,10 @@ class RollOutInput(RunInput):
                 scores = drive_scores(rolled.scenario, name, route_of(self.base, name))
                 parts.append(f"{self.policy} ({name}): {scores.in_words}.")
             parts.append(rolled.ended.get(name, ""))
+        parts += [
+            f"{one.term.in_words.capitalize()}: {one.achieved}."
+            for one in rolled.guidance
+        ]
         return " ".join(filter(None, parts))
 
 

@@ -7,11 +7,12 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.base.errors import GenerationError
-from pd_editor.editor.commands import SetAgentKind, SetLocks
+from pd_editor.editor.commands import AddGuidance, SetAgentKind, SetLocks
 from pd_editor.experiments.closed_loop.policies import IdmOnRoute
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.locks import TRAJECTORY_LOCK
+from pd_editor.scene.locks import TRAJECTORY_LOCK, Lock
 from pd_editor.viewer.generation import roll_out_panel
 from pd_editor.viewer.generation.roll_out_panel import NOBODY
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
@@ -107,6 +108,26 @@ def test_locks_are_kept_or_told_before(tab):
     after = tab.session.scenario.agents
     kept = after.position_m[after.row_of["AV"], : before.num_steps]
     np.testing.assert_array_equal(kept, before.position_m[before.row_of["AV"]])
+
+
+def test_guidance_of_the_scene_is_told(tab):
+    """It was forgotten after the first second."""
+    goal = GoalPoint(agent_id="car-0012", point_m=(500.0, 0.0), at_s=9.0)
+    tab.run(lambda: tab.session.apply(AddGuidance(term=goal)))
+    with mock.patch.object(tab.ui, "notify") as told:
+        rolled(tab)
+    _, report, _ = told.call_args.args
+    assert "Goal point of agent car-0012: " in report
+    assert tab.session.scenario.guidance == (goal,)
+
+
+def test_a_locked_beginning_is_left_to_the_model(tab):
+    """It was refused whatever the model."""
+    lock = SetLocks(agent_ids=("car-0012",), lock=Lock(kept_s=2.0))
+    tab.run(lambda: tab.session.apply(lock))
+    with mock.patch.object(tab.ui, "notify") as told:
+        rolled(tab)
+    assert "the lane follower cannot go on from" in told.call_args.args[1]
 
 
 def test_cancel_at_any_moment_changes_nothing(tab):

@@ -26,11 +26,14 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.guidance_terms import (
+    LEAST_AT_S,
+    MOST_AT_S,
     AgentGuidance,
     Form,
     GuidanceTerm,
     Motion,
     Point,
+    time_left_s,
 )
 from pd_editor.scene.paths.driving_paths import SPACING_M
 from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES
@@ -98,7 +101,15 @@ class GoalPoint(AgentGuidance):
     point_m: Point
     at_s: Annotated[
         float | None,
-        Form("Time", "time", unit="s", least=0.1, most=60.0, first=0.5, empty="end"),
+        Form(
+            "Time",
+            "time",
+            unit="s",
+            least=LEAST_AT_S,
+            most=MOST_AT_S,
+            first=0.5,
+            empty="end",
+        ),
     ] = None
     """None: at the last generated step."""
 
@@ -109,6 +120,12 @@ class GoalPoint(AgentGuidance):
     def moved(self, motion: Motion) -> "GoalPoint":
         """The term with a moved point."""
         return replace(self, point_m=moved_points((self.point_m,), motion)[0])
+
+    def later(self, seconds: float) -> "GoalPoint | None":
+        """The goal with the time that is left; one of the end stays."""
+        left_s = time_left_s(self.at_s, seconds)
+        is_over = left_s is None and self.at_s is not None
+        return None if is_over else replace(self, at_s=left_s)
 
     @classmethod
     def drawn(
@@ -154,7 +171,7 @@ def _reach_problems(term: GoalPoint, plan: Plan) -> Found:
         time_s = agent.duration_s
     if agent.is_driver and bool(is_off_road(plan.scenario, goal[None])[0]):
         yield f"{whose} off the road; move it onto the road."
-    along, beside = _nearest(agent.paths_m, goal)
+    along, beside = nearest_on(agent.paths_m, goal)
     best = int(beside.argmin())
     if beside[best] > _BESIDE_PATH_M:
         yield (
@@ -180,7 +197,7 @@ def _blocked_goal_problems(term: GoalPoint, plan: Plan) -> Found:
     """Whether agents stand on each path to a goal; others with terms may drive away."""
     (agent,) = plan.agents((term.agent_id,))
     goal = np.array(term.point_m)
-    along, beside = _nearest(agent.paths_m, goal)
+    along, beside = nearest_on(agent.paths_m, goal)
     leads = beside <= beside.min() + _SAME_PATH_M
     leaving = {name for one in plan.terms for name in one.guided_ids}
     rows = _blocking_rows(agent, agent.paths_m[leads], goal, along[leads], leaving)
@@ -247,7 +264,7 @@ def _blocking_rows(
     return list(dict.fromkeys(found))
 
 
-def _nearest(
+def nearest_on(
     paths_m: Float[np.ndarray, "P M 2"], point_m: Float[np.ndarray, "2"]
 ) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"]]:
     """Arc length and distance of the nearest point of each path."""

@@ -44,11 +44,14 @@ from pd_editor.base.plain_text import one_line
 from pd_editor.scene.geometry.frenet import FrenetFrames
 from pd_editor.scene.geometry.polyline import point_at
 from pd_editor.scene.guidance_terms import (
+    LEAST_AT_S,
+    MOST_AT_S,
     AgentGuidance,
     Form,
     GuidanceTerm,
     Motion,
     Point,
+    time_left_s,
 )
 from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_follow
 from pd_editor.scene.paths.driving_paths import SPACING_M
@@ -77,7 +80,13 @@ _MERGED_S: Final = 2.0
 POINT_FORMS: Final[Mapping[str, Form]] = {
     "speeds_mps": Form("Speed", "speed", unit="m/s", most=60.0, empty="any"),
     "times_s": Form(
-        "Time", "time", unit="s", least=0.1, most=60.0, first=0.5, empty="any"
+        "Time",
+        "time",
+        unit="s",
+        least=LEAST_AT_S,
+        most=MOST_AT_S,
+        first=0.5,
+        empty="any",
     ),
     "waits_for": Form("Wait for", "agents to wait for", empty="nobody"),
 }
@@ -188,6 +197,15 @@ class FollowPath(AgentGuidance):
     def moved(self, motion: Motion) -> "FollowPath":
         """The term with moved points."""
         return replace(self, points_m=moved_points(self.points_m, motion))
+
+    def later(self, seconds: float) -> "FollowPath":
+        """The path without the times that are over."""
+        return self.with_way_points(
+            [
+                replace(one, at_s=time_left_s(one.at_s, seconds))
+                for one in self.way_points()
+            ]
+        )
 
     def without_agents(self, agent_ids: Collection[str]) -> "FollowPath | None":
         """The path without waits for removed agents; None without its own agent."""
