@@ -36,6 +36,7 @@ export interface PanelState {
   readonly tab: string | null;
   readonly isDebug: boolean;
   readonly instead: string | null;
+  readonly asked: number;
 }
 
 export interface PanelEvent {
@@ -335,6 +336,7 @@ export interface StripCard {
   readonly lines: readonly (CardLine)[];
   readonly hint: string;
   readonly canDrop: boolean;
+  readonly forkOf: number | null;
 }
 
 export interface StripState {
@@ -382,7 +384,7 @@ export interface BranchPicturesState {
 }
 
 export interface StripEvent {
-  readonly kind: "adopt" | "close" | "drop" | "keep" | "leave" | "pair" | "pick" | "point" | "rank" | "restore";
+  readonly kind: "adopt" | "carry" | "close" | "drop" | "keep" | "leave" | "pair" | "pick" | "point" | "rank" | "restore";
   readonly value?: string | number;
 }
 

@@ -3,8 +3,9 @@
 import csv
 import io
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -12,23 +13,30 @@ import tyro
 
 from pd_editor.base.errors import ExportError, PdEditorError
 from pd_editor.base.regular_file import write_whole
-from pd_editor.cli.options.arguments import Number, ResultOptions, shown, taking
+from pd_editor.cli.many_scenes import SCENE_FILES, Scenes, scenes_of
+from pd_editor.cli.options.arguments import (
+    Number,
+    ResultOptions,
+    several,
+    shown,
+    taking,
+)
 from pd_editor.cli.output.outcome import Outcome
 from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.cli.replay import RecipeOptions, open_base, read_recipe
 from pd_editor.editor.family import (
     Member,
+    MemberPlan,
     adds_traffic,
-    member,
+    left_out_in_words,
     members,
-    values_of,
+    planned,
 )
 from pd_editor.editor.library.index_table import index_row
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import check_free, export_into
 from pd_editor.editor.varied_numbers import (
     VariedNumber,
-    values_in_words,
     varied_numbers,
     varied_values,
 )
@@ -44,7 +52,8 @@ class FamilyOptions(RecipeOptions, ResultOptions):
 
     Args:
         recipe: A file recipe.json, or an exported folder.
-        vary: Numbers of the recipe's commands and their ranges, such as power=4..8, gap_m=5..15 or seed=1..999. Where several have a name, 2.power is that of the second edit, point_m.0 the first of a list.
+        vary: Numbers of the recipe's commands and their ranges, such as power=4..8, gap_m=5..15 or seed=1..999. Where several have a name, 2.power is that of the second edit, point_m.0 the first of a list. Needed unless there is --on.
+        on: Other scenes to make the edits in, as in generate, each with N variants if numbers are varied. Edits of single agents, other than the ego and the focal agent, are left out and told.
         out: Folder that receives DIR/<name>-1/, ...
         num: Number of variants; their values cover each range evenly.
         seed: Random seed of the values.
@@ -53,14 +62,15 @@ class FamilyOptions(RecipeOptions, ResultOptions):
     recipe: Annotated[str | Path, tyro.conf.Positional, shown("RECIPE")] = field(
         kw_only=False
     )
-    vary: Annotated[str | tuple[str, ...], shown("NAME=LOW..HIGH [...]")]
+    vary: Annotated[str | tuple[str, ...], shown("NAME=LOW..HIGH [...]")] = ()
+    on: Annotated[Scenes, shown("SCENARIO [...]", "(its own)")] = ()
     num: Number = 10
     seed: Number = 0
 
 
 @taking(FamilyOptions)
 def family(options: FamilyOptions) -> Outcome:
-    """Apply a recipe many times with other numbers, and generate its traffic anew.
+    """Apply a recipe many times with other numbers or in other scenes, traffic anew.
 
     A recipe without generated traffic, or with guidance that was not run, gets traffic
     of everybody at its end. DIR/<name>-family.csv has the numbers and problems of each,
@@ -70,22 +80,25 @@ def family(options: FamilyOptions) -> Outcome:
     opened = open_base(recipe, where, options.base)
     adds = adds_traffic(recipe, replay(recipe, opened))
     texts = (options.vary,) if isinstance(options.vary, str) else options.vary
-    numbers = varied_numbers(recipe, texts, adds=adds)
-    count = options.num
-    values = list(members(numbers, count, options.seed))
+    out = Path(os.path.abspath(options.out))
+    named = (scenes_of(str(one), SCENE_FILES, out) for one in several(options.on))
+    on = list(dict.fromkeys(chain.from_iterable(named)))
+    numbers = varied_numbers(recipe, texts, adds=adds) if texts or not on else ()
+    values = list(members(numbers, options.num if numbers else 1, options.seed))
     whole = Path(options.out) / f"{recipe.result_id}-family"
     table, page = (whole.with_name(f"{whole.name}.{one}") for one in ("csv", "html"))
     if os.path.exists(table) and not options.overwrite:
         raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
-    names = [f"{recipe.result_id}-{n:0{len(str(count))}d}" for n in range(1, count + 1)]
-    for name in names:
-        check_free(options.out, name, opened, overwrite=options.overwrite)
+    plans = planned(recipe.result_id, values, on)
+    count = len(plans)
+    for plan in plans:
+        check_free(options.out, plan.name, opened, overwrite=options.overwrite)
     made: list[tuple[Path, Member]] = []
     failures: list[str] = []
     line = ProgressLine()
     interrupt = None
-    each = _made(options, recipe, opened, dict(zip(names, values, strict=True)), adds)
     try:
+        each = _made(options, recipe, opened, plans, adds)
         for number, one in enumerate(each, start=1):
             if isinstance(one, str):
                 failures.append(one)
@@ -111,6 +124,7 @@ def family(options: FamilyOptions) -> Outcome:
         scenarios=scenes,
         remarks=(
             f"{len(made)} of {count} variants, {num_whole} without problems.",
+            *left_out_in_words(one.left_out for _, one in made),
             *failures,
         ),
     )
@@ -120,7 +134,7 @@ def _made(
     options: FamilyOptions,
     recipe: Recipe,
     opened: Scenario,
-    values: Mapping[str, Mapping[VariedNumber, float]],
+    plans: Sequence[MemberPlan],
     adds: bool,
 ) -> Iterator[tuple[Path, Member] | str]:
     """Each variant and its folder, or why there is none."""
@@ -128,9 +142,9 @@ def _made(
     def make(said: str) -> ScenarioGenerator:
         return make_generator(options.model or said or DEFAULT_GENERATOR)
 
-    for name, own in values.items():
+    for plan in plans:
         try:
-            one = member(recipe, opened, own, name, make, adds=adds)
+            one = plan.made(recipe, opened, make, adds=adds)
             folder = export_into(
                 options.out,
                 one.scenario,
@@ -140,7 +154,7 @@ def _made(
             )
             yield folder, one
         except PdEditorError as error:
-            yield f"{name} ({values_in_words(values_of(own))}) failed: {error}"
+            yield f"{plan.in_words} failed: {error}"
 
 
 def _table(
@@ -150,12 +164,13 @@ def _table(
     rows = [
         [
             one.recipe.result_id,
+            one.base.scenario_id,
             *varied_values(one.recipe).values(),
             index_row(one.scenario, one.base, one.recipe).num_problems,
         ]
         for one in made
     ]
     sink = io.StringIO(newline="")
-    head = ["name", *(one.name for one in numbers), "num_problems"]
+    head = ["name", "base", *(one.name for one in numbers), "num_problems"]
     csv.writer(sink).writerows([head, *rows])
     return sink.getvalue().encode(), sum(not row[-1] for row in rows)

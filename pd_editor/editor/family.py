@@ -4,21 +4,33 @@ A recipe that generates no traffic, or none since guidance was set, gets traffic
 everybody at its end, so that each variant shows what its numbers do.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from pd_editor.base.errors import RecipeError
-from pd_editor.editor.commands import ContinueScene, traffic_command
+from pd_editor.base.installed_files import DEMO_PREFIX
+from pd_editor.editor.carried_edits import carried
+from pd_editor.editor.commands import (
+    Command,
+    ContinueScene,
+    ReplaceTraffic,
+    traffic_command,
+)
 from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.recipe import Recipe, applied, regenerated, replay
-from pd_editor.editor.scenario_store import exported_files
+from pd_editor.editor.scenario_store import exported_files, open_scenario
+from pd_editor.editor.variant import fit_name, free_name, short_id
 from pd_editor.editor.varied_numbers import (
     VariedNumber,
     added_seed,
     superseded,
+    values_in_words,
     varied,
 )
 from pd_editor.scene.generation import (
@@ -65,6 +77,8 @@ class Member:
     scenario: Scenario
     base: Scenario
     recipe: Recipe
+    left_out: tuple[str, ...] = ()
+    """Edits that mean nothing in another scene than their own."""
 
     @property
     def files(self) -> dict[str, bytes]:
@@ -80,48 +94,129 @@ def member(
     make: Callable[[str], ScenarioGenerator],
     *,
     adds: bool = False,
+    on: Scenario | None = None,
 ) -> Member:
     """Make a variant with some numbers; ``make`` makes the generator of its traffic.
 
     Of ``adds_traffic`` the generator is that of the recipe, or the one without a name.
-    Traffic that is replaced later is not made.
+    Traffic that is replaced later is not made. ``on`` is another scene to make it in.
 
     Raises:
         RecipeError: a command does not take its number, or does not apply.
         GenerationError: the generator refused.
+        EditError: the other scene has no focal agent to warp the road ahead of.
     """
-    gone = superseded(recipe, adds=adds)
+    # Elsewhere an edit that replaces another one may be left out.
+    gone = frozenset[int]() if on is not None else superseded(recipe, adds=adds)
+    commands: Mapping[int, Command] = {
+        number: command
+        for number, command in enumerate(varied(recipe, values).commands, start=1)
+        if number not in gone
+    }
+    fresh = replace(recipe, commands=tuple(commands.values()))
+    left_out: tuple[str, ...] = ()
+    if on is not None:
+        scenario, made = carried(commands, _befores(recipe, opened), on, make)
+        gone = commands.keys() - made.keys()
+        left_out = tuple(commands[one].label for one in sorted(gone))
+        opened, fresh = on, replace(fresh, commands=tuple(made.values()))
+        fresh = replace(fresh, base=on.reference, notes=scenario.provenance.notes)
+    elif fresh.generators:
+        scenario, fresh, _ = regenerated(fresh, opened, make)
+    else:
+        scenario = replay(fresh, opened)
+    kept = [one.path for one in values if int(one.path[0]) not in gone]
     variant = replace(
         recipe.variant,
         name=name,
         parent=recipe.result_id,
-        varied=tuple(_without(one.path, gone) for one in values),
+        varied=tuple(_without(path, gone) for path in kept),
     )
-    commands = enumerate(varied(recipe, values).commands, start=1)
-    fresh = replace(
-        recipe,
-        variant=variant,
-        commands=tuple(one for number, one in commands if number not in gone),
-    )
-    if fresh.generators:
-        scenario, fresh, _ = regenerated(fresh, opened, make)
-    else:
-        scenario = replay(fresh, opened)
+    fresh = replace(fresh, variant=variant)
     if adds:
         seeds = {one.path: int(value) for one, value in values.items()}
-        request = GenerationRequest(
-            scenario=scenario,
-            agent_ids=drivable_agent_ids(scenario),
-            seed=seeds.get(added_seed(recipe), 0),
-        )
+        seed = seeds.get(added_seed(recipe), 0)
         generator = make(next(iter(recipe.generators), ""))
-        command = traffic_command(request, run_to_end(generator.generate(request)))
+        command = _traffic(scenario, generator, seed)
         fresh = replace(fresh, commands=(*fresh.commands, command))
         scenario = applied(command, scenario, len(fresh.commands))
     return Member(
         scenario=scenario,
-        base=opened.as_referred_to(recipe.base),
+        base=opened.as_referred_to(fresh.base),
         recipe=fresh,
+        left_out=left_out,
+    )
+
+
+def _traffic(
+    scenario: Scenario, generator: ScenarioGenerator, seed: int
+) -> ReplaceTraffic:
+    """New trajectories of everybody."""
+    request = GenerationRequest(
+        scenario=scenario, agent_ids=drivable_agent_ids(scenario), seed=seed
+    )
+    return traffic_command(request, run_to_end(generator.generate(request)))
+
+
+def _befores(recipe: Recipe, opened: Scenario) -> dict[int, Scenario]:
+    """The scenario before each entry."""
+    states = {1: opened.as_referred_to(recipe.base)}
+    replay(recipe, opened, on_step=lambda number, one: states.update({number + 1: one}))
+    return states
+
+
+@dataclass(frozen=True, kw_only=True)
+class MemberPlan:
+    """A variant to be made: its name, its numbers, and the other scene if it is of one."""
+
+    name: str
+    values: Mapping[VariedNumber, float]
+    on: str = ""
+
+    @property
+    def in_words(self) -> str:
+        """Name, scene and numbers."""
+        told = [self.on, values_in_words(values_of(self.values))]
+        return f"{self.name} ({', '.join(filter(None, told))})"
+
+    def made(
+        self,
+        recipe: Recipe,
+        opened: Scenario,
+        make: Callable[[str], ScenarioGenerator],
+        *,
+        adds: bool,
+    ) -> Member:
+        """The variant; raises as ``member``, and InputError for a scene it cannot read."""
+        on = open_scenario(self.on) if self.on else None
+        return member(recipe, opened, self.values, self.name, make, adds=adds, on=on)
+
+
+def planned(
+    name: str,
+    values: Sequence[Mapping[VariedNumber, float]],
+    on: Sequence[str] = (),
+    is_taken: Callable[[str], bool] = lambda _name: False,
+) -> tuple[MemberPlan, ...]:
+    """Variants with all values in each of some scenes, or in the recipe's own."""
+    plans: dict[str, MemberPlan] = {}
+    for scene in on or ("",):
+        base = short_id(Path(scene).name.removeprefix(DEMO_PREFIX))
+        of = fit_name(f"{name}-on-{base}") if scene else name
+        for number, own in enumerate(values, start=1):
+            number_name = f"-{number:0{len(str(len(values)))}d}"
+            said = of if scene and len(values) == 1 else of + number_name
+            said = free_name(said, lambda one: one in plans or is_taken(one))
+            plans[said] = MemberPlan(name=said, values=own, on=scene)
+    return tuple(plans.values())
+
+
+def left_out_in_words(made: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
+    """Which edits were left out in variants, with the number of these."""
+    count = Counter(chain.from_iterable(made))
+    return tuple(
+        f"Left out of {times} variant{'s' * (times != 1)}, for it is of its own scene: {label}."
+        for label, times in count.items()
     )
 
 

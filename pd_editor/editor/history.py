@@ -1,6 +1,8 @@
 """History of commands with their immutable states, for undo and redo."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import Command
@@ -70,6 +72,20 @@ class EditTree:
             edits.append(number)
             number = self._before[number]
         return edits[::-1]
+
+    def forks(self, tips: Iterable[int]) -> dict[int, tuple[int, int]]:
+        """For each tip, which earlier one it has most edits in common with, and how many.
+
+        Those with nothing in common with an earlier one leave the opened scenario, 0.
+        """
+        found: dict[int, tuple[int, int]] = {}
+        for tip in tips:
+            edits = set(self.edits_to(tip))
+            shared = (
+                (one, len(edits.intersection(self.edits_to(one)))) for one in found
+            )
+            found[tip] = max(((0, 0), *shared), key=itemgetter(1))
+        return found
 
     def after(self, number: int) -> list[int]:
         """Edits that were made right after one."""

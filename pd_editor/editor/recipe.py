@@ -269,17 +269,33 @@ def regenerate(
     scenario = checked_base(recipe.base, base)
     checked: list[RegeneratedEntry] = []
     for number, command in enumerate(recipe.commands, start=1):
-        fresh = command
-        if isinstance(command, ReplaceTraffic):
-            fresh = _regenerated(command, scenario, generator, number)
-            checked.append(_comparison(number, command, fresh, fresh))
-        elif isinstance(command, RegeneratedEdit):
-            edited = applied(command.edit, scenario, number)
-            traffic = _regenerated(command.traffic, edited, generator, number, scenario)
-            fresh = replace(command, traffic=traffic)
-            checked.append(_comparison(number, command.traffic, traffic, fresh))
+        fresh = sampled_anew(command, scenario, lambda _name: generator, number)
+        if fresh is not command:
+            checked.append(_comparison(number, command, fresh))
         scenario = applied(fresh, scenario, number)
     return scenario, tuple(checked)
+
+
+def sampled_anew(
+    command: Command,
+    scenario: Scenario,
+    make: Callable[[str], ScenarioGenerator],
+    number: int,
+) -> Command:
+    """An entry of a recipe with its traffic, if it holds any, sampled for a scenario.
+
+    Raises:
+        RecipeError: ``make`` gives another generator than it names, or its edit does not apply.
+        GenerationError: the generator refused.
+    """
+    if isinstance(command, ReplaceTraffic):
+        return _regenerated(command, scenario, make(command.generator), number)
+    if isinstance(command, RegeneratedEdit):
+        edited = applied(command.edit, scenario, number)
+        generator = make(command.traffic.generator)
+        traffic = _regenerated(command.traffic, edited, generator, number, scenario)
+        return replace(command, traffic=traffic)
+    return command
 
 
 def regenerated(
@@ -382,10 +398,11 @@ def _regenerated(
     )
 
 
-def _comparison(
-    number: int, stored: ReplaceTraffic, regenerated: ReplaceTraffic, fresh: Command
-) -> RegeneratedEntry:
-    ours, theirs = stored.sample, regenerated.sample
+def _comparison(number: int, stored: Command, fresh: Command) -> RegeneratedEntry:
+    (ours,), (theirs,) = (
+        [part.sample for part in one.parts if isinstance(part, ReplaceTraffic)]
+        for one in (stored, fresh)
+    )
     if ours.ids != theirs.ids or ours.position_m.shape != theirs.position_m.shape:
         return RegeneratedEntry(
             number=number, is_equal=False, max_difference_m=float("inf"), fresh=fresh

@@ -46,6 +46,8 @@ class Branch:
     entries: tuple[HistoryEntry, ...]
     num_own: int
     """Number of its edits that are not on the branch in force."""
+    fork: tuple[int, int]
+    """Number of the branch that it leaves, and how many edits it has in common with it."""
     variant: Variant
     """Its name, tags and note."""
 
@@ -248,6 +250,7 @@ class EditorSession:
         in_force = set(tree.path)
         variants = self._variants | {tree.tip: self._variant}
         branches: list[Branch] = []
+        forks = tree.forks(self.branch_tips)
         for tip in self.branch_tips:
             state = history.state_of(tip)
             assert state is not None
@@ -258,6 +261,7 @@ class EditorSession:
                 entries=tuple(history.made[one - 1] for one in edits),
                 num_own=len(set(edits) - in_force),
                 variant=variants.get(tip, Variant()),
+                fork=forks[tip],
             )
             branches.append(branch)
         return tuple(branches)

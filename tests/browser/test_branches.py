@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+from pd_editor.base.installed_files import demo_names
+
 pytestmark = pytest.mark.browser
 
 
@@ -76,6 +78,21 @@ def test_back_to_the_recording_and_another_edit_keeps_the_first(editor):
     expect(cards(editor)).to_have_count(2)
     strip(editor).get_by_role("button", name="Put back 1 deleted").click()
     expect(cards(editor)).to_have_count(3)
+    # Both leave the recording, as the lines over the cards say.
+    assert (
+        strip(editor).locator(".pd-strip-tree path").get_attribute("d").count("M") == 2
+    )
+
+    # One that is carried to other scenes is used, and the panel asks which ones.
+    cards(editor).nth(2).hover()
+    strip(editor).get_by_role("button", name="On other scenes: Regenerate").click()
+    editor.until(lambda: session.scenario is regenerated, "the branch")
+    editor.choose("Make in", "All demos")
+    editor.press("Make family")
+    library, count = editor.workspace.library, len(demo_names())
+    editor.until(lambda: len(library.cards()) == count, "a variant of each demo", 120)
+    page.get_by_text(f"{count} of {count} variants saved to the library").wait_for()
+    editor.screenshot("branches_on_other_scenes")
     page.mouse.move(300, 60)
     editor.key("Escape")
     strip(editor).wait_for(state="hidden")

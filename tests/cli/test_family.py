@@ -8,10 +8,11 @@ import pytest
 
 import pd_editor
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
-from pd_editor.cli import family
 from pd_editor.cli.replay import read_recipe
+from pd_editor.editor import family
 from pd_editor.editor.commands import AddGuidance, ReplaceTraffic, SetAgentSpeed
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.road_warp import RoadWarp
 from tests.cli.shell import JUNCTION, Shell
 from tests.scene.formats.embedded_scenes import scenes_in
 
@@ -183,3 +184,40 @@ def test_members_that_fail_do_not_end_the_others(shell: Shell, tmp_path: Path):
     assert result.out.count("is outside -10..10") == 2
     told = shell.refused(*asked, "power=50..99", "--overwrite")
     assert "is outside -10..10" in told
+
+
+def test_edits_are_made_in_other_scenes(shell: Shell, tmp_path: Path):
+    bent = pd_editor.warp(
+        JUNCTION, kind="smooth-turn", power=5, out=tmp_path, name="bend"
+    )
+    out = tmp_path / "family"
+    asked = ("family", bent.folder, "--on", "roundabout", "merge", "no-such-demo")
+    asked += ("--out", out, "--model", "lane-follower")
+    result = shell.run(*asked)
+    assert result.code == 0, result.err
+    assert "2 of 3 variants" in result.out
+    assert "bend-on-no-such-demo (no-such-demo) failed" in result.out
+    for name in ("roundabout", "merge"):
+        made = open_scenario(out / f"bend-on-{name}")
+        recipe, _ = read_recipe(out / f"bend-on-{name}")
+        assert recipe.base.scenario_id == name
+        assert recipe.variant.parent == "bend"
+        assert recipe.warps[0].terms == open_warp(bent.folder).terms
+        assert made.provenance.is_bent
+        # What is written can be made again from its own base.
+        again = shell.run(
+            "replay", out / f"bend-on-{name}", "--out", tmp_path / "again"
+        )
+        assert again.code == 0, again.err
+    (table,) = out.glob("*.csv")
+    rows = csv.DictReader(table.read_text().splitlines())
+    assert [row["base"] for row in rows] == ["roundabout", "merge"]
+    # With ranges each scene gets its own variants.
+    both = shell.run(*asked[:5], "--vary", "power=2..4", "--num", 2, *asked[6:], "--overwrite")  # fmt: skip
+    assert "4 of 4 variants" in both.out, both.err
+    assert "needs a range" in shell.refused(*asked[:2], *asked[6:])
+
+
+def open_warp(folder: Path) -> RoadWarp:
+    (warp,) = read_recipe(folder)[0].warps
+    return warp

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import TransformAgents
@@ -224,3 +226,21 @@ def test_the_tree_follows_the_newest_edit_after_one():
     assert (tree.position, tree.tips) == (1, [3, 4])
     tree.go_to(2)
     assert tree.path == [1, 2, 3]
+
+
+@given(st.lists(st.integers(0, 6), max_size=12))
+def test_each_branch_leaves_the_earlier_one_that_it_has_most_in_common_with(places):
+    tree = EditTree()
+    for place in places:
+        tree.go_to(min(place, len(tree)))
+        tree.add()
+    forks = tree.forks(tree.tips)
+    assert list(forks) == tree.tips
+    for tip, (left, num) in forks.items():
+        own, other = tree.edits_to(tip), tree.edits_to(left)
+        assert own[:num] == other[:num]
+        assert own[num:][:1] != other[num:][:1]
+        assert left < tip
+        assert (left == 0) == (num == 0)
+        earlier = [tree.edits_to(one) for one in tree.tips if one < tip]
+        assert all(own[: num + 1] != one[: num + 1] for one in earlier)

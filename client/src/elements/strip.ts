@@ -2,13 +2,15 @@
 // the history.
 //
 // Pictures come apart from the rest, since they are large and change less often.
-import { button, closeButton, make, option } from "../dom.ts";
+import { button, closeButton, make, option, svg } from "../dom.ts";
 import { define, root } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { StripCard, StripState } from "../messages.ts";
 
 type Api = Parameters<Parameters<typeof define>[1]>[0];
 type Pictures = Readonly<Record<string, string>>;
+const CARD_PX = 172; // a card and the gap after it
+const TREE_PX = 12;
 const pictures: Record<string, Pictures> = {};
 const redraw: Record<string, () => void> = {};
 
@@ -91,7 +93,7 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     select.value = String(value);
   }
 
-  function cardOf({ index, name: words, mark, isAdopted, lines, hint, canDrop }: StripCard) {
+  function cardOf({ index, name: words, mark, isAdopted, lines, hint, canDrop, forkOf }: StripCard) {
     const box = make("div", "pd-sample-box");
     const card = make("div", "pd-sample", {
       role: "option",
@@ -116,7 +118,7 @@ const stripOf = (element: string, label: string) => (api: Api) => {
       cursor = index;
       api.send({ kind: "adopt", value: index });
     });
-    const more = (kind: "keep" | "pair" | "drop", sign: string, label: string, title: string) =>
+    const more = (kind: "keep" | "pair" | "drop" | "carry", sign: string, label: string, title: string) =>
       button(`pd-sample-keep pd-sample-${kind}`, sign, () => api.send({ kind, value: index }), {
         tabindex: "-1",
         "aria-label": label,
@@ -128,8 +130,28 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     );
     if (!isAdopted)
       box.append(more("pair", "\u25eb", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
+    if (element === "branches" && forkOf !== null)
+      box.append(more("carry", "\u21f6", `On other scenes: ${words}`, "Use it and choose other scenes for its edits"));
     if (canDrop) box.append(more("drop", "\u2715", `Delete: ${words}`, "Delete it from this strip"));
     return box;
+  }
+
+  // Lines above the cards, from each to those that branch off from it.
+  function tree(shown: readonly StripCard[]) {
+    const places = new Map(shown.map(({ index }, place) => [index, place]));
+    const levels = new Map<number, number>();
+    const center = (index: number) => ((places.get(index) ?? 0) + 0.5) * CARD_PX;
+    const lines = shown.map(({ index, forkOf }) => {
+      const level = forkOf === null ? 0 : (levels.get(forkOf) ?? 0) + 1;
+      levels.set(index, level);
+      if (forkOf === null) return "";
+      const y = Math.min(level * 4 - 2, TREE_PX - 2);
+      return `M${center(forkOf)} ${TREE_PX}V${y}H${center(index)}V${TREE_PX}`;
+    });
+    const width = shown.length * CARD_PX;
+    const picture = svg("svg", "pd-strip-tree", { width: `${width}`, height: `${TREE_PX}`, "aria-hidden": "true" });
+    picture.append(svg("path", "", { d: lines.join("") }));
+    return picture;
   }
 
   const draw = () => {
@@ -146,6 +168,7 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     fill(ranking, state.rankings, state.ranking);
     fill(pick, state.picks, state.pick);
     list.replaceChildren(...state.cards.map(cardOf));
+    if (state.cards.some(({ forkOf }) => forkOf !== null)) list.prepend(tree(state.cards));
     const all = cards();
     const current =
       all.find((one) => indexOf(one) === cursor) ??

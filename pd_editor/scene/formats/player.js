@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (6f987e4198dfd5c1); not to be edited. */
+/* Built by .ci/client.py from client/ (dd16c45af0cba6f6); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

@@ -1,7 +1,8 @@
 """The strip of branches over the picture: preview, switch, compare and delete them."""
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -16,6 +17,7 @@ from pd_editor.editor.library.thumbnail import PictureFrame, thumbnail
 from pd_editor.editor.session import Branch
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.controls.history_panel import OPENED
+from pd_editor.viewer.controls.page_aids import STUDY
 from pd_editor.viewer.generation.sample_strip import (
     COVERED_PX,
     SampleStrip,
@@ -98,6 +100,7 @@ class BranchStrip:
             return
         branches = self._branches()
         self._draw(branches)
+        there = {one.number: one for one in branches}
         drawn = self._drawn
         pictures = {one: as_address(drawn[one].picture) for one in sorted(drawn)}
         self._ui.overlay.show(BranchPicturesState(pictures=pictures))
@@ -109,17 +112,28 @@ class BranchStrip:
                 takes_focus=takes_focus,
                 title=f"{count} branch{'es' * (count != 1)}"
                 + f", {more} older ones not shown" * (more > 0),
-                cards=tuple(map(self._card, branches)),
+                cards=tuple(self._card(one, there) for one in branches),
                 num_dropped=len(session.dropped),
             )
         )
 
     def _branches(self) -> Sequence[Branch]:
-        """The opened scenario, and the newest others."""
+        """The opened scenario and the newest others, each after the one that it leaves."""
         opened, *others = self._ui.session.branches
-        return opened, *others[-MOST_CARDS:]
+        there = {one.number: one for one in (opened, *others[-MOST_CARDS:])}
+        following = defaultdict[int | None, list[Branch]](list)
+        for one in there.values():
+            left = _left_by(one, there)
+            following[left].append(one)
 
-    def _card(self, branch: Branch) -> StripCard:
+        def after(left: int | None) -> Iterator[Branch]:
+            for one in following[left]:
+                yield one
+                yield from after(one.number)
+
+        return list(after(None))
+
+    def _card(self, branch: Branch, there: Mapping[int, Branch]) -> StripCard:
         state, number = self._ui.session.state, branch.number
         undone = state.num_entries - state.position
         is_adopted = self._is_in_force(number)
@@ -133,6 +147,10 @@ class BranchStrip:
         ]
         edits += "".join(f", seed {seed}" for seed in generated[-1:])
         edits += f"; {own} not in use" if 0 < own < count else ""
+        left, shared = _left_by(branch, there), branch.fork[1]
+        hints = [entry.label for entry in branch.entries]
+        if left is not None and shared:
+            hints.insert(0, f"Leaves {_name(there[left])} after edit {shared}:")
         drawn = self._drawn.get(number)
         told: tuple[CardLine, ...] = (CardLine(text="\N{HORIZONTAL ELLIPSIS}"),) * 2
         if drawn is not None:
@@ -150,8 +168,9 @@ class BranchStrip:
             else "in use",
             is_adopted=is_adopted,
             lines=(*told, CardLine(text=edits)),
-            hint="\n".join(entry.label for entry in branch.entries),
+            hint="\n".join(hints),
             can_drop=number not in (0, state.tip),
+            fork_of=left,
         )
 
     def _is_in_force(self, number: int) -> bool:
@@ -203,6 +222,9 @@ class BranchStrip:
         elif kind == "keep":
             self._switch(value)
             self._model.save_requested.emit()
+        elif kind == "carry":
+            self._switch(value)
+            self._model.tab_asked.emit(STUDY)
         elif kind == "pair" and len(there) > 1:
             self._compare(value)
         elif kind == "drop":
@@ -233,6 +255,12 @@ class BranchStrip:
             offered[adopted] = (offered[adopted][0], self._ui.session.scenario)
         frame = _frame(list(there.values()), self._ui.session.base)
         self._pair.open(number, offered, frame, adopted=adopted)
+
+
+def _left_by(branch: Branch, there: Mapping[int, Branch]) -> int | None:
+    """The branch of these that it leaves; None: it is the opened scenario."""
+    left, _ = branch.fork
+    return None if not branch.number else left if left in there else 0
 
 
 def _name(branch: Branch) -> str:

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
+import msgspec
+
 from pd_editor.editor.commands import ReplaceTraffic, TransformAgents
 from pd_editor.viewer.overlay.messages import (
     HintsDone,
@@ -64,6 +66,7 @@ class PressOrder:
 MAX_TITLE: Final = 60
 SCENE: Final = "Scene"
 AGENTS: Final = "Agents"
+STUDY: Final = "Study"
 
 
 class SidePanel:
@@ -81,11 +84,23 @@ class SidePanel:
         self._overlay.on("panel", self._heard)
         self._overlay.show(self._state)
         ui.model.agent_clicked.subscribe(self._agent_clicked)
+        ui.model.tab_asked.subscribe(self._asked)
 
     def _agent_clicked(self) -> None:
         """Show the agent in the place of the scene, once: later the user chooses."""
-        state = PanelState(tab=AGENTS, instead=SCENE, is_debug=self._state.is_debug)
+        state = msgspec.structs.replace(self._state, tab=AGENTS, instead=SCENE)
         self._overlay.show(state)
+
+    def _asked(self, tab: str) -> None:
+        self._keep(tab)
+        asked = self._state.asked + 1
+        self._state = msgspec.structs.replace(self._state, tab=tab, asked=asked)
+        self._overlay.show(self._state)
+
+    def _keep(self, tab: str) -> None:
+        """Open this tab after a reload."""
+        workspace = self._ui.workspace
+        workspace.view = replace(workspace.view, panel_tab=tab)
 
     def _heard(self, event: Mapping[str, Any]) -> None:
         kind, title = event.get("kind"), event.get("title")
@@ -94,5 +109,4 @@ class SidePanel:
         elif kind == "release":
             self._ui.release_slider()
         elif kind == "tab" and isinstance(title, str):
-            workspace = self._ui.workspace
-            workspace.view = replace(workspace.view, panel_tab=title[:MAX_TITLE])
+            self._keep(title[:MAX_TITLE])

@@ -10,7 +10,7 @@ from pd_editor.viewer.agents.speed_curve import SpeedCurve
 from pd_editor.viewer.controls.branch_strip import BranchStrip
 from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.key_sheet import KeySheet
-from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, Hints, SidePanel
+from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, STUDY, Hints, SidePanel
 from pd_editor.viewer.controls.view_panel import ViewPanel
 from pd_editor.viewer.files.dataset_panel import DatasetPanel
 from pd_editor.viewer.files.export_panel import ExportPanel
@@ -110,9 +110,9 @@ class TabElements:
             )
         with tabs.add_tab("Generate"):
             self.generation = GenerationPanel(ui, generators, self.region, self.samples)
-        with tabs.add_tab("Study"):
-            self.study = StudyPanel(ui, generators.offers)
+        with tabs.add_tab(STUDY):
             self.family = FamilyPanel(ui, generators)
+            self.study = StudyPanel(ui, generators.offers)
         with tabs.add_tab("History"):
             self.history = HistoryPanel(ui, style, self.branches.toggle)
         with tabs.add_tab("View"):

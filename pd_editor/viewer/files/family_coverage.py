@@ -48,10 +48,13 @@ def coverage(made: Sequence[MadeVariant], kept: frozenset[str]) -> str:
         for fate in _COLOR
         if fate in fates
     )
+    drawn = (
+        f'<svg viewBox="0 0 {_WIDTH} {_LINE * len(lines)}" width="100%" fill="currentColor"'
+        f' font-size="12">{"".join(lines)}</svg>'
+    )
     return (
         '<div style="margin:0 0.75em 0.5em;font-size:12.5px;line-height:20px">'
-        f'<svg viewBox="0 0 {_WIDTH} {_LINE * len(lines)}" width="100%" fill="currentColor"'
-        f' font-size="12">{"".join(lines)}</svg><div>{legend}</div></div>'
+        f"{drawn if lines else ''}<div>{legend}</div></div>"
     )
 
 

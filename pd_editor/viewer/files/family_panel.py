@@ -1,30 +1,31 @@
-"""The family panel: the edits at hand many times, with other numbers, into the library."""
+"""The family panel: the edits at hand with other numbers or on other scenes, into the library."""
 
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import viser
 
 from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.base.installed_files import demo_names
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.family import (
     MOST_MEMBERS,
     Member,
+    MemberPlan,
     adds_traffic,
-    member,
+    left_out_in_words,
     members,
-    values_of,
+    planned,
 )
 from pd_editor.editor.library.library import card_of
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.variant import free_name
 from pd_editor.editor.varied_numbers import (
-    VariedNumber,
     numbers_in_words,
-    values_in_words,
     varied_numbers,
 )
 from pd_editor.generation.generators import GeneratorCatalogue
@@ -33,9 +34,16 @@ from pd_editor.viewer.files.family_coverage import MadeVariant, coverage
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
+_THIS, _DEMOS, _LISTED, _TICKED = (
+    "This scene",
+    "All demos",
+    "Scenes listed under Dataset",
+    "Scenes ticked in the library",
+)
+
 
 class FamilyPanel:
-    """Ranges, a number of variants, and a run that saves them to the library."""
+    """Ranges, a number of variants, scenes, and a run that saves them to the library."""
 
     def __init__(self, ui: UiContext, generators: GeneratorCatalogue) -> None:
         """Build it into the current tab."""
@@ -50,11 +58,17 @@ class FamilyPanel:
                 "",
                 hint="Ranges of these numbers, such as power=4..8, seed=1..99",
             )
+            self._scenes = gui.add_dropdown(
+                "Make in",
+                (_THIS, _DEMOS, _LISTED, _TICKED),
+                hint="Elsewhere, edits of single agents other than the ego and the focal "
+                "agent are left out",
+            )
             self._num = gui.add_number("Variants", 10, min=1, max=MOST_MEMBERS, step=1)
             self._make = gui.add_button(
                 "Make family",
                 icon=viser.Icon.COPY,
-                hint="The edits with other numbers, traffic generated anew, each saved to "
+                hint="The edits with other numbers or on other scenes, traffic generated anew, each saved to "
                 "the library (tab Scene) with its problems",
             )
             self._cancel = gui.add_button("Cancel family", color="gray", disabled=True)
@@ -101,17 +115,51 @@ class FamilyPanel:
         session = self._ui.session
         recipe = session.recipe()
         texts = [one for one in re.split(r"[,\s]+", str(self._vary.value)) if one]
-        if not texts:
+        scenes = self._other_scenes()
+        if not texts and not scenes:
             raise InputError("Vary: enter a range first, such as power=4..8.")
         self._told.show("", "")
         adds = adds_traffic(recipe, session.scenario)
-        numbers = varied_numbers(recipe, texts, adds=adds)
-        values = list(members(numbers, int(self._num.value), int(time.time())))
-        make = partial(member, recipe, session.base, make=self._generator, adds=adds)
-        self._job = _FamilyJob(self._ui, self, recipe.result_id, values, make)
+        numbers = varied_numbers(recipe, texts, adds=adds) if texts else ()
+        count = int(self._num.value) if texts else 1
+        values = list(members(numbers, count, int(time.time())))
+        is_taken = self._ui.workspace.library.has
+        plans = planned(recipe.result_id, values, scenes, is_taken)
+
+        def make(plan: MemberPlan) -> Member:
+            return plan.made(recipe, session.base, self._generator, adds=adds)
+
+        self._job = _FamilyJob(self._ui, self, plans, make)
         set_property(self._cancel, "disabled", False)
-        self.tell(f"0 of {len(values)} variants", ())
+        self.tell(f"0 of {len(plans)} variants", ())
         self._job.start()
+
+    def _other_scenes(self) -> Sequence[str]:
+        """The scenes that are chosen; none stands for the one at hand.
+
+        Raises:
+            InputError: there is none of the chosen kind.
+        """
+        chosen, workspace = self._scenes.value, self._ui.workspace
+        found: Sequence[str] = ()
+        if chosen == _DEMOS:
+            found = demo_names()
+        elif chosen == _LISTED and (search := workspace.search) is not None:
+            if not search.is_complete:
+                raise InputError(
+                    "Make in: the dataset is still being read; wait for it."
+                )
+            found = [str(one.folder) for one in search.cards]
+        elif chosen == _TICKED:
+            root = workspace.library.root
+            found = [str(root / name) for name in sorted(workspace.ticked)]
+        if chosen != _THIS and not found:
+            raise InputError(f"There are no {str(chosen).lower()}.")
+        if len(found) > MOST_MEMBERS:
+            raise InputError(
+                f"Make in: {len(found)} scenes; expected at most {MOST_MEMBERS}."
+            )
+        return found
 
     def _stop(self) -> None:
         self.close()
@@ -138,45 +186,51 @@ class _FamilyJob(BackgroundJob[int]):
         self,
         ui: UiContext,
         panel: FamilyPanel,
-        name: str,
-        values: Sequence[Mapping[VariedNumber, float]],
-        make: Callable[..., Member],
+        plans: Sequence[MemberPlan],
+        make: Callable[[MemberPlan], Member],
     ) -> None:
         super().__init__(
             "family", self._done, lambda error: ui.post(partial(panel.end, str(error)))
         )
         self._ui, self._panel = ui, panel
-        self._name, self._values, self._make = name, values, make
+        self._plans, self._make = plans, make
         self._library = ui.workspace.library
         self._failures: list[str] = []
         self._made: list[MadeVariant] = []
+        self._left_out: tuple[str, ...] = ()
 
     def _result(self) -> int:
-        for number, own in enumerate(self._values, start=1):
+        made: list[tuple[str, ...]] = []
+        for number, plan in enumerate(self._plans, start=1):
             self.check_cancelled()
-            name = free_name(f"{self._name}-{number}", self._library.has)
+            name = free_name(plan.name, self._library.has)
             try:
-                one = self._make(values=own, name=name)
+                one = self._make(replace(plan, name=name))
                 card = card_of(one.scenario, one.base, one.recipe)
                 self.check_cancelled()
                 self._library.add(card, one.files, thumbnail(one.scenario))
                 has_problems = bool(card.row.num_problems)
                 self._made.append(
-                    MadeVariant(values=own, name=name, has_problems=has_problems)
+                    MadeVariant(
+                        values=plan.values, name=name, has_problems=has_problems
+                    )
                 )
+                made.append(one.left_out)
             except PdEditorError as error:
-                self._made.append(MadeVariant(values=own))
-                self._failures.append(f"{values_in_words(values_of(own))}: {error}")
-            words = f"{number} of {len(self._values)} variants"
+                self._made.append(MadeVariant(values=plan.values))
+                self._failures.append(f"{plan.in_words}: {error}")
+            words = f"{number} of {len(self._plans)} variants"
             self._ui.post(partial(self._panel.tell, words, tuple(self._made)), "family")
-        return len(self._values) - len(self._failures)
+        self._left_out = left_out_in_words(made)
+        return len(self._plans) - len(self._failures)
 
     def _done(self, count: int) -> None:
-        words = f"{count} of {len(self._values)} variants saved to the library, "
+        words = f"{count} of {len(self._plans)} variants saved to the library, "
         num_clean = sum(bool(one.name) and not one.has_problems for one in self._made)
         words += f"{num_clean} without problems."
         if self._failures:
             words += f" {len(self._failures)} failed: {self._failures[0]}"
+        words = " ".join([words, *self._left_out])
         self._ui.post(partial(self._panel.end, words))
 
     def _fault(self) -> PdEditorError:

@@ -69,6 +69,8 @@ class PanelState(Message, frozen=True):
     tab: str | None
     is_debug: bool
     instead: str | None = None
+    asked: int = 0
+    """Counts what was asked for, so that a tab opens again after another one."""
 
 
 class PanelEvent(Message, frozen=True):
@@ -421,6 +423,8 @@ class StripCard(Message, frozen=True):
     lines: tuple[CardLine, ...]
     hint: str
     can_drop: bool = False
+    fork_of: int | None = None
+    """Index of the card that it branches off from."""
 
 
 class StripState(Message, frozen=True):
@@ -467,6 +471,7 @@ class StripEvent(Message, frozen=True):
         "pair",
         "drop",
         "restore",
+        "carry",
     ]
     value: str | int = ""
 

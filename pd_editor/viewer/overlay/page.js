@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (6f987e4198dfd5c1); not to be edited. */
+/* Built by .ci/client.py from client/ (dd16c45af0cba6f6); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2865,6 +2865,8 @@
   });
 
   // src/elements/strip.ts
+  var CARD_PX = 172;
+  var TREE_PX = 12;
   var pictures = {};
   var redraw = {};
   var stripOf = (element, label) => (api) => {
@@ -2940,7 +2942,7 @@
       }
       select.value = String(value);
     }
-    function cardOf({ index, name: words, mark, isAdopted, lines, hint: hint2, canDrop }) {
+    function cardOf({ index, name: words, mark, isAdopted, lines, hint: hint2, canDrop, forkOf }) {
       const box = make("div", "pd-sample-box");
       const card = make("div", "pd-sample", {
         role: "option",
@@ -2976,8 +2978,26 @@
       );
       if (!isAdopted)
         box.append(more("pair", "◫", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
+      if (element === "branches" && forkOf !== null)
+        box.append(more("carry", "⇶", `On other scenes: ${words}`, "Use it and choose other scenes for its edits"));
       if (canDrop) box.append(more("drop", "✕", `Delete: ${words}`, "Delete it from this strip"));
       return box;
+    }
+    function tree(shown) {
+      const places = new Map(shown.map(({ index }, place) => [index, place]));
+      const levels = /* @__PURE__ */ new Map();
+      const center = (index) => ((places.get(index) ?? 0) + 0.5) * CARD_PX;
+      const lines = shown.map(({ index, forkOf }) => {
+        const level = forkOf === null ? 0 : (levels.get(forkOf) ?? 0) + 1;
+        levels.set(index, level);
+        if (forkOf === null) return "";
+        const y = Math.min(level * 4 - 2, TREE_PX - 2);
+        return `M${center(forkOf)} ${TREE_PX}V${y}H${center(index)}V${TREE_PX}`;
+      });
+      const width = shown.length * CARD_PX;
+      const picture2 = svg("svg", "pd-strip-tree", { width: `${width}`, height: `${TREE_PX}`, "aria-hidden": "true" });
+      picture2.append(svg("path", "", { d: lines.join("") }));
+      return picture2;
     }
     const draw = () => {
       strip.hidden = !state?.isOpen;
@@ -2993,6 +3013,7 @@
       fill(ranking, state.rankings, state.ranking);
       fill(pick, state.picks, state.pick);
       list.replaceChildren(...state.cards.map(cardOf));
+      if (state.cards.some(({ forkOf }) => forkOf !== null)) list.prepend(tree(state.cards));
       const all = cards();
       const current = all.find((one) => indexOf(one) === cursor) ?? all.find((one) => one.getAttribute("aria-selected") === "true") ?? all[0];
       if (!current) return;

@@ -99,8 +99,8 @@ class TabModel:
         """A sample or a branch that is drawn instead of the session's scenario."""
         self.sample_pointed = Signal[()]()
         self.pair_opened = Signal[()]()
-        self.save_requested = Signal[()]()
-        """The scenario is to be put into the library."""
+        self.tab_asked, self.save_requested = Signal[str](), Signal[()]()
+        """A tab of the panel is to be opened; the scenario is to be put into the library."""
         self.library_changed = Signal[()]()
 
     @property

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
+from pd_editor.base.installed_files import demo_names
+from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetRoadWarp
 from pd_editor.editor.library.library import Library
 from pd_editor.editor.recipe import Recipe
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
@@ -109,3 +110,33 @@ def test_a_run_that_is_cancelled_keeps_what_is_saved(tmp_path: Path):
         tab.type("Variants", 1)
         tab.press("Make family")
         until(lambda: "1 of 1 variants saved to the library" in tab.text())
+
+
+def test_the_edits_at_hand_are_made_in_other_scenes(tmp_path: Path):
+    library = Library(tmp_path / "kept")
+    with (
+        running_app(tmp_path / "state", "merge", library=library.root) as app,
+        connected_tab(app) as tab,
+    ):
+        warped(tab)
+        focal, other = tab.session.scenario.focal_id, tab.session.scenario.agents.ids[0]
+        assert other != focal
+        tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=(other,))))
+        tab.type("Make in", "Scenes ticked in the library")
+        tab.press("Make family")
+        assert "There are no scenes ticked in the library." in tab.refusal()
+        tab.type("Make in", "All demos")
+        tab.press("Make family")
+        count = len(demo_names())
+        done = f"{count} of {count} variants saved to the library"
+        until(lambda: done in tab.text(), 120)
+        assert f"Left out of {count} variants" in tab.text()
+        recipes = {
+            card.name: Recipe.from_text(library.files(card.name)["recipe.json"])
+            for card in library.cards()
+        }
+        assert {one.base.scenario_id for one in recipes.values()} == set(demo_names())
+        assert {one.variant.parent for one in recipes.values()} == {
+            tab.session.recipe().result_id
+        }
+        assert all(one.warps and one.generators for one in recipes.values())
