@@ -23,7 +23,11 @@ from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.roll_out import RollOutRequest, roll_out
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
+from pd_editor.scene.agent_kind import (
+    LANE_FOLLOWER_KINDS,
+    MOTOR_VEHICLE_KINDS,
+    AgentKind,
+)
 from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.policy import Controls
 from pd_editor.scene.scenario import Scenario
@@ -63,12 +67,14 @@ def rates(scenario: Scenario, first: int, last: int) -> dict[str, float]:
     agents = scenario.agents.taken(rows)
     steps = np.arange(first, last)
     there = agents.is_valid[:, steps]
+    people = scenario.agents.kind_mask([AgentKind.PEDESTRIAN, AgentKind.CYCLIST])
     minutes = there.sum() * scenario.time_axis.step_s / 60
     _, at = first_overlap(agents, steps)
     speed = agents.speed_mps()[:, steps][there]
     off = departures(scenario, agents).is_off_road[:, steps]
     return {
         "vehicles": there.sum() / len(steps),
+        "people": scenario.agents.is_valid[people][:, steps].sum() / len(steps),
         "collisions": (at > first).sum() / max(minutes, 1e-9),
         "off_road": off.sum() / max(there.sum(), 1),
         "speed": speed.mean() if len(speed) else np.nan,
@@ -197,7 +203,8 @@ def main() -> None:
     for name, part in zip(("recorded 6 s", "1st", "2nd", "3rd"), parts, strict=True):
         means = {key: np.nanmean([one[key] for one in part]) for key in part[0]}
         print(
-            f"{name:13} vehicles {means['vehicles']:.1f}, collisions "
+            f"{name:13} vehicles {means['vehicles']:.1f}, people "
+            f"{means['people']:.2f}, collisions "
             f"{means['collisions']:.2f} /min, off the road {100 * means['off_road']:.1f} %, "
             f"speed {means['speed']:.2f} m/s, standing {100 * means['standing']:.0f} %"
         )

@@ -60,7 +60,7 @@ class DriveOptions(PartOptions, ManyOptions):
         replan: Seconds between two generations of the traffic, 0.5 to 3.
         guide: What agents should do, as for generate; times up to the end of the roll-out.
         lock: What is kept of single agents, as for generate.
-        enter: No vehicles enter for those that leave the map.
+        enter: Nobody enters for those that leave the map.
         seed: Random seed.
         model: What generates the traffic.
         name: Name of the result, to which the policy's is added.

@@ -1,14 +1,24 @@
-"""Where new vehicles come onto the mapped road."""
+"""Where new vehicles and people come into the mapped area."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.road.off_road import map_ends, offsets_from
+from pd_editor.analysis.metrics.road.off_road import (
+    is_off_road,
+    map_ends,
+    offsets_from,
+)
 from pd_editor.experiments.closed_loop.world import World
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import (
+    LANE_FOLLOWER_KINDS,
+    MOTOR_VEHICLE_KINDS,
+    AgentKind,
+)
 from pd_editor.scene.generation import Region
 from pd_editor.scene.traffic_sample import TrafficSample
 
@@ -21,37 +31,43 @@ _ASIDE_M: Final = 2.0
 """Who enters is at most so far beside one of the lanes that begin there."""
 _COSINE: Final = 0.8
 _MOST_AT_ONCE: Final = 3
+_COUNTED: Final = {
+    AgentKind.VEHICLE: MOTOR_VEHICLE_KINDS,
+    AgentKind.CYCLIST: {AgentKind.CYCLIST},
+    AgentKind.PEDESTRIAN: {AgentKind.PEDESTRIAN},
+}
+"""Kinds of those who enter, and the kinds in whose place they do."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Entrances:
-    """Starts of lanes without a predecessor, and the vehicles that there are to be."""
+    """Starts of lanes without a predecessor, and how many of whom there are to be."""
 
     point_m: Float[np.ndarray, "N 2"]
     way: Float[np.ndarray, "N 2"]
     """Unit vectors into the map."""
     exit_m: Float[np.ndarray, "E 2"]
     """Ends of lanes without a successor."""
-    num_vehicles: int
+    number: Mapping[AgentKind, int]
 
     @classmethod
     def of(cls, world: World) -> "Entrances":
-        """Entrances of the road; as many vehicles as there are now."""
+        """Entrances of the road; as many vehicles, cyclists and pedestrians as now."""
         road_map = world.scenario.road_map
         point, out = map_ends(road_map, -1)
         return cls(
             point_m=point,
             way=-out,
             exit_m=map_ends(road_map, 1)[0],
-            num_vehicles=_num_vehicles(world),
+            number=_numbers(world),
         )
 
     def wanted(
         self, world: World, random: np.random.Generator
     ) -> tuple[Region, dict[AgentKind, int]] | None:
         """Where how many are to enter now; None if there are enough, or is no room."""
-        missing = self.num_vehicles - _num_vehicles(world)
-        if missing <= 0 or not len(self.point_m):
+        missing = self._missing(world)
+        if not missing or not len(self.point_m):
             return None
         agents, step = world.scenario.agents, world.step
         there = world.is_present() & agents.kind_mask(LANE_FOLLOWER_KINDS)
@@ -63,7 +79,15 @@ class Entrances:
             return None
         # One more than is missing, since some do not come in on a lane that begins.
         region = self._square_at(int(random.choice(free)))
-        return region, {AgentKind.VEHICLE: min(missing + 1, _MOST_AT_ONCE)}
+        return region, {
+            kind: min(count + 1, _MOST_AT_ONCE) for kind, count in missing.items()
+        }
+
+    def _missing(self, world: World) -> dict[AgentKind, int]:
+        """How many of each kind there are too few, if any."""
+        now = _numbers(world)
+        gap = {kind: count - now[kind] for kind, count in self.number.items()}
+        return {kind: count for kind, count in gap.items() if count > 0}
 
     def _square_at(self, entrance: int) -> Region:
         """Where a vehicle is to come in: a square with few lanes that lead out."""
@@ -77,29 +101,54 @@ class Entrances:
         return Region(center_m=(x, y), half_side_m=_HALF_SIDE_M)
 
     def entering(self, sample: TrafficSample, world: World) -> TrafficSample:
-        """The sample without new agents that do not come in on a lane that begins.
+        """The sample without new agents that do not come in, or are too many.
 
-        Nor are there more than are missing.
+        Vehicles and cyclists come in on a lane that begins, pedestrians beside the road
+        or on a crosswalk, and walk into the map.
         """
         known = world.scenario.agents.row_of
-        new = {name: row for row, name in enumerate(sample.ids) if name not in known}
-        fit = [
-            name
-            for name, row in new.items()
-            if self._comes_in(
-                sample.position_m[row, 0], float(sample.heading_rad[row, 0])
-            )
-        ]
-        gone = set(new).difference(fit[: self.num_vehicles - _num_vehicles(world)])
+        left = self._missing(world)
+        gone: list[str] = []
+        for row, name in enumerate(sample.ids):
+            if name in known:
+                continue
+            kind = sample.kinds[row]
+            kind = AgentKind.VEHICLE if kind in MOTOR_VEHICLE_KINDS else kind
+            position, heading = sample.position_m[row, 0], sample.heading_rad[row, 0]
+            comes_in = self._comes_in(position, float(heading), kind)
+            if kind is AgentKind.PEDESTRIAN:
+                comes_in &= _is_walkable(world, position)
+            if comes_in and left.get(kind, 0) > 0:
+                left[kind] -= 1
+            else:
+                gone.append(name)
         return sample.without(gone) if gone else sample
 
-    def _comes_in(self, position_m: Float[np.ndarray, "2"], heading_rad: float) -> bool:
+    def _comes_in(
+        self, position_m: Float[np.ndarray, "2"], heading_rad: float, kind: AgentKind
+    ) -> bool:
         (ahead,), (aside,) = offsets_from(self.point_m, self.way, position_m[None])
         along = self.way @ np.array([np.cos(heading_rad), np.sin(heading_rad)])
-        fits = (np.abs(aside) < _ASIDE_M) & (along > _COSINE)
-        return bool((fits & (ahead > -2.0) & (ahead < 2 * _HALF_SIDE_M)).any())
+        is_near = (ahead > -2.0) & (ahead < 2 * _HALF_SIDE_M)
+        if kind is AgentKind.PEDESTRIAN:
+            fits = (np.abs(aside) < 2 * _HALF_SIDE_M) & (along > 0.0)
+        else:
+            fits = (np.abs(aside) < _ASIDE_M) & (along > _COSINE)
+        return bool((fits & is_near).any())
 
 
-def _num_vehicles(world: World) -> int:
-    agents = world.scenario.agents
-    return int((world.is_present() & agents.kind_mask(LANE_FOLLOWER_KINDS)).sum())
+def _is_walkable(world: World, position_m: Float[np.ndarray, "2"]) -> bool:
+    """Whether a place is beside the drivable area, or on a crosswalk."""
+    scenario = world.scenario
+    outlines = [one.outline_m() for one in scenario.road_map.crosswalks]
+    crosswalks = shapely.union_all([shapely.Polygon(one) for one in outlines])
+    off_road = is_off_road(scenario, position_m[None])[0]
+    return bool(off_road or shapely.contains_xy(crosswalks, *position_m))
+
+
+def _numbers(world: World) -> dict[AgentKind, int]:
+    there, agents = world.is_present(), world.scenario.agents
+    return {
+        kind: int((there & agents.kind_mask(kinds)).sum())
+        for kind, kinds in _COUNTED.items()
+    }

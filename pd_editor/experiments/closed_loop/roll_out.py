@@ -66,7 +66,7 @@ class RollOutRequest:
     policies: Mapping[str, Policy] = field(default_factory=dict)
     """Who drives which agent."""
     keeps_density: bool = True
-    """Whether vehicles enter for those that leave the map."""
+    """Whether vehicles and people enter for those that leave the map."""
     answer_s: float | None = 20.0
     """Most time that a policy may take for one answer; None: as long as it likes."""
     seed: int = 0
@@ -203,7 +203,7 @@ class Rolling:
         self.drivers.leave(self.world)
 
     def _generate(self) -> Generator[GenerationProgress, None, None]:
-        """Plan the traffic anew; vehicles enter where there is room."""
+        """Plan the traffic anew; vehicles and people enter where there is room."""
         request, world = self.request, self.world
         enters = request.keeps_density and "new-agents" in supported_by(self.generator)
         wanted = self.entrances.wanted(world, self.random) if enters else None
