@@ -97,6 +97,39 @@ def test_results_on_ray_are_those_of_processes(
     assert results_of(command, tmp_path / "lossy") == expected
 
 
+def driven(shell: Shell, out: Path, *options: object) -> dict[str, bytes]:
+    """All files of drives but the reports, which name the command."""
+    demos = ("signalised-junction", "roundabout")
+    policies = ("--policies", "idm", "constant-velocity")
+    usual = ("--seconds", 2, "--seed", 5, "--model", "path-diffuser", "--out", out)
+    shell.run("drive", *demos, *policies, *usual, *options)
+    files = results_of("drive", out)
+    return {name: data for name, data in files.items() if "report." not in name}
+
+
+def test_drives_on_ray_are_those_of_processes(
+    shell: Shell, ray: FakeRay, tmp_path: Path
+):
+    """Also after a task was lost for good, once the drives are gone on with."""
+    expected = driven(shell, tmp_path / "here")
+    assert sum(name.endswith("recipe.json") for name in expected) == 4
+    options = ("--engine", "ray", "--workers", 2)
+    assert driven(shell, tmp_path / "there", *options) == expected
+    assert len(ray.started) == 1
+    ray.num_losses = 1
+    assert driven(shell, tmp_path / "lossy", *options) != expected
+    assert driven(shell, tmp_path / "lossy", *options) == expected
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_drives_on_a_real_cluster_are_those_of_processes(shell: Shell, tmp_path: Path):
+    expected = driven(shell, tmp_path / "here")
+    assert driven(shell, tmp_path / "local", "--workers", 2) == expected
+    options = ("--engine", "ray", "--workers", 2)
+    assert driven(shell, tmp_path / "ray", *options) == expected
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_engines_that_cannot_be_used_are_one_sentence(
     shell: Shell,
