@@ -50,6 +50,7 @@ from pd_editor.experiments.evaluation.report.figures import (
     figures_of,
 )
 from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
+from pd_editor.experiments.evaluation.report.realism import realism_tables
 from pd_editor.experiments.evaluation.report.scene_test import scene_test_tables
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
 from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
@@ -242,6 +243,7 @@ def _reported(
         scene_test=scene_test_tables(rows, methods, splits.headline)
         if plan.task.samples_states
         else (),
+        realism=realism_tables(rows, methods, splits.headline, plan.seed),
     )
     report = report_of(plan, record, found, command)
     shown = PLACING_SHOWN if plan.task.samples_states else SHOWN

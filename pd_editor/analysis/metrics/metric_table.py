@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-Source = Literal["paper", "ours"]
+Source = Literal["paper", "ours", "WOSAC"]
 Better = Literal["lower", "higher", "as recorded"]
 
 
@@ -18,7 +18,8 @@ class Metric:
     unit: str
     """"share" is a number in 0..1; for a single agent it is true or false."""
     source: Source
-    """"paper": as Path Diffuser's code computes it, faults included."""
+    """"paper": as Path Diffuser's code computes it, faults included; "WOSAC": after Waymo's
+    sim agents challenge."""
     better: Better
     definition: str
 

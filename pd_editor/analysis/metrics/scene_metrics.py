@@ -16,6 +16,7 @@ from pd_editor.analysis.metrics.collisions.interaction import (
     nearest_distance,
 )
 from pd_editor.analysis.metrics.collisions.safety import safety_values
+from pd_editor.analysis.metrics.likelihoods import likelihood_values
 from pd_editor.analysis.metrics.motion.displacement import (
     ade,
     ade_with_state,
@@ -69,4 +70,8 @@ def agent_values(view: TrafficView) -> dict[str, MetricValues]:
 
 def sample_values(views: Sequence[TrafficView]) -> dict[str, MetricValues]:
     """Metrics of several samples of the same agents by name, with a row per agent."""
-    return {**best_of_samples(views), **diversity_values(views)}
+    return {
+        **best_of_samples(views),
+        **diversity_values(views),
+        **likelihood_values(views),
+    }

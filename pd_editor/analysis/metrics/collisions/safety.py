@@ -1,5 +1,6 @@
 """Surrogate safety measures: gap, time to collision, post-encroachment time."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,6 +26,8 @@ HORIZON_S: Final = 5.0
 CRITICAL_S: Final = 0.95
 CLOSING_MPS: Final = 0.5
 """Least closing speed of agents on a collision course."""
+NUM_NEAREST: Final = 4
+"""Number of boxes among which the nearest one is looked for."""
 MOVED_M: Final = 1.0
 """Post-encroachment times count for pairs that both move further than this."""
 
@@ -107,6 +110,40 @@ def times_to_touch(
     soon = time < within_s
     pair, time, at = pair[soon], time[soon], at[soon]
     return pairs.a[pair], pairs.b[pair], at, time
+
+
+def times_s(view: TrafficView) -> Float[np.ndarray, "A H"]:
+    """Time to collision of each agent at each step, at most ``HORIZON_S``."""
+    pairs = _Pairs.of(view)
+    pair, time, at = _times_to_collision_s(pairs)
+    least = np.full((len(pairs.agents), view.num_steps), HORIZON_S)
+    for side in (pairs.a, pairs.b):
+        np.minimum.at(least, (side[pair], at), time)
+    return least[: len(view)]
+
+
+def nearest_box_m(view: TrafficView) -> Float[np.ndarray, "A H"]:
+    """Distance to the nearest other box, negative if both overlap; infinite without any.
+
+    Exact for the boxes whose circumcircles are nearest.
+    """
+    everyone, count = view.everyone, len(view)
+    offset = everyone.position_m[None] - everyone.position_m[:count, None]
+    bound = np.hypot(offset[..., 0], offset[..., 1])
+    bound = bound - everyone.radius_m[:count, None, None] - everyone.radius_m[:, None]
+    there = everyone.is_valid[:count, None] & everyone.is_valid
+    there[np.arange(count), np.arange(count)] = False
+    bound = np.where(there, bound, np.inf)
+    tried = min(NUM_NEAREST, len(everyone) - 1)
+    near = np.argpartition(bound, max(tried - 1, 0), axis=1)[:, :tried]
+    agent, place, step = np.nonzero(
+        np.isfinite(np.take_along_axis(bound, near, axis=1))
+    )
+    other = near[agent, place, step]
+    gap = signed_gap_m(everyone.at(agent, step), everyone.at(other, step))
+    least = np.full((count, view.num_steps), np.inf)
+    np.minimum.at(least, (agent, step), gap)
+    return least
 
 
 def _finite(
@@ -214,24 +251,32 @@ def sweep_times_s(
     offset_m = other.position_m - one.position_m
     enter = np.full(len(offset_m), -np.inf)
     leave = np.full(len(offset_m), np.inf)
+    for axis, half in _separating_axes(one, other):
+        away = (offset_m * axis).sum(-1)
+        rate = (velocity_mps * axis).sum(-1)
+        moves = np.abs(rate) > 1e-9
+        middle = -away / np.where(moves, rate, 1.0)
+        width = half / 2 / np.where(moves, np.abs(rate), 1.0)
+        always = np.where(np.abs(away) < half / 2, np.inf, -np.inf)
+        enter = np.maximum(enter, np.where(moves, middle - width, -always))
+        leave = np.minimum(leave, np.where(moves, middle + width, always))
+    return enter, leave
+
+
+def _separating_axes(
+    one: Boxes, other: Boxes
+) -> Iterator[tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N"]]]:
+    """The four axes along which disjoint boxes are apart, and the sums of their widths."""
     turn = other.heading_rad - one.heading_rad
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     for own, their in ((one, other), (other, one)):
         forward = unit_vector(own.heading_rad)
         mine, theirs = own.size_m, their.size_m
-        for axis, half in (
-            (forward, mine[:, 0] + theirs[:, 0] * cos + theirs[:, 1] * sin),
-            (left_of(forward), mine[:, 1] + theirs[:, 0] * sin + theirs[:, 1] * cos),
-        ):
-            away = (offset_m * axis).sum(-1)
-            rate = (velocity_mps * axis).sum(-1)
-            moves = np.abs(rate) > 1e-9
-            middle = -away / np.where(moves, rate, 1.0)
-            width = half / 2 / np.where(moves, np.abs(rate), 1.0)
-            always = np.where(np.abs(away) < half / 2, np.inf, -np.inf)
-            enter = np.maximum(enter, np.where(moves, middle - width, -always))
-            leave = np.minimum(leave, np.where(moves, middle + width, always))
-    return enter, leave
+        yield forward, mine[:, 0] + theirs[:, 0] * cos + theirs[:, 1] * sin
+        yield (
+            left_of(forward),
+            mine[:, 1] + theirs[:, 0] * sin + theirs[:, 1] * cos,
+        )
 
 
 def _post_encroachment_s(
@@ -332,3 +377,12 @@ def box_gap_m(one: Boxes, other: Boxes) -> Float[np.ndarray, "N"]:
         aside = np.maximum(np.abs((rel * left_of(forward)).sum(-1)) - half[..., 1], 0)
         gap = np.minimum(gap, np.hypot(ahead, aside).min(axis=1, initial=np.inf))
     return np.where(boxes_touch(one, other), 0.0, gap)
+
+
+def signed_gap_m(one: Boxes, other: Boxes) -> Float[np.ndarray, "N"]:
+    """Distance between N pairs of boxes; of those that touch, minus their depth."""
+    offset_m = other.position_m - one.position_m
+    depth = np.full(len(offset_m), np.inf)
+    for axis, width in _separating_axes(one, other):
+        depth = np.minimum(depth, width / 2 - np.abs((offset_m * axis).sum(-1)))
+    return np.where(depth > 0, -depth, box_gap_m(one, other))

@@ -80,6 +80,8 @@ class Findings:
     """Distances of distributions for the headline splits."""
     scene_test: Sequence[ReportTable] = ()
     """Scene test for the headline splits, where initial states are sampled."""
+    realism: Sequence[ReportTable] = ()
+    """Likelihoods of the log for the headline splits, where they are recorded."""
 
     @property
     def num_scenes(self) -> Int[np.ndarray, "M"]:
@@ -100,8 +102,9 @@ def report_of(
         title="Evaluation",
         sections=(
             Section(title="What was done", paragraphs=_words(plan, record, found)),
-            *_scene_test(found),
+            Section(title="Scene test", tables=tuple(found.scene_test)),
             *_compared(plan.task, summary, found.distances),
+            Section(title="Realism", tables=tuple(found.realism)),
             *_development(plan.task, found),
             Section(title="Road by road", tables=tuple(road_tables(summary))),
             Section(title="All metrics", tables=tuple(complete_tables(summary))),
@@ -160,12 +163,6 @@ def _compared(
             distances,
         ),
     )
-
-
-def _scene_test(found: Findings) -> tuple[Section, ...]:
-    if not found.scene_test:
-        return ()
-    return (Section(title="Scene test", tables=tuple(found.scene_test)),)
 
 
 def _development(task: EvaluationTask, found: Findings) -> tuple[Section, ...]:
