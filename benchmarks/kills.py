@@ -29,6 +29,7 @@ from websockets.sync.client import connect
 
 from benchmarks.figures import load_in_words
 from pd_editor.base.errors import PdEditorError
+from pd_editor.base.installed_files import demo_names
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.unfinished_work import (
@@ -41,11 +42,14 @@ from tests.viewer.fake_browser import CAMERA
 LONGEST_S = 5.0
 """A process is killed at a random moment up to so long after its page is complete."""
 START_S = 90.0
+OPENS = 0.1
+"""Share of actions that open another demo."""
 LEFT_ALONE = (
     "Discard",
     "Open folder",
     "Upload",
     "Remove",
+    "overlay",
 )
 """Buttons that load torch, forget work on purpose, or want a file."""
 
@@ -188,14 +192,19 @@ def play(
         one
         for one in usable
         if str(one["label"]).startswith(
-            ("Bend", "S-bend", "Waves", "Undo", "Redo", "Star", "Write to", "Open demo")
+            ("Bend", "S-bend", "Waves", "Undo", "Redo", "Save to", "Write to")
         )
         or "turn" in str(one["label"]).lower()
     ]
-    for one in controls:
-        if one["label"] == "Into folder":
-            send(one["uuid"], str(out))
+    named = {one["label"]: one["uuid"] for one in controls}
+    send(named["Into folder"], str(out))
     while time.monotonic() < end:
+        if dice.random() < OPENS:
+            send(named["All scenarios"], True)
+            for kind, value in ("source", "demos"), ("open", dice.choice(demo_names())):
+                event = {"kind": kind, "value": value}
+                said = json.dumps({"element": "startPage", "event": event})
+                send(named["overlay"], said)
         one = dice.choice(often if often and dice.random() < 0.6 else usable)
         kind = one["kind"]
         if one["options"]:

@@ -26,6 +26,7 @@ import "./elements/placing.ts";
 import "./elements/region.ts";
 import "./elements/pair.ts";
 import "./elements/run_bar.ts";
+import "./elements/start_page.ts";
 import "./elements/strip.ts";
 import "./elements/scorecard.ts";
 import "./elements/status.ts";

@@ -243,7 +243,7 @@ export interface MapWindowEvent {
 }
 
 export interface Tool {
-  readonly icon: "3d" | "agents" | "bend" | "compare" | "fit" | "follow-path" | "frame" | "goal-point" | "help" | "live" | "measure" | "place" | "redo" | "scorecard" | "select" | "stop-at-line" | "top" | "undo";
+  readonly icon: "3d" | "agents" | "bend" | "compare" | "fit" | "follow-path" | "frame" | "goal-point" | "help" | "live" | "measure" | "place" | "redo" | "scenes" | "scorecard" | "select" | "stop-at-line" | "top" | "undo";
   readonly hint: string;
   readonly isActive: boolean;
   readonly isEnabled: boolean;
@@ -257,7 +257,7 @@ export interface ToolbarState {
 
 export interface ToolbarEvent {
   readonly kind: "press" | "release";
-  readonly icon: "3d" | "agents" | "bend" | "compare" | "fit" | "follow-path" | "frame" | "goal-point" | "help" | "live" | "measure" | "place" | "redo" | "scorecard" | "select" | "stop-at-line" | "top" | "undo";
+  readonly icon: "3d" | "agents" | "bend" | "compare" | "fit" | "follow-path" | "frame" | "goal-point" | "help" | "live" | "measure" | "place" | "redo" | "scenes" | "scorecard" | "select" | "stop-at-line" | "top" | "undo";
 }
 
 export interface TimelineMark {
@@ -321,6 +321,54 @@ export interface SpeedCurveEvent {
 export interface Choice {
   readonly value: string | number;
   readonly text: string;
+}
+
+export interface SceneTile {
+  readonly key: string;
+  readonly title: string;
+  readonly lines: readonly (string)[];
+  readonly picture: string;
+  readonly isOpen: boolean;
+  readonly isSaved: boolean;
+  readonly isTicked: boolean | null;
+  readonly canSave: boolean;
+  readonly reject: string;
+}
+
+export interface SceneFacet {
+  readonly name: "agents" | "city" | "future" | "sort" | "split";
+  readonly label: string;
+  readonly value: string;
+  readonly choices: readonly (Choice)[];
+}
+
+export interface StartPageState {
+  readonly isOpen: boolean;
+  readonly source: string;
+  readonly sources: readonly (Choice)[];
+  readonly line: string;
+  readonly isWrong: boolean;
+  readonly told: string;
+  readonly common: readonly (string)[];
+  readonly facets: readonly (SceneFacet)[];
+  readonly index: string;
+  readonly isIndexing: boolean;
+  readonly tiles: readonly (SceneTile)[];
+  readonly first: number;
+  readonly total: number;
+}
+
+export interface ScenePictureState {
+  readonly name: string;
+  readonly picture: string;
+}
+
+export interface StartPageEvent {
+  readonly kind: "close" | "common" | "draw" | "facet" | "index" | "line" | "open" | "page" | "reject" | "save" | "source" | "tick";
+  readonly value?: string;
+  readonly name?: string;
+  readonly first?: number;
+  readonly keys?: readonly (string)[];
 }
 
 export interface CardLine {
@@ -733,6 +781,8 @@ export interface States {
   readonly "playhead": PlayheadState;
   readonly "speedCurve": SpeedCurveState;
   readonly "timeHandles": TimeHandlesState;
+  readonly "startPage": StartPageState;
+  readonly "scene-picture": ScenePictureState;
   readonly "samples": SamplesState;
   readonly "sample-pictures": SamplePicturesState;
   readonly "branches": BranchesState;
@@ -768,6 +818,7 @@ export interface Events {
   readonly "timeline": TimelineEvent;
   readonly "speedCurve": SpeedCurveEvent;
   readonly "timeHandles": TimeHandlesEvent;
+  readonly "startPage": StartPageEvent;
   readonly "samples": StripEvent;
   readonly "branches": StripEvent;
   readonly "pair": ScenePairEvent;

@@ -23,15 +23,13 @@ from pd_editor.cli.options.arguments import (
 if TYPE_CHECKING:
     from pd_editor.viewer.viewer_app import ViewerApp
 
-DEFAULT_DEMO = "signalised-junction"
-
 
 @dataclass(frozen=True, kw_only=True)
 class EditOptions(PartOptions):
     """Options of ``pd-editor edit``.
 
     Args:
-        scenario: A demo's name, an Argoverse 2 scenario folder, or a file of another format.
+        scenario: A demo's name, an Argoverse 2 scenario folder, or a file of another format; the list of all scenarios if not given.
         host: Address to listen on; 0.0.0.0 lets other machines in. Folders of this machine are closed to them.
         port: Port to listen on; the next free one if it is taken.
         around: Metres in the file's frame, about which a square of its map is used; the browser can choose it, too.
@@ -44,9 +42,9 @@ class EditOptions(PartOptions):
         debug: Offer viser's own settings and scene tree in the page.
     """
 
-    scenario: Annotated[str | Path, tyro.conf.Positional, shown("[SCENARIO]")] = field(
-        default=DEFAULT_DEMO, kw_only=False
-    )
+    scenario: Annotated[
+        str | Path | None, tyro.conf.Positional, shown("[SCENARIO]")
+    ] = field(default=None, kw_only=False)
     host: Annotated[str, shown("ADDRESS")] = "127.0.0.1"
     port: Annotated[int, shown("PORT")] = 8080
     data: OptionalFolder = None
@@ -70,7 +68,7 @@ def edit(options: EditOptions) -> None:
     from pd_editor.viewer.viewer_app import ViewerApp
 
     app = ViewerApp(
-        reference=str(options.scenario),
+        reference=None if options.scenario is None else str(options.scenario),
         cut=options.cut,
         host=options.host,
         port=options.port,

@@ -3,7 +3,7 @@
 import json as json_text
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from pd_editor.base.errors import ExportError, FolderInUseError, InputError
+from pd_editor.base.errors import ExportError, InputError
 from pd_editor.base.plain_text import one_line
 from pd_editor.base.regular_file import state_folder, user_path, write_whole
 from pd_editor.cli.export import ZIP_NAME, opened_session
@@ -27,18 +27,13 @@ from pd_editor.cli.options.arguments import (
     TagsOption,
     several,
 )
-from pd_editor.cli.output.outcome import Outcome, described, undated_recipe
+from pd_editor.cli.output.outcome import Outcome, described
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.editor.library.index_table import INDEX_NAME
-from pd_editor.editor.library.library import SORTS, Library, LibraryCard, card_of
-from pd_editor.editor.library.thumbnail import thumbnail
+from pd_editor.editor.library.library import SORTS, Library, LibraryCard
+from pd_editor.editor.library.taking_in import take_in
 from pd_editor.editor.recipe import moment
-from pd_editor.editor.scenario_store import (
-    exported_files,
-    made_by,
-    recipe_of_export,
-)
-from pd_editor.editor.variant import Variant, fit_name, free_name
+from pd_editor.editor.variant import Variant
 from pd_editor.experiments.scene_index.find import find_scenes
 from pd_editor.experiments.scene_index.index_file import (
     IndexWriter,
@@ -55,7 +50,6 @@ from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import writer
-from pd_editor.scene.scenario import Scenario
 
 _Folder = Annotated[str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 _Names = Annotated[
@@ -325,29 +319,7 @@ def _added(
     """Take one scene into a library; returns its name, or none if it is there already."""
     library = Library(root)
     session = opened_session(reference, Variant(), SceneCut())
-    scenario, base, recipe = session.scenario, session.base, undated_recipe(session)
-    judge: Scenario | None = base
-    own = None if session.entries else recipe_of_export(Path(reference))
-    if own is not None and own.result_id == scenario.scenario_id:
-        # An export keeps its recipe, whether or not its base is at hand.
-        is_file = Path(reference).is_file()
-        scenario = base = made_by(scenario, own) if is_file else scenario
-        recipe, judge = own, None
-    about = recipe.variant.tagged(tags, (), recipe.variant.note or note)
-    wanted, tried = fit_name(recipe.result_id), set[str]()
-    while True:
-        name = free_name(wanted, tried.__contains__)
-        recipe = replace(recipe, variant=replace(about, name=name))
-        files = exported_files(scenario, recipe, judge)
-        if library.holds(name, files):
-            return ""
-        try:
-            card = card_of(scenario, base, recipe, author)
-            library.add(card, files, thumbnail(scenario))
-        except FolderInUseError:
-            tried.add(name)
-        else:
-            return name
+    return take_in(library, session, reference, tags=tags, note=note, author=author)
 
 
 def _cells(card: LibraryCard) -> tuple[str, ...]:

@@ -132,7 +132,8 @@ class BrowserSession:
         """Play once; frames for a page that cannot draw yet would only pile up."""
         if self.workspace.is_new:
             self.workspace.is_new = False
-            self.workspace.playback.play()
+            if not self.elements.start.is_open:
+                self.workspace.playback.play()
 
     def _show_page(self) -> None:
         """Set title and theme of the page; a star marks a scenario with edits in force."""
@@ -217,12 +218,10 @@ class BrowserSession:
             tab.chip.show()
         if now >= self._follows_library_at:
             self._follows_library_at = now + LIBRARY_FOLLOW_S
-            tab.library.follow()
-            tab.unfinished.follow()
-            tab.dataset.follow_index()
+            tab.start.follow()
         is_searching = workspace.search_on()
         if is_searching:
-            tab.dataset.show()
+            tab.start.follow_search()
         is_due, pause_s = workspace.playback.advance()
         if is_due:
             with self._client.atomic():

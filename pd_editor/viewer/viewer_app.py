@@ -35,6 +35,7 @@ from pd_editor.viewer.state.session_shelf import SessionShelf
 from pd_editor.viewer.state.workspace import Workspace
 
 _LOG = logging.getLogger(__name__)
+DEFAULT_DEMO: Final = "signalised-junction"
 STORAGE_KEY: Final = "pd-editor-sessions"
 STORAGE_TIMEOUT_S: Final = 2.0
 VISITORS_NAME: Final = "visitors"
@@ -56,7 +57,7 @@ class ViewerApp:
     def __init__(
         self,
         *,
-        reference: str,
+        reference: str | None = None,
         cut: SceneCut | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
@@ -69,6 +70,7 @@ class ViewerApp:
     ) -> None:
         """Start serving, with models and plugins of one's own among the generators.
 
+        Without a ``reference`` pages begin with the list of all scenarios, over a demo.
         ``cut`` says what is used of each recording that is opened by its place.
         All visitors share a ``library`` that is named; else each has one in ``state``,
         the folder of unfinished work. With ``debug`` the page offers viser's own settings and scene tree. With a
@@ -81,7 +83,8 @@ class ViewerApp:
         """
         self._generators = catalogue_with(models)
         self._cut = cut or SceneCut()
-        self._reference, self._is_long = reference, False
+        self._reference, self._is_long = reference or DEFAULT_DEMO, False
+        self._starts_open = reference is None
         self._scenario = self._open(self._cut)
         self._is_local = is_loopback(host)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
@@ -218,6 +221,8 @@ class ViewerApp:
                     },
                 )
                 self._workspaces[key].cut = replace(self._cut, window=None)
+                start = replace(self._workspaces[key].start, is_open=self._starts_open)
+                self._workspaces[key].start = start
             workspace = self._workspaces[key]
             tab = BrowserSession(
                 client, workspace, self._generators, is_debug=self._is_debug

@@ -154,6 +154,15 @@ class EditorPage:
         field.fill(str(value))
         field.press("Enter")
 
+    def choose_scene(self, source: str, name: str) -> None:
+        """Open a scenario in the page of all scenarios, by mouse."""
+        page = self.page.get_by_role("region", name="All scenarios")
+        if not page.is_visible():
+            self.key("n")
+        page.get_by_role("tab", name=source).click()
+        page.get_by_role("listitem").get_by_role("button", name=name).first.click()
+        expect(page).to_be_hidden()
+
     def pause(self) -> None:
         """Stop playback, if it runs, by the timeline's button."""
         if self.workspace.playback.is_playing:

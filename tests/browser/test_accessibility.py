@@ -44,3 +44,6 @@ def test_axe_finds_no_serious_fault(open_editor, scheme):
     editor.key("i")
     editor.page.get_by_role("region", name="Scorecard").wait_for()
     assert not faults(editor), "scorecard"
+    editor.key("n")
+    editor.page.locator(".pd-start-drawn").first.wait_for()
+    assert not faults(editor), "all scenarios"

@@ -62,7 +62,8 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(
     )
     try:
         expect(alert).to_contain_text("started anew. Your edits are under")
-        expect(page.get_by_role("button", name="Unfinished work (1)")).to_be_visible()
+        page.keyboard.press("n")
+        expect(page.get_by_role("tab", name="Unfinished 1")).to_be_visible()
         assert page.evaluate("window.__bare") == []
         expect(page.locator(".pd-lost")).to_have_count(0)
     finally:

@@ -42,9 +42,7 @@ def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
     editor.until(
         lambda: editor.session.scenario.scenario_id == "two-lane-road", "the folder"
     )
-    editor.choose("Demo", "signalised-junction")
-    notice(editor, "Lights turn green for a full street of three lanes")
-    editor.press("Open demo")
+    editor.choose_scene("Demos", "signalised-junction Lights turn green for a full")
     editor.until(
         lambda: editor.session.scenario.scenario_id != "two-lane-road", "the demo"
     )
@@ -158,17 +156,16 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
     editor = open_editor(state=state)
     notice(editor, "Unfinished work found")
     # The notice stays until the list is opened.
-    editor.press("Unfinished work (1)")
+    editor.key("n")
+    tab = editor.page.get_by_role("tab", name="Unfinished 1")
+    expect(tab).to_be_visible()
     expect(editor.page.get_by_text("Unfinished work found")).to_have_count(0)
-    editor.press("Close")
+    editor.key("Escape")
     editor.reload()
-    editor.page.get_by_role("button", name="Unfinished work (1)").wait_for()
     editor.settle()
     # It was said again at each reload.
     assert not editor.page.get_by_text("Unfinished work found").count()
-    editor.press("Unfinished work (1)")
-    row = editor.page.get_by_role("button", name="signalised-junction · ")
-    row.click()
+    editor.choose_scene("Unfinished", "signalised-junction 2 edits, last ")
     editor.until(lambda: len(editor.session.entries) == 2, "the work")
     assert editor.session.state.position == 1
     editor.key("Control+y")
@@ -191,17 +188,15 @@ def test_another_scenario_keeps_the_edits_and_coming_back_resumes_them(open_edit
     )
     editor.until(lambda: session.selection == (other,), "edits")
     edited = session.scenario
-    editor.choose("Demo", "roundabout")
-    editor.press("Open demo")
+    editor.choose_scene("Demos", "roundabout")
     editor.until(lambda: session.scenario.scenario_id == "roundabout", "another demo")
     notice(editor, "2 edits of signalised-junction are kept")
     assert not session.entries
-    editor.press("Unfinished work (1)")
+    editor.key("n")
+    editor.page.get_by_role("tab", name="Unfinished 1").click()
     notice(editor, "2 edits, last")
     editor.screenshot("40_unfinished")
-    editor.press("Close")
-    editor.choose("Demo", "signalised-junction")
-    editor.press("Open demo")
+    editor.choose_scene("Demos", "signalised-junction")
     editor.until(lambda: session.scenario is edited, "the edits")
     notice(editor, "Back to signalised-junction")
     assert len(session.entries) == 2
@@ -219,17 +214,18 @@ def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
         lambda: session.apply(SetAgentSpeed(agent_ids=(focal,), speed_mps=3.0))
     )
     editor.until(lambda: session.entries, "an edit")
-    editor.choose("Demo", "roundabout")
-    editor.press("Open demo")
+    editor.choose_scene("Demos", "roundabout")
     editor.until(lambda: session.scenario.scenario_id == "roundabout", "another demo")
-    editor.press("Unfinished work (1)")
-    editor.press("Discard some ...")
-    row = editor.page.get_by_role("button", name="signalised-junction-1-edit · ")
-    row.click()
-    editor.press("Discard 1 for good")
-    notice(editor, "There is none")
+    editor.key("n")
+    editor.page.get_by_role("tab", name="Unfinished 1").click()
+    editor.page.locator(".pd-start-box").hover()
+    discard = editor.page.get_by_role("button", name="Discard")
+    discard.click()
+    notice(editor, "X again discards it for good")
+    assert len(editor.workspace.shelf.unfinished()) == 1
+    discard.click()
+    notice(editor, "Nothing found.")
     assert editor.workspace.shelf.unfinished() == []
-    editor.press("Close")
 
 
 def test_a_library_is_opened_again_as_a_list(open_editor, tmp_path):

@@ -221,6 +221,16 @@ class FakeTab:
         message = {"number": next(self._numbers), "element": element, "event": event}
         self.type("overlay", json.dumps(message))
 
+    def choose(self, source: Any, key: str, kind: str = "open") -> None:
+        """Open a scenario of the start page, or do something else with it."""
+        self.run(lambda: self.elements.start.open(source))
+        self.hear("startPage", kind=kind, value=key)
+
+    def tiles(self, source: Any) -> dict[str, dict[str, Any]]:
+        """What the start page shows of a source, by keys."""
+        self.run(lambda: self.elements.start.open(source))
+        return {one["key"]: one for one in self.shown("startPage")["tiles"]}
+
     def enter(self, handle: Any, value: Any) -> None:
         """Give an input a value as the page does; buttons have the value True."""
         self.send(
@@ -290,7 +300,9 @@ def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
 
 
 @contextlib.contextmanager
-def running_app(state: Path, reference: str, **options: Any) -> Iterator[ViewerApp]:
+def running_app(
+    state: Path, reference: str | None, **options: Any
+) -> Iterator[ViewerApp]:
     """An app on a free port; no browser answers for its storage, so do not wait.
 
     No shipped network runs in it: live reactions to an edit would load torch on a thread,

@@ -60,7 +60,7 @@ define("connection", (api) => {
   return ({ isNew }) => {
     if (!lostPicture) return;
     words.textContent = isNew
-      ? "Connected to a server that was started anew. Your edits are under \u201cUnfinished work\u201d."
+      ? "Connected to a server that was started anew. Your edits are under \u201cUnfinished\u201d (N)."
       : "Connected again. All edits are here.";
     bar.classList.add("pd-good");
     bar.hidden = false;

@@ -19,6 +19,7 @@ const PATHS: Partial<Record<Tool["icon"], string>> = {
   scorecard: "M3 16.5V10h3.5v6.5M8.2 16.5V4h3.5v12.5M13.5 16.5V7.5H17v9",
   compare: "M10 3v14M8 5.5H3.5v9H8M12 5.5h4.5v9H12",
   live: "M2 10h3.5l2-5.5 4 11 2.5-7.5 1.2 2H18",
+  scenes: "M3 3.5h5.5V9H3zM11.5 3.5H17V9h-5.5zM3 12h5.5v5H3zM11.5 12H17v5h-5.5z",
   help: "M7.2 7.4a2.8 2.8 0 1 1 4.4 2.3c-1 .7-1.6 1.2-1.6 2.5M10 15.2v.4",
 };
 

@@ -75,22 +75,32 @@ class CardFilter:
     """Whether scenarios without a logged future are left out."""
     among: Collection[Path] | None = None
     """Folders of which it is one."""
+    words: tuple[str, ...] = ()
+    """Parts of its id, city and split, in small letters; one of ``among`` needs none."""
+    without: Collection[Path] = ()
+    """Folders of which it is none."""
 
     def accepts_place(self, scenario_id: str, folder: Path) -> bool:
         """Whether an id and a folder pass the filter; reads no file."""
         is_named = not self.text or self.text.strip().lower() in scenario_id.lower()
-        return is_named and (self.among is None or folder in self.among)
+        is_asked = self.among is None or bool(self.words) or folder in self.among
+        return is_named and is_asked and folder not in self.without
 
     def accepts(self, card: ScenarioCard) -> bool:
         """Whether a scenario passes the filter."""
         return (
             self.accepts_place(card.scenario_id, card.folder)
+            and (self._has_words(card) or card.folder in (self.among or ()))
             and (not self.city or self.city == card.city)
             and (self.split is None or self.split == card.split)
             and (card.has_future or not self.with_future)
             and (self.min_agents is None or card.num_agents >= self.min_agents)
             and (self.max_agents is None or card.num_agents <= self.max_agents)
         )
+
+    def _has_words(self, card: ScenarioCard) -> bool:
+        text = f"{card.scenario_id} {card.city} {card.split}".lower()
+        return all(one in text for one in self.words)
 
 
 @dataclass(frozen=True, kw_only=True)

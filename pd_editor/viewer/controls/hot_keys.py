@@ -62,8 +62,9 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Keys and mouse", tab.key_sheet.open)
     key("Clear selection", tab.escape, "escape")
     key("Save to library", tab.library.save, "S")
-    key("Next scenario", lambda: tab.dataset.go(+1), "pagedown")
-    key("Previous scenario", lambda: tab.dataset.go(-1), "pageup")
+    key("All scenarios", tab.start.toggle, "N")
+    key("Next scenario", lambda: tab.start.go(+1), "pagedown")
+    key("Previous scenario", lambda: tab.start.go(-1), "pageup")
 
 
 def _add_time_keys(ui: UiContext, timeline: Timeline) -> None:

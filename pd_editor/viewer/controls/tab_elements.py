@@ -12,12 +12,11 @@ from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.key_sheet import KeySheet
 from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, STUDY, Hints, SidePanel
 from pd_editor.viewer.controls.view_panel import ViewPanel
-from pd_editor.viewer.files.dataset_panel import DatasetPanel
 from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.files.family_panel import FamilyPanel
 from pd_editor.viewer.files.library_panel import LibraryPanel
 from pd_editor.viewer.files.scenario_panel import ScenarioPanel
-from pd_editor.viewer.files.unfinished_panel import UnfinishedPanel
+from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.findings.scorecard_drawer import ScorecardDrawer
 from pd_editor.viewer.findings.status_chip import StatusChip
 from pd_editor.viewer.generation.candidates_panel import CandidatesPanel
@@ -63,6 +62,7 @@ class TabElements:
         ui = self._ui
         self.timeline = Timeline(ui)
         self.viewpoint = Viewpoint(ui)
+        self.start = StartPage(ui, self.timeline, self.viewpoint)
         SidePanel(ui, is_debug=is_debug)
         self.measure = Measure(ui)
         self.placing = PlacingMode(ui)
@@ -91,11 +91,9 @@ class TabElements:
         self.agent_list = AgentList(ui)
         tabs = gui.add_tab_group()
         with tabs.add_tab(SCENE):
-            self.scenario = ScenarioPanel(ui)
+            self.scenario = ScenarioPanel(ui, self.start)
             self.export = ExportPanel(ui)
-            self.unfinished = UnfinishedPanel(ui)
-            self.dataset = DatasetPanel(ui, self.timeline, self.viewpoint)
-            self.library = LibraryPanel(ui, self.export)
+            self.library = LibraryPanel(ui, self.export, self.start)
         with tabs.add_tab("Road"):
             self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
             self.bending = Bending(ui, self.road)
@@ -151,7 +149,6 @@ class TabElements:
         """End what panels run."""
         self.generation.close()
         self.study.close()
-        self.dataset.close()
         self.export.close()
         self.family.close()
         self.viewpoint.remember()

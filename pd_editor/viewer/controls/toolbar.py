@@ -81,6 +81,7 @@ def _tool_groups(ui: UiContext, tab: TabElements) -> tuple[tuple[ToolButton, ...
     model, viewpoint = ui.model, tab.viewpoint
     comparison, live = tab.picture.comparison, tab.generation.live_switch
     return (
+        (ToolButton("scenes", tab.start.toggle, "All scenarios (N)"),),
         _history_tools(ui.session, tab.history),
         _picture_tools(ui, tab),
         _view_tools(viewpoint),

@@ -8,7 +8,6 @@ from typing import Any, Final
 import viser
 
 from pd_editor.base.errors import ArchiveError, InputError
-from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.editor.scenario_store import is_foreign
@@ -23,12 +22,12 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.files.map_window import MapWindowCard
 from pd_editor.viewer.files.moment_dialog import MomentDialog
+from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.server.server_guard import limit_uploads
 from pd_editor.viewer.tab.panel_style import FixedText, PictureRows, plain
-from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
 CARD_LINES: Final = 4
-NO_DEMO: Final = "Choose a demo"
 UPLOAD_TYPES: Final = (
     ".zip,.parquet,.json,.xml,.xodr,.osm,.gz,.pkl,application/zip,application/json"
 )
@@ -38,7 +37,7 @@ UPLOAD_TYPES: Final = (
 class ScenarioPanel:
     """Shows the open scenario, and opens others."""
 
-    def __init__(self, ui: UiContext) -> None:
+    def __init__(self, ui: UiContext, start: StartPage) -> None:
         """Build it into the current tab."""
         self._ui = ui
         self._workspace = ui.workspace
@@ -58,9 +57,11 @@ class ScenarioPanel:
         )
         ui.on_click(self._part, self._choose_part)
         with gui.add_folder("Open"):
-            self._demo = gui.add_dropdown("Demo", (NO_DEMO, *demo_names()))
-            self._shows = FixedText(gui, 2)
-            open_demo = gui.add_button("Open demo", icon=viser.Icon.FOLDER_OPEN)
+            show_all = gui.add_button(
+                "All scenarios",
+                icon=viser.Icon.LAYOUT_GRID,
+                hint="Demos, dataset, library and unfinished work as pictures (N)",
+            )
             self._folder = gui.add_text(
                 "Folder", "", hint="A scenario folder, or a file of another format"
             )
@@ -76,8 +77,7 @@ class ScenarioPanel:
             self._of_zip = gui.add_button("", color="gray", visible=False)
         ui.model.shown.subscribe(self.show)
         ui.on_click(self._of_zip, self._choose_scenario)
-        ui.on_change(self._demo, self._tell_demo)
-        ui.on_click(open_demo, self._open_demo)
+        ui.on_click(show_all, start.toggle)
         ui.on_click(open_folder, self._open_folder)
 
         limit_uploads(ui.client, MAX_UPLOAD_BYTES, self._upload_refused)
@@ -91,14 +91,10 @@ class ScenarioPanel:
             )
 
     def show(self) -> None:
-        """Show the open scenario; the menu of demos follows it."""
+        """Show the open scenario."""
         scenario = self._ui.session.scenario
         if self._base is not self._ui.session.base:
             self._base = self._ui.session.base
-            name = self._base.provenance.source.removeprefix(DEMO_PREFIX)
-            name = name if name in self._demo.options else NO_DEMO
-            set_value(self._demo, name)
-            self._tell_demo(name)
             self._ui.post(self._offer_continuation)
             self._offer_cut(self._base)
             set_property(self._part, "visible", self._workspace.can_open_again)
@@ -162,15 +158,6 @@ class ScenarioPanel:
 
     def _decline(self) -> None:
         self._workspace.continuation = None
-
-    def _tell_demo(self, name: str) -> None:
-        self._shows.show("", _shows(name))
-
-    def _open_demo(self) -> None:
-        if self._demo.value == NO_DEMO:
-            raise InputError("Choose a demo first.")
-        self._ui.commit_gesture()
-        self._workspace.open_reference(str(self._demo.value))
 
     def _open_folder(self) -> None:
         path = str(self._folder.value).strip()
@@ -270,10 +257,3 @@ class ScenarioPanel:
             f"{name} has {size:.0f} MiB; at most {limit} MiB are taken."
         )
         self._ui.post(lambda: self._ui.report(error))
-
-
-def _shows(name: str) -> str:
-    if name == NO_DEMO:
-        return "Small scenes that come with the editor."
-    sentence = demo_sentence(name)
-    return f"{sentence[:1].upper() + sentence[1:]}." if sentence else ""

@@ -299,7 +299,7 @@ class MapWindowEvent(Message, frozen=True):
 Icon = Literal[
     "undo", "redo", "select", "place", "goal-point", "follow-path", "stop-at-line",
     "bend", "measure", "3d", "top", "fit", "frame", "agents", "scorecard", "compare",
-    "live", "help",
+    "live", "scenes", "help",
 ]  # fmt: skip
 
 
@@ -406,6 +406,65 @@ class SpeedCurveEvent(Message, frozen=True):
 class Choice(Message, frozen=True):
     value: str | int
     text: str
+
+
+class SceneTile(Message, frozen=True):
+    """A scenario that can be opened; ``picture`` names what its picture shows."""
+
+    key: str
+    title: str
+    lines: tuple[str, ...]
+    picture: str
+    is_open: bool = False
+    is_saved: bool = False
+    is_ticked: bool | None = None
+    """None: it cannot be ticked."""
+    can_save: bool = False
+    reject: str = ""
+    """What X does; empty: nothing."""
+
+
+class SceneFacet(Message, frozen=True):
+    name: Literal["city", "split", "agents", "future", "sort"]
+    label: str
+    value: str
+    choices: tuple[Choice, ...]
+
+
+class StartPageState(Message, frozen=True):
+    """A page of the scenarios of one source that pass the filter."""
+
+    is_open: bool
+    source: str
+    sources: tuple[Choice, ...]
+    line: str
+    is_wrong: bool
+    told: str
+    common: tuple[str, ...]
+    """Conditions that a button adds to the line."""
+    facets: tuple[SceneFacet, ...]
+    index: str
+    """Label of the button that indexes or cancels that; empty: there is none."""
+    is_indexing: bool
+    tiles: tuple[SceneTile, ...]
+    first: int
+    total: int
+
+
+class ScenePictureState(Message, frozen=True):
+    name: str
+    picture: str
+
+
+class StartPageEvent(Message, frozen=True):
+    kind: Literal[
+        "close", "source", "line", "common", "facet", "index", "page",
+        "draw", "open", "save", "reject", "tick",
+    ]  # fmt: skip
+    value: str = ""
+    name: str = ""
+    first: int = 0
+    keys: tuple[str, ...] = ()
 
 
 class CardLine(Message, frozen=True):
@@ -867,6 +926,8 @@ STATES: Final[dict[str, type[Message]]] = {
     "playhead": PlayheadState,
     "speedCurve": SpeedCurveState,
     "timeHandles": TimeHandlesState,
+    "startPage": StartPageState,
+    "scene-picture": ScenePictureState,
     "samples": SamplesState,
     "sample-pictures": SamplePicturesState,
     "branches": BranchesState,
@@ -903,6 +964,7 @@ EVENTS: Final[dict[str, type[Message]]] = {
     "timeline": TimelineEvent,
     "speedCurve": SpeedCurveEvent,
     "timeHandles": TimeHandlesEvent,
+    "startPage": StartPageEvent,
     "samples": StripEvent,
     "branches": StripEvent,
     "pair": ScenePairEvent,

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (dd16c45af0cba6f6); not to be edited. */
+/* Built by .ci/client.py from client/ (a3d10afe2de00b44); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1023,7 +1023,7 @@
     onDispose(() => clearInterval(watch));
     return ({ isNew }) => {
       if (!lostPicture) return;
-      words.textContent = isNew ? "Connected to a server that was started anew. Your edits are under “Unfinished work”." : "Connected again. All edits are here.";
+      words.textContent = isNew ? "Connected to a server that was started anew. Your edits are under “Unfinished” (N)." : "Connected again. All edits are here.";
       bar.classList.add("pd-good");
       bar.hidden = false;
       setTimeout(() => {
@@ -2864,10 +2864,299 @@
     };
   });
 
+  // src/elements/start_page.ts
+  var STANDS = ' begin="indefinite"';
+  var MOST_PICTURES = 400;
+  var LINE_PAUSE_MS = 200;
+  var KEEPS = "M10 2.6l2.3 4.7 5.2.7-3.8 3.6.9 5.1L10 14.3l-4.6 2.4.9-5.1L2.5 8l5.2-.7z";
+  var REJECTS = "M5 5l10 10M15 5L5 15";
+  var TICKS = "M4.5 10.5l3.5 3.5 7.5-8";
+  var reduced = window.matchMedia("(prefers-reduced-motion: reduce)");
+  var pictures = /* @__PURE__ */ new Map();
+  var drawPicture = () => {
+  };
+  var asImage = (text) => `data:image/svg+xml,${encodeURIComponent(text)}`;
+  define("startPage", (api) => {
+    let state = null;
+    let cursor = 0;
+    let takesFocus = false;
+    let asked = /* @__PURE__ */ new Set();
+    const page = make("section", "pd-start-page", { "aria-label": "All scenarios" });
+    const sources = make("div", "pd-start-sources", { role: "tablist", "aria-label": "Sources" });
+    const line = make("input", "pd-start-line", {
+      type: "search",
+      placeholder: "Find words, or what happens: cut-in and density > 20",
+      "aria-label": "Find",
+      maxlength: 500,
+      spellcheck: "false"
+    });
+    const close = button("pd-start-close", "Back to the scene", () => tell({ kind: "close" }), { title: "Close (Esc)" });
+    const head3 = make("header", "pd-start-head");
+    head3.append(make("h1", "", {}, "Scenarios"), sources, line, close);
+    const common = make("div", "pd-start-common", { role: "group", "aria-label": "What happens" });
+    const facets = make("div", "pd-start-facets");
+    const told = make("p", "pd-start-told", { role: "status" });
+    const index = button("pd-start-index", "", () => tell({ kind: "index" }));
+    const row = make("div", "pd-start-row");
+    row.append(told, index, facets);
+    const list = make("div", "pd-start-list", { role: "list", "aria-label": "Scenarios" });
+    const pages = make("div", "pd-start-pages");
+    const [before, after] = [-1, 1].map(
+      (by) => button("", by < 0 ? "Previous" : "Next", () => turn(by), { title: by < 0 ? "Page Up" : "Page Down" })
+    );
+    const range = make("span");
+    pages.append(before, range, after);
+    const keys = make(
+      "p",
+      "pd-start-keys",
+      {},
+      "Arrows walk · Enter opens · S saves to the library · X rejects · / finds"
+    );
+    const foot = make("footer", "pd-start-foot");
+    foot.append(keys, pages);
+    page.append(head3, common, row, list, foot);
+    page.hidden = true;
+    api.box.append(page);
+    function tell(event) {
+      api.send({ value: "", name: "", first: 0, keys: [], ...event });
+    }
+    const tiles = () => [...list.querySelectorAll(".pd-start-tile")];
+    const first = () => state?.first ?? 0;
+    const total = () => state?.total ?? 0;
+    const size = () => state?.tiles.length ?? 0;
+    const columns = () => {
+      const tops = tiles().map((one) => one.parentElement?.offsetTop);
+      const inFirst = tops.filter((top) => top === tops[0]).length;
+      return Math.max(inFirst, 1);
+    };
+    const seen = new IntersectionObserver(
+      (entries) => {
+        const names = new Map(state?.tiles.map((one) => [one.key, one.picture]));
+        const wanted = entries.filter((one) => one.isIntersecting).map((one) => one.target.dataset.key ?? "").filter((key) => !pictures.has(names.get(key) ?? ""));
+        for (const key of wanted) asked.add(key);
+        const open = [...asked].filter((key) => names.has(key) && !pictures.has(names.get(key) ?? ""));
+        asked = new Set(open);
+        if (wanted.length) tell({ kind: "draw", keys: open });
+      },
+      { root: list, rootMargin: "200px" }
+    );
+    onDispose(() => seen.disconnect());
+    function show(tile, moves = false) {
+      const text = pictures.get(tile.dataset.picture ?? "");
+      const image = tile.querySelector("img");
+      if (!image) return;
+      tile.classList.toggle("pd-start-drawn", text !== void 0);
+      if (text) image.src = asImage(moves && !reduced.matches ? text.replaceAll(STANDS, "") : text);
+    }
+    drawPicture = (name) => {
+      for (const tile of tiles()) if (tile.dataset.picture === name) show(tile, tile.matches(":hover, :focus"));
+    };
+    function walk(to) {
+      if (!total()) return;
+      const target = clamp(to, 0, total() - 1);
+      cursor = target;
+      const tile = tiles()[target - first()];
+      if (tile) focus(tile);
+      else {
+        takesFocus = true;
+        tell({ kind: "page", first: target });
+      }
+    }
+    function focus(tile) {
+      for (const one of tiles()) one.tabIndex = one === tile ? 0 : -1;
+      tile.focus({ preventScroll: true });
+      tile.scrollIntoView({ block: "nearest" });
+    }
+    function turn(by) {
+      const most = Math.max(total() - 1, 0);
+      const target = by < 0 ? first() - 1 : first() + size();
+      if (target >= 0 && target <= most) walk(target);
+    }
+    function tileOf(shown, at) {
+      const box = make("div", "pd-start-box", {
+        role: "listitem",
+        "aria-setsize": total(),
+        "aria-posinset": first() + at + 1
+      });
+      const tile = make("div", "pd-start-tile", {
+        role: "button",
+        tabindex: "-1",
+        "aria-current": String(shown.isOpen),
+        title: [shown.title, ...shown.lines].join("\n")
+      });
+      tile.dataset.key = shown.key;
+      tile.dataset.picture = shown.picture;
+      const frame = make("div", "pd-start-picture");
+      frame.append(make("img", "", { alt: "", draggable: "false" }));
+      if (shown.isOpen) frame.append(make("span", "pd-start-mark", {}, "Open"));
+      const act = (kind, path, label, isOn = false) => {
+        const made = button("pd-start-act", "", () => tell({ kind, value: shown.key }), {
+          tabindex: "-1",
+          "aria-label": `${label}: ${shown.title}`,
+          "aria-pressed": String(isOn),
+          title: label
+        });
+        made.append(icon(path, 20));
+        return made;
+      };
+      const acts = make("div", "pd-start-acts");
+      if (shown.isTicked !== null) acts.append(act("tick", TICKS, "Tick (Space)", shown.isTicked ?? false));
+      if (shown.canSave)
+        acts.append(act("save", KEEPS, shown.isSaved ? "In the library" : "Save to the library (S)", shown.isSaved));
+      if (shown.reject) acts.append(act("reject", REJECTS, `${shown.reject} (X)`));
+      const words = make("div", "pd-start-words");
+      words.append(
+        make("strong", "", {}, shown.title),
+        ...shown.lines.slice(0, 2).map((text) => make("div", "", {}, text))
+      );
+      if (shown.reject === "Discard for good") words.append(make("em", "", {}, "X again discards it for good"));
+      tile.append(frame, words);
+      box.append(tile, acts);
+      tile.addEventListener("click", () => {
+        cursor = first() + at;
+        tell({ kind: "open", value: shown.key });
+      });
+      for (const type of ["pointerenter", "focusin"]) box.addEventListener(type, () => show(tile, true));
+      for (const type of ["pointerleave", "focusout"]) box.addEventListener(type, () => show(tile));
+      tile.addEventListener("focus", () => {
+        cursor = first() + at;
+      });
+      return box;
+    }
+    function draw(next, isOther) {
+      const hadFocus = list.contains(document.activeElement);
+      const scrolled = list.scrollTop;
+      seen.disconnect();
+      list.replaceChildren(...next.tiles.map(tileOf));
+      if (isOther) {
+        list.scrollTop = 0;
+        if (!takesFocus) cursor = next.first;
+      } else list.scrollTop = scrolled;
+      cursor = clamp(cursor, next.first, next.first + Math.max(next.tiles.length - 1, 0));
+      for (const tile of tiles()) {
+        show(tile);
+        seen.observe(tile);
+      }
+      const current = tiles()[cursor - next.first];
+      if (current) {
+        current.tabIndex = 0;
+        if (hadFocus || takesFocus) focus(current);
+      }
+      takesFocus = false;
+    }
+    function menus(next) {
+      sources.replaceChildren(
+        ...next.sources.map(({ value, text }) => {
+          const made = button("", "", () => tell({ kind: "source", value: String(value) }), {
+            role: "tab",
+            "aria-selected": String(value === next.source)
+          });
+          const [name, count] = text.split(" ");
+          made.append(`${name} `, make("span", "", {}, count));
+          return made;
+        })
+      );
+      const parts = next.line.split(/\s+and\s+/i);
+      common.hidden = !next.common.length;
+      common.replaceChildren(
+        ...next.common.map(
+          (value) => button("", value, () => tell({ kind: "common", value }), { "aria-pressed": String(parts.includes(value)) })
+        )
+      );
+      facets.replaceChildren(
+        ...next.facets.map(({ name, label, value, choices }) => {
+          const menu = make("select", "", { "aria-label": label });
+          menu.append(...choices.map((one) => option(one.value, one.text)));
+          menu.value = value;
+          menu.addEventListener("change", () => tell({ kind: "facet", name, value: menu.value }));
+          return menu;
+        })
+      );
+    }
+    let late;
+    line.addEventListener("input", () => {
+      clearTimeout(late);
+      late = setTimeout(() => tell({ kind: "line", value: line.value }), LINE_PAUSE_MS);
+    });
+    hearFirst("keydown", (event) => {
+      if (page.hidden || hasModifier(event) || ["?", "F1", "Tab"].includes(event.key)) return;
+      if (within(event, "[role=dialog], .mantine-Modal-content")) return;
+      const isLine = event.target === line;
+      const field = within(event, "input, textarea, select, [contenteditable]");
+      if (event.key === "Escape" && (isLine || !field)) {
+        take(event);
+        tell({ kind: "close" });
+      } else if (isLine) {
+        if (event.key !== "ArrowDown" && event.key !== "Enter") return;
+        take(event);
+        walk(cursor);
+      } else if (!field) hearKey(event);
+    });
+    function hearKey(event) {
+      const isOurs = page.contains(event.target);
+      const isButton = within(event, "button, [role=tab], a") !== null;
+      if (isButton && ["Enter", " "].includes(event.key)) return;
+      if (!isOurs && within(event, "[role=tab], [role=slider], [role=radio]")) return;
+      const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+      const isThere = list.contains(document.activeElement);
+      const by = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -columns(), ArrowDown: columns() }[key];
+      const value = tiles()[cursor - first()]?.dataset.key;
+      if (key === "n") {
+        take(event);
+        tell({ kind: "close" });
+        return;
+      }
+      take(event);
+      if (by !== void 0) walk(isThere ? cursor + by : cursor);
+      else if (key === "Home") walk(0);
+      else if (key === "End") walk(total() - 1);
+      else if (key === "PageUp") turn(-1);
+      else if (key === "PageDown") turn(1);
+      else if (key === "/") line.focus();
+      else if (value === void 0 || !isThere) return;
+      else if (key === "Enter") tell({ kind: "open", value });
+      else if (key === "s") tell({ kind: "save", value });
+      else if (key === "x") tell({ kind: "reject", value });
+      else if (key === " ") tell({ kind: "tick", value });
+    }
+    return (next) => {
+      const former2 = state;
+      state = next;
+      const opens = next.isOpen && !former2?.isOpen;
+      page.hidden = !next.isOpen;
+      root.classList.toggle("pd-shows-start", next.isOpen);
+      if (opens) asked.clear();
+      if (!next.isOpen) return;
+      menus(next);
+      if (document.activeElement !== line) line.value = next.line;
+      line.setAttribute("aria-invalid", String(next.isWrong));
+      told.textContent = next.told;
+      told.classList.toggle("pd-bad", next.isWrong);
+      index.hidden = !next.index;
+      index.textContent = next.index;
+      const isSame = former2?.isOpen && JSON.stringify(former2.tiles) === JSON.stringify(next.tiles);
+      const isOther = former2?.source !== next.source || former2.line !== next.line || former2.first !== next.first;
+      if (opens) takesFocus = true;
+      if (!isSame || takesFocus) draw(next, isOther || opens);
+      const isLong = next.total > next.tiles.length;
+      pages.hidden = !isLong;
+      range.textContent = `${next.first + 1} to ${next.first + next.tiles.length} of ${next.total}`;
+      before.disabled = next.first === 0;
+      after.disabled = next.first + next.tiles.length >= next.total;
+    };
+  });
+  define("scene-picture", () => ({ name, picture: picture2 }) => {
+    pictures.delete(name);
+    pictures.set(name, picture2);
+    const oldest = pictures.keys().next().value;
+    if (pictures.size > MOST_PICTURES && oldest !== void 0) pictures.delete(oldest);
+    drawPicture(name);
+  });
+
   // src/elements/strip.ts
   var CARD_PX = 172;
   var TREE_PX = 12;
-  var pictures = {};
+  var pictures2 = {};
   var redraw = {};
   var stripOf = (element, label) => (api) => {
     const strip = make("section", "pd-solid pd-samples", { "aria-label": label });
@@ -2953,7 +3242,7 @@
       });
       card.dataset.index = String(index);
       const picture2 = make("img", "", { alt: "", draggable: "false" });
-      const source = pictures[element]?.[index];
+      const source = pictures2[element]?.[index];
       if (source) picture2.src = source;
       const name = make("div", "pd-sample-name");
       name.append(make("span", "pd-sample-words", {}, words), make("span", "pd-sample-rank", {}, mark));
@@ -3039,7 +3328,7 @@
     ["branches", "branch-pictures"]
   ])
     define(name, () => (next) => {
-      pictures[element] = next.pictures;
+      pictures2[element] = next.pictures;
       redraw[element]?.();
     });
 
@@ -3849,6 +4138,7 @@
     scorecard: "M3 16.5V10h3.5v6.5M8.2 16.5V4h3.5v12.5M13.5 16.5V7.5H17v9",
     compare: "M10 3v14M8 5.5H3.5v9H8M12 5.5h4.5v9H12",
     live: "M2 10h3.5l2-5.5 4 11 2.5-7.5 1.2 2H18",
+    scenes: "M3 3.5h5.5V9H3zM11.5 3.5H17V9h-5.5zM3 12h5.5v5H3zM11.5 12H17v5h-5.5z",
     help: "M7.2 7.4a2.8 2.8 0 1 1 4.4 2.3c-1 .7-1.6 1.2-1.6 2.5M10 15.2v.4"
   };
   define("toolbar", (api) => {

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (dd16c45af0cba6f6); not to be edited. */
+/* Built by .ci/client.py from client/ (a3d10afe2de00b44); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

@@ -16,6 +16,7 @@ from pd_editor.editor.variant import ExportMark
 from pd_editor.experiments.scene_index.index_file import index_place
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.index_run import IndexRun
+from pd_editor.viewer.state.rejected import Rejected
 
 MAX_LIVE: Final = 4
 """Number of sessions in memory; older ones are restored from their journals."""
@@ -49,6 +50,7 @@ class SessionShelf:
         self.library = Library(library or folder / LIBRARY_NAME)
         self.index_run = IndexRun(self.library, index_place(self.library.root, folder))
         """Reads what happens in scenarios of the library."""
+        self.rejected = Rejected(folder)
         self._live: list[EditorSession] = []
         self._stored: set[Path] = set()
         """Journals of this shelf's sessions that are no longer in memory."""

@@ -67,6 +67,26 @@ class ViewMemory:
     """Title of the open tab of the panel; None for the first one."""
 
 
+Source = Literal["dataset", "demos", "library", "unfinished", "rejected"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartView:
+    """What the list of all scenarios shows, which a reloaded page restores."""
+
+    is_open: bool = False
+    source: Source = "demos"
+    line: str = ""
+    """Words, or a query of what happens."""
+    city: str = ""
+    split: str = ""
+    agents: str = ""
+    future: str = ""
+    sort: str = "date"
+    first: int = 0
+    """Index of the first one that is shown."""
+
+
 def vector(values: Iterable[float]) -> Vector:
     """Three plain numbers."""
     x, y, z = (float(value) for value in values)

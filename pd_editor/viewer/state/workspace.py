@@ -12,6 +12,7 @@ from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names
 from pd_editor.editor.commands import BeginAt, Command, ContinueScene
 from pd_editor.editor.library.library import LibraryCard, card_of
+from pd_editor.editor.library.taking_in import take_in
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (
@@ -52,7 +53,7 @@ from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.state.server_folders import ServerFolders
 from pd_editor.viewer.state.session_shelf import KeptWork, SessionShelf, is_same_base
 from pd_editor.viewer.state.study_run import StudyRun
-from pd_editor.viewer.state.view_memory import ViewMemory
+from pd_editor.viewer.state.view_memory import StartView, ViewMemory
 
 SEARCH_STEP: Final = 1
 """Number of scenes read between two looks at the clock; files may take a second."""
@@ -156,8 +157,7 @@ class Workspace:
         """Whether a generation was cancelled because its page had gone."""
         self.guided_runs = GuidedRuns(obeying)
         self.dataset, self.index_run = dataset, index_run
-        self.dataset_filter: dict[str, Any] = {}
-        """Values of the dataset panel's inputs, for the page that comes next."""
+        self.start = StartView(source="demos" if dataset is None else "dataset")
         self.cut = SceneCut()
         """What is used of each recording that is opened."""
         self._opened: tuple[Scenario, Path] | None = None
@@ -543,6 +543,16 @@ class Workspace:
         if former is not None and former.name in self.ticked:
             self.ticked.add(card.name)
         return card
+
+    def take_in(self, reference: str) -> str:
+        """Add a scene to the library as it is; returns its name, or none if it is there.
+
+        Raises:
+            InputError: it cannot be read.
+            ExportError: it cannot be written.
+        """
+        scenario = open_part(reference, self.cut)
+        return take_in(self.library, EditorSession(scenario), reference)
 
     def is_saved(self) -> bool:
         """Whether the library holds the current state, with what is said of it."""

@@ -5,22 +5,17 @@ import html
 import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final
 
 import viser
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.library.thumbnail import STANDS
-from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+from pd_editor.viewer.tab.ui_context import set_property, set_value
 
 _LOG: Final = logging.getLogger(__name__)
 LINE_PX: Final = 20
 ROW_PX: Final = 72
-MAX_HINT: Final = 500
-Item = TypeVar("Item")
-_BEFORE, _AFTER = "Previous", "Next"
 WITH_PAST: Final = "With a made-up past (5 s)"
 
 
@@ -84,7 +79,6 @@ class PictureRows:
         """Whether the list is gone, so that no picture is needed any more."""
         self._rules: dict[str, str] = {}
         self._element = gui.add_html("")
-        self._ticks = gui.add_html("")
 
     def add(
         self,
@@ -125,18 +119,6 @@ class PictureRows:
         )
         self._show()
 
-    def tick(self, rows: Iterable[viser.GuiButtonHandle]) -> None:
-        """Show which rows are ticked."""
-        names = [f'[id="{one._impl.uuid}"]' for one in rows]
-        edge = "var(--mantine-primary-color-filled)"
-        rules = (
-            f"{one}{one}{{border-color:{edge};box-shadow:inset 0 0 0 1px {edge};"
-            f"background-color:rgba(28,111,209,0.14)}}"
-            f"{one}{one} .mantine-Button-section{{color:{edge}}}"
-            for one in names
-        )
-        set_property(self._ticks, "content", f"<style>{''.join(rules)}</style>")
-
     def draw_later(
         self,
         post: Callable[[Callable[[], None]], object],
@@ -154,89 +136,6 @@ class PictureRows:
 
     def _show(self) -> None:
         self._element.content = f"<style>{''.join(self._rules.values())}</style>"
-
-
-@dataclass(frozen=True, kw_only=True)
-class PictureRow:
-    """What a row shows."""
-
-    label: str
-    hint: str
-    icon: Any
-    drawn: object
-    """What its picture shows, which is drawn anew when this changes."""
-    is_ticked: bool = False
-
-
-class PicturePages(Generic[Item]):
-    """A list of items as pages of rows; a click chooses one."""
-
-    def __init__(
-        self,
-        ui: UiContext,
-        size: int,
-        *,
-        choose: Callable[[Item], None],
-        row_of: Callable[[Item], PictureRow],
-        picture_of: Callable[[Item], str],
-        tell: Callable[[str], None] = lambda _words: None,
-    ) -> None:
-        """Build it into the current container; ``tell`` is told what a page shows."""
-        self._ui, self._size = ui, size
-        self._row_of, self._picture_of, self._tell = row_of, picture_of, tell
-        self._items: Sequence[Item] = ()
-        self._first = 0
-        self._drawn: dict[int, object] = {}
-        self._pictures = PictureRows(ui.client.gui)
-        self._rows = [self._pictures.add("") for _ in range(size)]
-        self._pages = ui.client.gui.add_button_group("Page", (_BEFORE, _AFTER))
-        for number, row in enumerate(self._rows):
-            ui.on_click(row, partial(self._chosen, number, choose))
-        ui.on_option(self._pages, self._turn)
-
-    def show(self, items: Sequence[Item], at: int | None = None) -> None:
-        """Show items, and the page of one of them; None: the page as it is."""
-        self._items, count = items, len(items)
-        first = self._first if at is None else at
-        self._first = min(first, max(count - 1, 0)) // self._size * self._size
-        page, pictures, ticked = self._page(), [], []
-        for number, row in enumerate(self._rows):
-            set_property(row, "visible", number < len(page))
-            if number >= len(page):
-                continue
-            shown = self._row_of(page[number])
-            set_property(row, "label", shown.label)
-            set_property(row, "hint", shown.hint[:MAX_HINT] or None)
-            set_property(row, "icon", shown.icon)
-            if shown.is_ticked:
-                ticked.append(row)
-            if self._drawn.get(number) != shown.drawn:
-                self._drawn[number] = shown.drawn
-                pictures.append((row, partial(self._picture, number)))
-        self._pictures.tick(ticked)
-        told = f"{self._first + 1} to {self._first + len(page)} of {count}"
-        set_property(self._pages, "label", told)
-        set_property(self._pages, "visible", count > self._size)
-        self._tell(told)
-        self._pictures.draw_later(self._ui.post, pictures)
-
-    def _page(self) -> Sequence[Item]:
-        return self._items[self._first : self._first + self._size]
-
-    def _picture(self, number: int) -> str:
-        """Picture of a row by now; it may show another item than when this was asked for."""
-        page = self._page()
-        return self._picture_of(page[number]) if number < len(page) else ""
-
-    def _chosen(self, number: int, choose: Callable[[Item], None]) -> None:
-        page = self._page()
-        if number < len(page):
-            choose(page[number])
-
-    def _turn(self, option: str) -> None:
-        first = self._first + (self._size if option == _AFTER else -self._size)
-        if 0 <= first < len(self._items):
-            self.show(self._items, first)
 
 
 class FixedText:

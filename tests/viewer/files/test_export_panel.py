@@ -65,8 +65,7 @@ def test_a_name_that_was_cleared_is_proposed_for_the_next_scenario(tmp_path: Pat
         tab.run(tab.model.shown.emit)
         # Not filled at once: the user may be about to type another name.
         assert tab.field("Name").value == ""
-        tab.type("Demo", "crosswalk")
-        tab.press("Open demo")
+        tab.choose("demos", "crosswalk")
         assert tab.field("Name").value == "crosswalk"
 
 

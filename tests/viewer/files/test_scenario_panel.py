@@ -8,37 +8,11 @@ from pd_editor.scene import scene_limits
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.exporters.bundle import write_files
-from pd_editor.viewer.files.scenario_panel import NO_DEMO
-from tests.builders import two_agents_that_pass
 from tests.editor.same_scenario import same_scenario
 from tests.scene.test_time_cut import long_recording, recording_of_minutes
 from tests.viewer.fake_browser import connected_tab, running_app
 
 UPLOAD = "Upload zip, or parquet and map"
-
-
-def test_the_menu_of_demos_names_the_one_that_is_open_if_any(tmp_path):
-    """It named a demo that was not open, also after the page was loaded again."""
-    folder = tmp_path / "scene"
-    write_files(scenario_files(two_agents_that_pass()), folder, forbidden=None)
-    with (
-        running_app(tmp_path / "library", str(folder)) as app,
-        connected_tab(app) as tab,
-    ):
-        demo = tab.field("Demo")
-        assert demo.value == NO_DEMO
-        tab.press("Open demo")
-        assert "Choose a demo" in tab.refusal()
-        tab.type("Demo", "crosswalk")
-        tab.press("Open demo")
-        assert tab.session.base.scenario_id == "crosswalk"
-        assert demo.value == "crosswalk"
-        tab.type("Folder", str(folder))
-        tab.press("Open folder")
-        assert demo.value == NO_DEMO
-        # Also one that was opened otherwise is named.
-        tab.run(lambda: tab.tab.workspace.open_reference("merge"))
-        assert demo.value == "merge"
 
 
 @pytest.mark.parametrize("is_upload", [False, True])
@@ -81,9 +55,8 @@ def test_an_edited_upload_that_was_cut_comes_back_after_a_restart(tmp_path):
         tab.run(lambda: tab.ui.apply(move))
         edited = tab.session.scenario
     with running_app(tmp_path / "library", "queue") as app, connected_tab(app) as tab:
-        tab.press("Unfinished work (1)")
-        (label,) = (one for one in tab.inputs() if " · 1 edit, last " in one)
-        tab.press(label)
+        (key,) = tab.tiles("unfinished")
+        tab.choose("unfinished", key)
         assert tab.session.scenario.time_axis.num_steps == 110
         assert same_scenario(tab.session.scenario, edited)
 

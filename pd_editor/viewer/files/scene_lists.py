@@ -1,0 +1,544 @@
+"""Scenarios that can be opened, by source: what is listed, how it looks, what is done."""
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Final, Generic, Literal, TypeVar
+
+from pd_editor.analysis.manoeuvres import SceneEvent
+from pd_editor.base.errors import InputError
+from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
+from pd_editor.base.plain_text import one_line
+from pd_editor.editor.library.library import SORTS, LibraryCard
+from pd_editor.editor.library.thumbnail import thumbnail
+from pd_editor.editor.recipe import moment
+from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.editor.session import EditorSession
+from pd_editor.editor.unfinished_work import UnfinishedWork
+from pd_editor.editor.variant import short_id
+from pd_editor.experiments.scene_index.find import (
+    FoundScene,
+    find_places,
+    find_scenes,
+)
+from pd_editor.experiments.scene_index.index_file import SceneIndex
+from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
+from pd_editor.viewer.overlay.messages import Choice, SceneFacet, SceneTile
+from pd_editor.viewer.scene.timeline import in_seconds
+from pd_editor.viewer.state.index_run import IndexRun
+from pd_editor.viewer.state.session_shelf import KeptWork
+from pd_editor.viewer.state.workspace import base_of
+from pd_editor.viewer.tab.ui_context import UiContext
+
+Item = TypeVar("Item")
+ROOT: Final = "(not in a folder)"
+"""Name of the split of scenarios that are in the root itself."""
+MAX_REASON_CHARACTERS: Final = 200
+REJECT: Final = "Reject"
+_AGENTS: Final[Mapping[str, tuple[int | None, int | None]]] = {
+    "Up to 20 agents": (None, 20),
+    "21 to 60 agents": (21, 60),
+    "More than 60 agents": (61, None),
+}
+_ORDERS: Final = {
+    "date": "Newest first",
+    "name": "Name",
+    "base": "Base",
+    "city": "City",
+    "problems": "Most problems",
+    "agents": "Most agents",
+}
+_WITH_FUTURE: Final = "With a logged future"
+
+
+class SceneList(ABC, Generic[Item]):
+    """Scenarios of one source that pass the filter."""
+
+    run: IndexRun | None = None
+    """Index of what happens in them."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """List nothing yet."""
+        self._ui, self._workspace = ui, ui.workspace
+        self.items: Sequence[Item] = ()
+        self.wrong = ""
+        """Why the line is no query, if that is why nothing is found."""
+
+    @property
+    def told(self) -> str:
+        """What else there is to say of the list."""
+        return ""
+
+    @property
+    def words(self) -> list[str]:
+        """Words of the line that filters, in small letters."""
+        return self._workspace.start.line.lower().split()
+
+    @abstractmethod
+    def look(self) -> None:
+        """Find out what passes the filter."""
+
+    @abstractmethod
+    def tile(self, item: Item) -> SceneTile:
+        """What is shown of one."""
+
+    @abstractmethod
+    def picture(self, item: Item) -> str:
+        """Its picture, as SVG."""
+
+    @abstractmethod
+    def open(self, item: Item) -> None:
+        """Open it; raises an InputError if that is not possible."""
+
+    def facets(self) -> tuple[SceneFacet, ...]:
+        """Menus that filter or sort."""
+        return ()
+
+    def place(self, _item: Item) -> str:
+        """Where it is, for those that can be rejected or saved as they are."""
+        return ""
+
+    def tick(self, _item: Item) -> None:
+        """Tick one, or take its tick away."""
+
+    def reject(self, item: Item) -> None:
+        """Leave it out from now on."""
+        self._workspace.shelf.rejected.toggle(self.place(item))
+
+    def save(self, item: Item) -> None:
+        """Take it into the library as it is."""
+        name = self._workspace.take_in(self.place(item))
+        said = f"Saved to library: {name}" if name else "It is in the library already"
+        self._ui.notify(said, "", "success" if name else "info")
+
+    def _is_saved(self, scenario_id: str) -> bool:
+        card = self._workspace.library.card(scenario_id)
+        return card is not None and not card.row.edits
+
+    def _has_words(self, text: str) -> bool:
+        text = text.lower()
+        return all(one in text for one in self.words)
+
+
+class DemoList(SceneList[str]):
+    """Scenes that come with the editor."""
+
+    def look(self) -> None:
+        """Find words of the line in names and descriptions."""
+        rejected = self._workspace.shelf.rejected.places()
+        self.items = [
+            name
+            for name in demo_names()
+            if self.place(name) not in rejected
+            and self._has_words(f"{name} {demo_sentence(name)}")
+        ]
+
+    def place(self, item: str) -> str:
+        """A name that no folder has."""
+        return f"{DEMO_PREFIX}{item}"
+
+    def tile(self, item: str) -> SceneTile:
+        """Its name and description."""
+        said = demo_sentence(item)
+        return SceneTile(
+            key=item,
+            title=item,
+            lines=(f"{said[:1].upper()}{said[1:]}",),
+            picture=self.place(item),
+            is_open=self._workspace.session.base.provenance.source == self.place(item),
+            is_saved=self._is_saved(item),
+            can_save=True,
+            reject=REJECT,
+        )
+
+    def picture(self, item: str) -> str:
+        """The scene at t = 0."""
+        return _picture(self.place(item), None)
+
+    def open(self, item: str) -> None:
+        """Open the demo."""
+        self._workspace.open_reference(item)
+
+
+class DatasetList(SceneList[ScenarioCard]):
+    """Scenes of the dataset, as far as the search has come."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Look at the index."""
+        super().__init__(ui)
+        self.run = ui.workspace.index_run
+        if self.run is not None:
+            self.run.look()
+
+    def look(self) -> None:
+        """Search for other scenes if the filter is another one.
+
+        The line is a query, or words; what is either of both is found.
+        """
+        workspace, start = self._workspace, self._workspace.start
+        dataset, found = workspace.dataset, None
+        if dataset is None or self.run is None:
+            return
+        self.wrong = ""
+        if start.line.strip():
+            found = dict[Path, FoundScene]()
+            try:
+                scenes = find_scenes(self.run.index, start.line)
+            except InputError as error:
+                self.wrong = str(error)
+            else:
+                root = dataset.root
+                found = {root / os.path.relpath(one.path, root): one for one in scenes}
+        low, high = _AGENTS.get(start.agents, (None, None))
+        split = "" if start.split == ROOT else start.split or None
+        wanted = CardFilter(
+            city=start.city or None,
+            min_agents=low,
+            max_agents=high,
+            split=split,
+            with_future=bool(start.future),
+            among=found,
+            words=tuple(self.words),
+            without=frozenset(map(Path, workspace.shelf.rejected.places())),
+        )
+        if workspace.search is None or wanted != workspace.search.wanted:
+            workspace.search_for(wanted, found)
+
+    def follow(self) -> None:
+        """Take what the search has found by now."""
+        search = self._workspace.search
+        self.items = () if search is None else search.cards
+
+    @property
+    def told(self) -> str:
+        """How far the search is, and what could not be read."""
+        search, run = self._workspace.search, self.run
+        if search is None or run is None:
+            return ""
+        count, broken = run.num_missing, search.failures()
+        lacks = self._workspace.start.line and run.fraction is None and count
+        parts = (
+            f"{len(search.cards)} of {search.num_seen} scenarios"
+            f"{'' if search.is_complete else ', still reading'}.",
+            run.words,
+            f"{scenes(count)} not indexed yet, so not found." if lacks else "",
+            f"{len(broken)} cannot be read, first:"
+            f" {one_line(broken[0], MAX_REASON_CHARACTERS)}"
+            if broken
+            else "",
+        )
+        return " ".join(filter(None, parts))
+
+    def facets(self) -> tuple[SceneFacet, ...]:
+        """City, split, number of agents, and whether there is a logged future."""
+        search, start = self._workspace.search, self._workspace.start
+        if search is None:
+            return ()
+        splits = [one or ROOT for one in search.splits()]
+        return (
+            _facet("city", "Any city", start.city, search.cities()),
+            _facet("split", "Any split", start.split, splits),
+            _facet("agents", "Any number of agents", start.agents, _AGENTS),
+            _facet("future", "With or without a future", start.future, (_WITH_FUTURE,)),
+        )
+
+    def place(self, item: ScenarioCard) -> str:
+        """Its folder or file."""
+        return str(item.folder)
+
+    def tile(self, item: ScenarioCard) -> SceneTile:
+        """What was found in it, and what scene it is."""
+        events = self._events(item)
+        # The first of each of two kinds.
+        firsts = {one.kind: one for one in reversed(events)}
+        told = [one for one in events if firsts[one.kind] is one][:2]
+        more = len(events) - len(told)
+        about = (
+            item.city,
+            f"{item.num_agents} agents",
+            item.split,
+            "" if item.has_future else "no logged future",
+        )
+        return SceneTile(
+            key=self.place(item),
+            title=short_id(item.scenario_id),
+            lines=(
+                *map(_in_words, told),
+                *((f"{more} more",) if more else ()),
+                " · ".join(filter(None, about)),
+                item.scenario_id,
+            ),
+            picture=" ".join((self.place(item), *map(_in_words, events[:1]))),
+            is_open=item.folder == self._workspace.dataset_folder,
+            is_saved=self._is_saved(item.scenario_id),
+            can_save=True,
+            reject=REJECT,
+        )
+
+    def picture(self, item: ScenarioCard) -> str:
+        """The scene at the first moment that the query asks for."""
+        return _picture(self.place(item), next(iter(self._events(item)), None))
+
+    def open(self, item: ScenarioCard) -> None:
+        """Open the scene."""
+        self._workspace.open_from_dataset(item)
+
+    def _events(self, item: ScenarioCard) -> Sequence[SceneEvent]:
+        search = self._workspace.search
+        found = None if search is None else search.found.get(item.folder)
+        return () if found is None else found.events
+
+
+class LibraryList(SceneList[LibraryCard]):
+    """Kept scenarios."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Read nothing yet."""
+        super().__init__(ui)
+        self._library, self.run = ui.workspace.library, ui.workspace.shelf.index_run
+        self._index_told: tuple[object, SceneIndex] = None, self.run.index
+        """The index with facts of the cards, and the state of both."""
+        self._indexed = -1
+        """State of the library that was read for queries."""
+
+    def look(self) -> None:
+        """Find what the line describes, and what has its words."""
+        run, line = self.run, self._workspace.start.line.strip()
+        assert run is not None
+        # Looked at first: a change in between then counts as one that follows.
+        seen = self._library.stamp(), run.stamp
+        cards = self._library.cards()
+        self._workspace.ticked &= {card.name for card in cards}
+        self.wrong = ""
+        if line:
+            found: set[str] = set()
+            try:
+                if self._index_told[0] != seen:
+                    told = run.index.beside(self._library.facts())
+                    self._index_told = seen, told
+                found = set(
+                    map(os.path.basename, find_places(self._index_told[1], line))
+                )
+                self._index()
+            except InputError as error:
+                self.wrong = str(error)
+            words = line.split()
+            cards = [card for card in cards if card.name in found or card.has(words)]
+        self.items = sorted(cards, key=SORTS[self._workspace.start.sort])
+
+    @property
+    def told(self) -> str:
+        """How far the index is, and what buttons act on."""
+        run, ticked = self.run, len(self.ticked)
+        if not self.items:
+            empty = "Empty: S saves the scenario at hand here."
+            return "" if self._workspace.start.line else empty
+        marked = f"{ticked} ticked" if ticked else "buttons are for all of them"
+        indexed = run.words if run is not None and self._workspace.start.line else ""
+        return f"{scenarios(len(self.items))}; {marked}. {indexed}".strip()
+
+    @property
+    def listed(self) -> list[str]:
+        """Names of those that pass the filter, in their order."""
+        return [card.name for card in self.items]
+
+    @property
+    def ticked(self) -> list[str]:
+        """Names of those of them that are ticked."""
+        return [one for one in self.listed if one in self._workspace.ticked]
+
+    @property
+    def chosen(self) -> list[str]:
+        """Those that are ticked; all of them if none is."""
+        return self.ticked or self.listed
+
+    def facets(self) -> tuple[SceneFacet, ...]:
+        """The order."""
+        choices = tuple(Choice(value=one, text=text) for one, text in _ORDERS.items())
+        value = self._workspace.start.sort
+        return (SceneFacet(name="sort", label="Sort", value=value, choices=choices),)
+
+    def tile(self, item: LibraryCard) -> SceneTile:
+        """Its problems, tags, descent, note and edits."""
+        row, count = item.row, item.row.num_problems
+        problems = f"{count} problem{'s' * (count != 1)}" if count else ""
+        about = " · ".join(filter(None, [problems, *row.tags]))
+        edits = "; ".join(row.edits) or "without edits"
+        return SceneTile(
+            key=item.name,
+            title=item.name,
+            lines=tuple(filter(None, [about, row.lineage, row.note, edits])),
+            picture=f"{item.name} {item.saved_at} {edits}",
+            is_open=self._workspace.saved_card() == item,
+            is_saved=True,
+            is_ticked=item.name in self._workspace.ticked,
+            reject="Remove",
+        )
+
+    def picture(self, item: LibraryCard) -> str:
+        """The picture beside it."""
+        return self._library.thumbnail(item.name)
+
+    def open(self, item: LibraryCard) -> None:
+        """Open the scenario."""
+        self._workspace.open_reference(str(self._library.root / item.name))
+
+    def tick(self, item: LibraryCard) -> None:
+        """Tick one, or take its tick away."""
+        self._workspace.ticked ^= {item.name}
+
+    def reject(self, item: LibraryCard) -> None:
+        """Remove it from the library; the panel can put it back."""
+        self.remove((item.name,))
+
+    def remove(self, names: Sequence[str]) -> None:
+        """Remove scenarios, which can be put back for a day."""
+        for name in names:
+            self._library.remove(name)
+        removed = dict.fromkeys((*self._workspace.removed, *names))
+        self._workspace.removed = tuple(removed)
+        self._ui.notify(
+            f"{scenarios(len(names))} removed",
+            f"Put back {scenarios(len(removed))}, in the library, brings back what was"
+            " removed.",
+        )
+
+    def _index(self) -> None:
+        """Read what happens in scenarios that are new, in the background."""
+        stamp, run = self._library.stamp(), self.run
+        if run is not None and stamp != self._indexed and run.fraction is None:
+            self._indexed = stamp
+            run.start()
+
+
+class UnfinishedList(SceneList[KeptWork]):
+    """Edited scenarios that are not open, and were not exported."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Ask for no discarding yet."""
+        super().__init__(ui)
+        self._doubted: str | None = None
+        """The one whose discarding was asked for once."""
+
+    def look(self) -> None:
+        """Find words of the line in names."""
+        shelf = self._workspace.shelf
+        self.items = [
+            one
+            for one in shelf.unfinished()
+            if self._has_words(f"{one.name} {one.scenario_id}")
+        ]
+
+    def tile(self, item: KeptWork) -> SceneTile:
+        """Number and time of its edits."""
+        key = _key_of(item)
+        edits = f"{item.num_edits} edit{'s' * (item.num_edits != 1)}"
+        last = f"{edits}, last {moment(item.last_time):%d %b %H:%M}"
+        named = item.name or short_id(item.scenario_id)
+        return SceneTile(
+            key=key,
+            title=named,
+            lines=(last, *((item.scenario_id,) if item.scenario_id != named else ())),
+            picture=f"{key} {item.num_edits} {item.last_time}",
+            reject="Discard for good" if key == self._doubted else "Discard",
+        )
+
+    def picture(self, item: KeptWork) -> str:
+        """The scenario, or the base of one on disk: a replay would take too long."""
+        if isinstance(item.place, EditorSession):
+            return thumbnail(item.place.scenario)
+        return _base_picture(item.place)
+
+    def open(self, item: KeptWork) -> None:
+        """Continue it."""
+        self._workspace.resume(item)
+
+    def reject(self, item: KeptWork) -> None:
+        """Discard it when asked twice."""
+        key = _key_of(item)
+        if self._doubted == key:
+            self._workspace.shelf.discard(item)
+        self._doubted = None if self._doubted == key else key
+
+
+class RejectedList(SceneList[str]):
+    """Scenes that lists leave out."""
+
+    def look(self) -> None:
+        """Find words of the line in their places."""
+        places = sorted(self._workspace.shelf.rejected.places())
+        self.items = [one for one in places if self._has_words(one)]
+
+    def place(self, item: str) -> str:
+        """The scene itself."""
+        return item
+
+    def tile(self, item: str) -> SceneTile:
+        """Its name."""
+        title = os.path.basename(item.removeprefix(DEMO_PREFIX))
+        return SceneTile(
+            key=item, title=title, lines=(), picture=item, reject="Take back"
+        )
+
+    def picture(self, item: str) -> str:
+        """The scene at t = 0."""
+        return _picture(item, None)
+
+    def open(self, item: str) -> None:
+        """Open the scene."""
+        self._workspace.open_reference(item)
+
+
+def scenarios(count: int) -> str:
+    """A number of scenarios in words."""
+    return f"{count} scenario{'s' * (count != 1)}"
+
+
+def scenes(count: int) -> str:
+    """A number of scenes in words."""
+    return f"{count} scene{'s' * (count != 1)}"
+
+
+def _facet(
+    name: Literal["city", "split", "agents", "future"],
+    every: str,
+    value: str,
+    options: Iterable[str],
+) -> SceneFacet:
+    """A menu of options, of which the first is to have any of them."""
+    choices = [Choice(value=one, text=one) for one in options]
+    return SceneFacet(
+        name=name,
+        label=name.capitalize(),
+        value=value,
+        choices=(Choice(value="", text=every), *choices),
+    )
+
+
+def _key_of(work: KeptWork) -> str:
+    """What tells one work from others while it is not open."""
+    place = work.place
+    path = place.journal_path if isinstance(place, EditorSession) else place.path
+    return str(id(place)) if path is None else path.name
+
+
+def _in_words(event: SceneEvent) -> str:
+    """An event with its time and agents."""
+    agents = " with ".join(event.agent_ids)
+    return f"{event.kind} at {in_seconds(event.begin_s)} by {agents}"
+
+
+@lru_cache(maxsize=256)
+def _picture(place: str, event: SceneEvent | None) -> str:
+    scenario = open_scenario(place)
+    if event is None:
+        return thumbnail(scenario)
+    step = event.first_step(scenario.time_axis)
+    return thumbnail(scenario, agent_ids=event.agent_ids, step=step)
+
+
+@lru_cache(maxsize=64)
+def _base_picture(work: UnfinishedWork) -> str:
+    return thumbnail(base_of(work))
