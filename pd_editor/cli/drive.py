@@ -55,7 +55,7 @@ class DriveOptions(PartOptions, ManyOptions):
         out: Folder that receives DIR/<name>/, one for each policy.
         policies: log-replay, constant-velocity, idm, installed ones, folders with policy.py, or package.module:attribute; in Python objects, too.
         ego: Id of the agent that they drive.
-        also: Further agents, each driven by a policy in every roll-out, such as bus-0165=idm.
+        also: Further agents, each driven by a policy in every roll-out, such as bus-0165=idm; in Python also a mapping of ids to policies.
         seconds: Length of a roll-out.
         replan: Seconds between two generations of the traffic, 0.5 to 3.
         guide: What agents should do, as for generate; times up to the end of the roll-out.
@@ -76,7 +76,12 @@ class DriveOptions(PartOptions, ManyOptions):
     ] = ()
     ego: Annotated[str, shown("ID")] = EGO_ID
     also: Annotated[
-        str | tuple[str, ...], shown("ID=NAME [ID=NAME ...]", "(optional)")
+        str | tuple[str, ...] | Mapping[str, str | Policy],
+        tyro.conf.arg(
+            metavar="ID=NAME [ID=NAME ...]",
+            help_behavior_hint="(optional)",
+            constructor=tuple[str, ...],
+        ),
     ] = ()
     seconds: Annotated[float, shown("S")] = 30.0
     replan: Annotated[float, shown("S")] = 1.0
@@ -154,7 +159,7 @@ def drive(scenario: str, options: DriveOptions) -> Outcome:
             seed=options.seed,
         ),
         options=options,
-        also=_further(several(options.also), options.ego),
+        also=_further(options.also, options.ego),
     )
     made = [run.of(one, label, name) for one, label in zip(names, labels, strict=True)]
     made = made or [run.of(None, "roll-out", name)]
@@ -179,7 +184,7 @@ class _Run:
     request: RollOutRequest
     """With the scene as it is to be rolled out."""
     options: DriveOptions
-    also: Mapping[str, str]
+    also: Mapping[str, str | Policy]
     """Names of the policies of further agents."""
 
     def of(
@@ -194,7 +199,7 @@ class _Run:
         known = {
             "policy": "" if policy is None else _named(policy),
             "ego": ego,
-            "also": dict(self.also),
+            "also": {name: _named(one) for name, one in self.also.items()},
             "seconds": request.duration_s,
             "replan": request.replan_s,
             "enter": request.keeps_density,
@@ -239,14 +244,21 @@ class _Run:
         return folder, session.scenario, drive
 
 
-def _further(texts: tuple[str, ...], ego: str) -> dict[str, str]:
-    """Policies of further agents."""
-    found = {}
-    for text in texts:
-        agent, _, policy = text.rpartition("=")
+def _further(
+    given: str | tuple[str, ...] | Mapping[str, str | Policy], ego: str
+) -> dict[str, str | Policy]:
+    """Policies of further agents, by their ids or as texts ID=NAME."""
+    if not isinstance(given, Mapping):
+        parts = [text.rpartition("=") for text in several(given)]
+        pairs = [(agent, policy) for agent, _, policy in parts]
+    else:
+        pairs = list(given.items())
+    found: dict[str, str | Policy] = {}
+    for agent, policy in pairs:
         if not agent or not policy or agent in (ego, *found):
+            told = f"{agent}={policy}".lstrip("=")
             raise InputError(
-                f"--also: {text!r} is not ID=NAME of an agent that nobody else drives."
+                f"--also: {told!r} is not ID=NAME of an agent that nobody else drives."
             )
         policy_of(policy)
         found[agent] = policy

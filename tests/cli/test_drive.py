@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pd_editor
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.experiments.closed_loop.policies import policy_of
 from tests.cli.shell import JUNCTION, Shell, files_of
 
 POLICY = """
@@ -125,6 +126,18 @@ def test_further_agents_are_driven(shell: Shell, tmp_path: Path):
     assert "is not ID=NAME of an agent that nobody else drives" in shell.refused(
         "drive", JUNCTION, "--policies", "idm", "--also", "AV=idm", *options
     )
+    made = pd_editor.drive(
+        JUNCTION,
+        policies="idm",
+        also={other: policy_of("constant-velocity")},
+        seconds=1.0,
+        model="lane-follower",
+        out=tmp_path / "python",
+    )
+    (command,) = json.loads((made.folder / "recipe.json").read_text())["commands"]
+    assert command["policies"][other] == "constant-velocity"
+    report = (tmp_path / "python" / "report.md").read_text()
+    assert f"--also {other}=constant-velocity" in report
     assert "Two policies have one name" in shell.refused(
         "drive",
         JUNCTION,

@@ -3,7 +3,7 @@
 import functools
 import inspect
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
@@ -104,6 +104,11 @@ def command_line(command: str, options: Any) -> str:
             given = f"--{option}" if value else f"--no-{option}"
             words += [given] * (value != one.default)
         elif value not in (None, "", ()):
+            if isinstance(value, Mapping):
+                value = tuple(
+                    f"{name}={getattr(each, 'name', each)}"
+                    for name, each in value.items()
+                )
             values = value if isinstance(value, tuple | list) else (value,)
             words += [f"--{option}"] * (one.kind is one.KEYWORD_ONLY)
             words += (str(getattr(each, "name", each)) for each in values)

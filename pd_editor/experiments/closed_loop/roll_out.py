@@ -48,8 +48,9 @@ from pd_editor.scene.scene_limits import MAX_STATES, MAX_STEPS
 from pd_editor.scene.traffic_sample import TrafficSample
 
 MAX_DURATION_S: Final = 90.0
-_NEW_NOISE_S: Final = 4.0
-"""Time after which the noise of an agent is independent of what it was."""
+_NEW_NOISE_S: Final = 1.0
+"""Time after which the noise of an agent is independent of what it was. With 4 s, more
+agents stopped, and queues grew."""
 _ROUTE_S: Final = 12.0
 """Time for which a route goes on beyond what is recorded."""
 _ROUTE_SPACING_M: Final = 1.0
