@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.json_values import from_json, to_json
@@ -115,3 +116,35 @@ def test_an_agent_that_is_gone_cannot_be_waited_for():
         one.severity == "error" and "999" in one.message
         for one in guidance_problems(CROSSING, (term,), ("100",))
     )
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        (GoalPoint(agent_id="100", point_m=(30.0, 0.0), at_s=2.0), ""),
+        (GoalPoint(agent_id="100", point_m=(20.0, 0.5), at_s=3.0), ""),
+        (GoalPoint(agent_id="101", point_m=(10.0, 0.0), at_s=4.0), ""),
+        (
+            GoalPoint(agent_id="100", point_m=(10.0, 0.0), at_s=4.0),
+            "before way-point 2",
+        ),
+        (GoalPoint(agent_id="100", point_m=(10.0, 0.0)), "at the end that lies before"),
+        (GoalPoint(agent_id="100", point_m=(30.0, 0.0), at_s=2.5), ""),
+        (
+            GoalPoint(agent_id="100", point_m=(38.0, 0.0), at_s=1.0),
+            "beyond way-point 2",
+        ),
+        (
+            GoalPoint(agent_id="100", point_m=(20.0, 9.0), at_s=3.0),
+            "9 m beside the path",
+        ),
+        (GoalPoint(agent_id="100", point_m=(70.0, 0.0), at_s=5.5), ""),
+    ],
+)
+def test_a_goal_that_a_path_does_not_leave_room_for_is_told(goal: GoalPoint, said: str):
+    path = asked(times_s=(None, 1.9, None))
+    scene = scenario_with(straight_drivers([(0, 0, 0, 10), (0, 3.5, 0, 10)]))
+    for terms in ((path, goal), (goal, path)):
+        problems = guidance_problems(scene, terms)
+        told = [one.message for one in problems if "has a goal point" in one.message]
+        assert [said in one for one in told] == [True] * bool(said)

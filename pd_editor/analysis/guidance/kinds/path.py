@@ -1,6 +1,7 @@
 """Kinds of terms on the path of an agent: drawn, with way-points, or along lanes."""
 
 import itertools
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
@@ -22,6 +23,7 @@ from pd_editor.analysis.guidance.guidance_kind import (
 )
 from pd_editor.analysis.guidance.kinds.course import (
     LANE_REACH_M,
+    GoalPoint,
     check_points,
     lane_kinds,
     length_m,
@@ -29,7 +31,7 @@ from pd_editor.analysis.guidance.kinds.course import (
     moved_points,
     rounded,
 )
-from pd_editor.analysis.guidance.limits import OBEYED_PATH_M
+from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M, OBEYED_PATH_M
 from pd_editor.analysis.guidance.way_points import (
     WayPlan,
     WayPoint,
@@ -42,7 +44,7 @@ from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.geometry.frenet import FrenetFrames
-from pd_editor.scene.geometry.polyline import point_at
+from pd_editor.scene.geometry.polyline import arc_length, point_at
 from pd_editor.scene.guidance_terms import (
     LEAST_AT_S,
     MOST_AT_S,
@@ -357,6 +359,36 @@ def _path_clash(
     """Lanes leave it to paths to tell of both."""
     if shared and isinstance(other, (FollowLane, type(term))):
         yield f"{shared} has two paths to follow; keep one of them."
+    elif shared and isinstance(term, FollowPath) and isinstance(other, GoalPoint):
+        yield from _goal_clash(term, other, shared)
+
+
+def _goal_clash(term: FollowPath, goal: GoalPoint, shared: str) -> Found:
+    """A goal beside the path, or at a time that its way-points do not leave for it."""
+    line, point = shapely.LineString(term.points_m), shapely.Point(goal.point_m)
+    place, beside = line.project(point), line.distance(point)
+    when = math.inf if goal.at_s is None else goal.at_s
+    if beside > LANE_REACH_M:
+        if 0 < place < line.length:
+            yield (
+                f"{shared} has a goal point {beside:.0f} m beside the path to follow; move "
+                "one of them."
+            )
+        return
+    arcs = arc_length(np.array(term.points_m)).tolist()
+    for number, (arc, at_s) in enumerate(
+        zip(arcs, term.times_s, strict=False), start=1
+    ):
+        if at_s is None or abs(place - arc) < OBEYED_GOAL_M:
+            continue
+        if (place > arc) != (when > at_s):
+            told = "at the end" if goal.at_s is None else f"at {when:g} s"
+            where = "beyond" if place > arc else "before"
+            yield (
+                f"{shared} has a goal point {told} that lies {where} way-point "
+                f"{number}, asked for at {at_s:g} s; change one of the times."
+            )
+            return
 
 
 def _followed(line_m: Float[np.ndarray, "N 2"], driven: Driven) -> FollowedPath:
