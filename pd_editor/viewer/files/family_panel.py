@@ -37,7 +37,7 @@ from pd_editor.viewer.tab.ui_context import UiContext, set_property
 _THIS, _DEMOS, _LISTED, _TICKED = (
     "This scene",
     "All demos",
-    "Scenes listed under Dataset",
+    "Scenes found in the dataset",
     "Scenes ticked in the library",
 )
 
