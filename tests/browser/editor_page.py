@@ -160,7 +160,7 @@ class EditorPage:
         if not page.is_visible():
             self.key("n")
         page.get_by_role("tab", name=source).click()
-        page.get_by_role("listitem").get_by_role("button", name=name).first.click()
+        page.locator(".pd-start-tile", has_text=name).first.click()
         expect(page).to_be_hidden()
 
     def pause(self) -> None:

@@ -42,7 +42,7 @@ def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
     editor.until(
         lambda: editor.session.scenario.scenario_id == "two-lane-road", "the folder"
     )
-    editor.choose_scene("Demos", "signalised-junction Lights turn green for a full")
+    editor.choose_scene("Demos", "Lights turn green for a full")
     editor.until(
         lambda: editor.session.scenario.scenario_id != "two-lane-road", "the demo"
     )
@@ -165,7 +165,7 @@ def test_a_killed_server_offers_its_work_back(open_editor, tmp_path):
     editor.settle()
     # It was said again at each reload.
     assert not editor.page.get_by_text("Unfinished work found").count()
-    editor.choose_scene("Unfinished", "signalised-junction 2 edits, last ")
+    editor.choose_scene("Unfinished", "2 edits, last ")
     editor.until(lambda: len(editor.session.entries) == 2, "the work")
     assert editor.session.state.position == 1
     editor.key("Control+y")
@@ -218,7 +218,7 @@ def test_unfinished_work_is_discarded_when_asked_twice(open_editor):
     editor.until(lambda: session.scenario.scenario_id == "roundabout", "another demo")
     editor.key("n")
     editor.page.get_by_role("tab", name="Unfinished 1").click()
-    editor.page.locator(".pd-start-box").hover()
+    editor.page.locator(".pd-start-box", has_text="1 edit, last").hover()
     discard = editor.page.get_by_role("button", name="Discard")
     discard.click()
     notice(editor, "X again discards it for good")
