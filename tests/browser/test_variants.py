@@ -90,9 +90,11 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     tile = editor.page.get_by_role("listitem").filter(has_text="My-slow-one")
     image = tile.locator("img")
     editor.until(lambda: image.get_attribute("src"), "a picture")
-    still = image.get_attribute("src")
+    stands = "begin%3D%22indefinite"
+    editor.page.get_by_role("searchbox", name="Find").click()
+    editor.until(lambda: stands in image.get_attribute("src"), "a picture at rest")
     tile.hover()
-    editor.until(lambda: image.get_attribute("src") != still, "a moving picture")
+    editor.until(lambda: stands not in image.get_attribute("src"), "a moving one")
     tile.get_by_role("button", name="Tick").click()
     editor.page.get_by_role("button", name="Download 1 scenario", exact=True).wait_for()
     editor.press("Remove 1 scenario")
