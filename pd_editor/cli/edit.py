@@ -43,7 +43,7 @@ class EditOptions(PartOptions):
     """
 
     scenario: Annotated[
-        str | Path | None, tyro.conf.Positional, shown("[SCENARIO]")
+        str | Path | None, tyro.conf.Positional, shown("[SCENARIO]", "(optional)")
     ] = field(default=None, kw_only=False)
     host: Annotated[str, shown("ADDRESS")] = "127.0.0.1"
     port: Annotated[int, shown("PORT")] = 8080

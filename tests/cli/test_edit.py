@@ -11,7 +11,7 @@ import pytest
 
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.viewer import viewer_app
-from tests.cli.shell import JUNCTION, ROOT, Shell
+from tests.cli.shell import ROOT, Shell
 
 
 class FakeApp:
@@ -60,7 +60,7 @@ def test_interrupting_it_is_no_failure(shell: Shell, monkeypatch: pytest.MonkeyP
         "Path Diffuser Editor is at http://127.0.0.1:1",
     ]
     assert FakeApp.made == {
-        "reference": JUNCTION,
+        "reference": None,
         "host": "127.0.0.1",
         "port": 8123,
         "data_root": Path("somewhere"),
