@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (a3d10afe2de00b44); not to be edited. */
+/* Built by .ci/client.py from client/ (0a9a997518ade83c); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts
