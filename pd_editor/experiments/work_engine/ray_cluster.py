@@ -5,7 +5,7 @@ import logging
 import os
 import socket
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -19,6 +19,7 @@ from pd_editor.experiments.work_engine.work_engine import (
     failure_of,
     result_of,
 )
+from pd_editor.scene.formats.registry import REFERENCES
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -64,7 +65,8 @@ class RayCluster:
         if not items:
             return
         with self.connected() as ray:
-            task = ray.remote(result_of).options(num_cpus=1, max_retries=1)
+            task = ray.remote(_result_in).options(num_cpus=1, max_retries=1)
+            place = os.getcwd()
             waiting = iter(items.items())
             running: dict[Any, str] = {}
             try:
@@ -74,7 +76,7 @@ class RayCluster:
                         found = next(waiting, None)
                         if found is None:
                             break
-                        running[task.remote(function, *found)] = found[0]
+                        running[task.remote(place, function, *found)] = found[0]
                     if not running:
                         return
                     finished, _ = ray.wait(list(running), num_returns=1, timeout=WAIT_S)
@@ -127,10 +129,12 @@ class RayCluster:
 
     def _options(self) -> dict[str, Any]:
         """Arguments of ``ray.init``."""
+        # Processes of a cluster that runs already inherit nothing from this one.
+        added = {REFERENCES: os.environ.get(REFERENCES, "")}
         options: dict[str, Any] = {
             "log_to_driver": False,
             "logging_level": logging.ERROR,
-            "runtime_env": {"env_vars": {**ONE_THREAD, WORKER_MARK: "1"}},
+            "runtime_env": {"env_vars": ONE_THREAD | {WORKER_MARK: "1"} | added},
         }
         if not self._is_new:
             return options | {"address": self.address}
@@ -145,6 +149,15 @@ class RayCluster:
         host, _, port = (self.address or "").removeprefix("ray://").rpartition(":")
         if host and port.isdecimal():
             socket.create_connection((host.strip("[]"), int(port)), _PROBE_S).close()
+
+
+def _result_in(
+    folder: str, function: Callable[[Item], Value], key: str, item: Item
+) -> WorkResult[Value]:
+    """Run one item in the caller's working folder, where paths and modules may be."""
+    with suppress(OSError):
+        os.chdir(folder)
+    return result_of(function, key, item)
 
 
 def _ray() -> Any:

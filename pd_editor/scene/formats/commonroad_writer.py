@@ -5,6 +5,7 @@ import io
 from typing import Final
 
 import numpy as np
+import shapely
 from jaxtyping import Float, Int
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -39,8 +40,11 @@ _ANGLE_DECIMALS: Final = 6
 _GOAL_M: Final = (5.0, 2.0)
 """Length and width of the goal region around the ego's last place."""
 _GOAL_TURN: Final = 0.2
+_CENTER_M: Final = 0.01
+"""Centre lines that are nearer to midway between the bounds leave these where they are."""
+_LEAST_STEP_M: Final = 0.01
 _LOSSES: Final[tuple[str, ...]] = (
-    "Centre lines: they are midway between the bounds, up to 0.4 m from ours.",
+    "Bounds of bent lanes, moved up to 0.4 m: the centre line has to be midway.",
     "Colours of lane markings and double lines: CommonRoad knows solid and dashed ones.",
     "Drivable areas beside the lanes: CommonRoad has lanelets only.",
     "The ego's trajectory: the planning problem has its start and its goal.",
@@ -134,7 +138,8 @@ def _lanelet(
     root: etree._Element, lane: Lane, origin: Float[np.ndarray, "2"], known: set[int]
 ) -> None:
     found = _child(root, "lanelet", id=str(lane.lane_id))
-    left, right = _paired(lane.left_m + origin, lane.right_m + origin)
+    left, right = _bounds_around(lane)
+    left, right = left + origin, right + origin
     _bound(found, "leftBound", left, _MARKS.get(lane.left_mark, "unknown"))
     _bound(found, "rightBound", right, _MARKS.get(lane.right_mark, "unknown"))
     for tag, ids in (
@@ -198,6 +203,32 @@ def _lights(root: etree._Element, scenario: Scenario, next_id: int) -> int:
             lanelet.find("laneletType").addprevious(line)
             _child(lanelet, "trafficLightRef", ref=str(number))
     return next_id + len(scenario.signals)
+
+
+def _bounds_around(
+    lane: Lane,
+) -> tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K 2"]]:
+    """Bounds with paired points, moved until the centre line is midway between them.
+
+    Midway between all points of bounds that bend is elsewhere than between few of them.
+    """
+    bounds, center = _paired(lane.left_m, lane.right_m), lane.centerline_m
+    middle = (bounds[0] + bounds[1]) / 2
+    way = arc_length(middle)
+    own = shapely.LineString(middle)
+    bends = np.asarray(shapely.line_locate_point(own, shapely.points(center)))
+    is_new = np.abs(bends[:, None] - way).min(axis=1) > _LEAST_STEP_M
+    every = np.sort(np.concatenate([way, bends[is_new]]))
+    left, right = (_at_shares(bound, way, every) for bound in bounds)
+    middle = (left + right) / 2
+    longer = shapely.LineString(
+        [2 * center[0] - center[1], *center, 2 * center[-1] - center[-2]]
+    )
+    at = shapely.line_locate_point(longer, shapely.points(middle))
+    step = shapely.get_coordinates(shapely.line_interpolate_point(longer, at)) - middle
+    far = np.linalg.norm(step, axis=1, keepdims=True)
+    step *= np.maximum(far - _CENTER_M, 0.0) / np.maximum(far, _CENTER_M)
+    return left + step, right + step
 
 
 def _paired(

@@ -7,12 +7,15 @@ import pytest
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.ray_cluster import RayCluster
+from pd_editor.scene.formats.registry import REFERENCES
+from tests.experiments.work_engine.fake_ray import FakeRay
 from tests.experiments.work_engine.work_functions import (
     fails_for_the_user,
     kills_its_first_worker,
     square,
     square_of_odd,
     threads,
+    working_folder,
 )
 
 ENGINE = RayCluster(num_workers=2)
@@ -40,6 +43,18 @@ def test_without_ray_it_says_what_to_install(monkeypatch):
 def test_no_items_need_no_cluster(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     assert results_of(square, {}) == {}
+
+
+def test_workers_know_what_the_caller_does(monkeypatch, tmp_path: Path):
+    """They are asked for by relative paths, and for formats that were added."""
+    fake = FakeRay()
+    monkeypatch.setitem(sys.modules, "ray", fake)
+    monkeypatch.setenv(REFERENCES, "examples.csv_format:FORMAT")
+    monkeypatch.chdir(tmp_path)
+    assert results_of(working_folder, {"1": 1}) == {"1": str(tmp_path)}
+    (started,) = fake.started
+    env = started["runtime_env"]["env_vars"]
+    assert env[REFERENCES] == "examples.csv_format:FORMAT"
 
 
 @pytest.mark.slow

@@ -38,6 +38,10 @@ def process_id(number: int) -> int:
     return os.getpid()
 
 
+def working_folder(number: int) -> str:
+    return os.getcwd()
+
+
 def threads(number: int) -> tuple[str, int]:
     import torch
 

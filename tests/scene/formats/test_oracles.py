@@ -18,9 +18,7 @@ from tests.oracles.environment import Oracle
 from tests.scene.formats.agreement import agreement
 
 pytestmark = [pytest.mark.slow, pytest.mark.oracle]
-CENTER_M = 0.4
-"""CommonRoad's centre lines are midway between all points of the bounds, those of Argoverse
-2 between few of them."""
+CENTER_M = 0.05
 
 ANCHOR = RigidMotion(x_m=-20.0, y_m=0.0, rotation_rad=0.4)
 BEND = WarpTerm(kind="double-turn", power=4.0, length_m=50.0)
