@@ -2,6 +2,7 @@
 
 import functools
 import importlib
+import os
 import re
 import runpy
 import subprocess
@@ -101,7 +102,7 @@ def options_of(command: str, first: str) -> frozenset[str]:
 def shell_lines(text: str) -> Iterator[list[str]]:
     """Words of the lines of shell blocks, without comments."""
     for language, block in CODE_BLOCK.findall(text):
-        if language in ("", "sh", "bash"):
+        if language in ("", "sh", "bash", "console"):
             for line in block.replace("\\\n", " ").splitlines():
                 yield re.sub(r"(^|\s)#.*", "", line).split()
 
@@ -188,6 +189,62 @@ def test_documents_stay_short():
     numbers = tomllib.loads((ROOT / ".ci" / "ratchet.toml").read_text())
     words = sum(len(page.read_text().split()) for page in PAGES)
     assert words <= numbers["document_words"]
+
+
+NUMBER = re.compile(r"(?<![\w-])\d+(?:\.\d+)?(?![\w-])")
+TUTORIALS = re.split(
+    r"^## ", (ROOT / "docs" / "tutorials.md").read_text(), flags=re.MULTILINE
+)[1:]
+
+
+def says(printed: str, told: str) -> bool:
+    """Whether a command printed what a tutorial tells; its numbers may differ by a fifth.
+
+    Dots stand for anything, spaces between columns for any number of them.
+    """
+    pattern = re.escape(" ".join(NUMBER.sub("#", told).split()))
+    words = " ".join(NUMBER.sub("#", printed).split())
+    if not re.fullmatch(pattern.replace(re.escape("..."), ".*"), words):
+        return False
+    pairs = zip(NUMBER.findall(printed), NUMBER.findall(told), strict=False)
+    return "..." in told or all(
+        float(one) == pytest.approx(float(other), rel=0.2, abs=1.0)
+        for one, other in pairs
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda text: text.split("\n")[0])
+def test_tutorials_print_what_they_tell(tutorial: str, tmp_path: Path):
+    """Every block of code is run in its order, in an empty folder."""
+    paths = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for language, block in CODE_BLOCK.findall(tutorial):
+        if language == "python":
+            (tmp_path / block.split()[1]).write_text(block)
+            continue
+        for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
+            command, told = part.split("\n", 1)
+            done = subprocess.run(
+                command,
+                shell=True,
+                cwd=tmp_path,
+                env={**os.environ, "PATH": paths},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                check=False,
+            )
+            assert done.returncode == 0, (command, done.stdout)
+            assert says(done.stdout, told), (command, done.stdout)
+
+
+def test_a_tutorial_that_tells_something_else_is_found():
+    printed = "kept/a-2\nradius 8.3 m\n"
+    assert says(printed, "kept/a-2\nradius  8 m\n")
+    assert says(printed, "...\nradius 8 m\n")
+    assert not says(printed, "kept/a-2\nradius 20 m\n")
+    assert not says(printed, "kept/a-2\nwidth 8.3 m\n")
+    assert not says(printed, "kept/a-3\nradius 8.3 m\n")
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -82,7 +83,13 @@ def test_constraints_lie_within_the_honest_ranges():
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("wheel")
+    """Built of what ``docker build`` is given."""
+    out, source = tmp_path_factory.mktemp("wheel"), tmp_path_factory.mktemp("source")
+    for line in (ROOT / ".dockerignore").read_text().splitlines():
+        if line.startswith("!"):
+            given, place = ROOT / line[1:], source / line[1:]
+            place.parent.mkdir(exist_ok=True)
+            (shutil.copytree if given.is_dir() else shutil.copy)(given, place)
     command = [
         sys.executable,
         "-m",
@@ -90,7 +97,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--wheel",
         "--outdir",
         str(out),
-        str(ROOT),
+        str(source),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
