@@ -24,6 +24,7 @@ from pd_editor.cli.options.guide_option import guidance_terms_of
 from pd_editor.cli.options.kept_agents import lock_commands
 from pd_editor.cli.output.guidance_table import GuidanceTable
 from pd_editor.cli.output.outcome import Outcome, described, write_session
+from pd_editor.cli.output.plans_file import write_plans
 from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.editor.commands import AddGuidance, Command
 from pd_editor.editor.scenario_store import open_part
@@ -223,6 +224,8 @@ class _Run:
             session.apply(command)
         may_replace = options.overwrite or done is not None
         folder = write_session(out, session, overwrite=may_replace)
+        if driven:
+            write_plans(folder, rolled.plans_m, rolled.scenario)
         is_scored = policy is not None and not rolled.failed
         report = GuidanceReport(outcomes=rolled.guidance)
         table = GuidanceTable(names=(called,), reports=(report,))

@@ -21,7 +21,10 @@ from pd_editor.cli.options.arguments import (
     taking,
 )
 from pd_editor.cli.output.outcome import Outcome, described
+from pd_editor.cli.output.plans_file import read_plans
 from pd_editor.cli.output.progress import ProgressLine
+from pd_editor.scene.base_reference import SceneCut
+from pd_editor.scene.exporters.bundle import RECIPE_NAME
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS, picture
@@ -46,7 +49,7 @@ class RenderOptions(CutOptions, ResultOptions):
 
     Args:
         scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, recipe.json files, folders of scenes, or patterns; demos for all demos. Films and figures take one, pd-editor convert --to mp4 many.
-        out: File to write: .html plays, .mp4, .webm and .gif are films, .pdf, .svg and .png figures.
+        out: File to write: .html plays, .mp4, .webm and .gif are films (with the plans of pd-editor drive), .pdf, .svg and .png figures.
         at: Moments of a figure side by side, in seconds after the current step.
         compare: Draw above a figure the scene before its recipe warped the road; in a page, two scenes side by side on one clock.
         names: Write agents' ids into a figure.
@@ -81,10 +84,8 @@ def render(options: RenderOptions) -> Outcome:
     named = (
         scenes_of(str(one), SCENE_FILES, target) for one in several(options.scenarios)
     )
-    sessions = [
-        opened_session(one, described(""), options.cut)
-        for one in dict.fromkeys(chain.from_iterable(named))
-    ]
+    references = list(dict.fromkeys(chain.from_iterable(named)))
+    sessions = [opened_session(one, described(""), options.cut) for one in references]
     found = tuple(replace(one.scenario, scenario_id=one.name) for one in sessions)
     if not found:
         raise EditError("Missing SCENARIO; see pd-editor render --help.")
@@ -92,6 +93,11 @@ def render(options: RenderOptions) -> Outcome:
         raise ExportError(
             f"{target}: --compare shows two scenes side by side, not {len(found)}."
         )
+    if isinstance(look, FilmLook) and options.cut == SceneCut():
+        # A cut counts its steps anew.
+        folder = user_path(references[0]).resolve()
+        folder = folder.parent if folder.name == RECIPE_NAME else folder
+        look = replace(look, plans=read_plans(folder, found[0]))
     content = _content(found, target, look, is_pair=is_pair)
     write_whole(target, content)
     count = f"{len(found)} scene{'s' * (len(found) != 1)}"

@@ -2,7 +2,10 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
+
 import pd_editor
+from pd_editor.cli.output.plans_file import read_plans
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.policies import policy_of
 from tests.cli.shell import JUNCTION, Shell, files_of
@@ -37,7 +40,7 @@ def test_policies_drive_and_are_scored(shell: Shell, tmp_path: Path, monkeypatch
     report = (tmp_path / "out" / "report.md").read_text()
     assert "| idm | 1 | 0 | " in report
     assert f"`pd-editor edit {Path(folders[1]).name}`" in report
-    (one, _) = map(Path, folders)
+    (one, other) = map(Path, folders)
     opened = open_scenario(one)
     assert opened.time_axis.num_future_steps == 30
     (command,) = json.loads((one / "recipe.json").read_text())["commands"]
@@ -45,6 +48,34 @@ def test_policies_drive_and_are_scored(shell: Shell, tmp_path: Path, monkeypatch
     again = shell.run("replay", one, "--out", tmp_path / "again")
     assert again.code == 0
     assert files_of(Path(again.lines[0])) == files_of(one)
+    scene = open_scenario(other)
+    plans = read_plans(other, scene)["AV"]
+    assert sorted(plans) == [scene.current_step + 5 * one for one in range(6)]
+    track = scene.agents.position_m[scene.agents.row_of["AV"]]
+    for at, line in plans.items():
+        # Each plan begins where the agent then was, and is driven until the next one.
+        np.testing.assert_allclose(line[:6], track[at : at + 6], atol=0.02)
+
+
+def test_films_of_drives_show_the_plans(shell: Shell, tmp_path: Path):
+    options = ("--seconds", 1, "--model", "lane-follower", "--out", tmp_path)
+    drive = ("drive", JUNCTION, "--policies", "constant-velocity", *options)
+    (folder, *_) = shell.run(*drive).lines
+    look = ("--height", 120, "--follow", "AV", "--radius", 15)
+
+    def film(name: str, scene: str | Path = folder) -> bytes:
+        out = tmp_path / name
+        assert shell.run("render", scene, *look, "--out", out).code == 0
+        return out.read_bytes()
+
+    shown = film("shown.gif")
+    assert film("recipe.gif", Path(folder) / "recipe.json") == shown
+    file = Path(f"{folder}-plans.json")
+    file.write_text("[[]]")
+    refused = shell.refused("render", folder, *look, "--out", tmp_path / "bad.gif")
+    assert f"{file}: holds no plans of pd-editor drive." in refused
+    file.unlink()
+    assert film("without.gif") != shown
 
 
 def test_guidance_and_locks_of_the_shell_hold(shell: Shell, tmp_path: Path):

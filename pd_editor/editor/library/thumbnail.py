@@ -31,6 +31,7 @@ _EVERY_STEPS: Final = 10
 STANDS: Final = ' begin="indefinite"'
 """Text of a picture without which its agents move."""
 _MOVED_M: Final = 1.0
+_TURNED_DEG: Final = 3.0
 # Colours that differ clearly on light and on dark ground.
 _ROAD: Final = "#8b98a5"
 _FOCAL: Final = "#e06a1b"
@@ -127,20 +128,37 @@ def thumbnail(
             f'<polyline fill="none" stroke="{color}" stroke-opacity="0.6" '
             f'stroke-width="{line_m:.2g}" points="{_points(way - middle)}"/>'
             f'<polygon fill="{color}" points="{_points(box - middle)}">'
-            f"{_motion(way, lasts, step_s)}</polygon>"
+            f"{_motion(way, agents.heading_rad[row, ahead], way[0] - middle, lasts, step_s)}"
+            "</polygon>"
         )
     return "".join([*parts, "</svg>"])
 
 
-def _motion(way: Float[np.ndarray, "N 2"], most: int, step_s: float) -> str:
-    """Motion along a way, which is there for at most some points; empty for who stands."""
+def _motion(
+    way: Float[np.ndarray, "N 2"],
+    heading_rad: Float[np.ndarray, "N"],
+    begin: Float[np.ndarray, "2"],
+    most: int,
+    step_s: float,
+) -> str:
+    """Motion along a way, which is there for at most some points; empty for who stands.
+
+    Who turns is turned about where its box is drawn, which is then moved.
+    """
     if np.ptp(way, axis=0).max() < _MOVED_M:
         return ""
-    moves = np.pad(way - way[0], ((0, most - len(way)), (0, 0)), mode="edge")
-    return (
-        f'<animateTransform attributeName="transform" type="translate"{STANDS}'
-        f' dur="{(most - 1) * step_s:g}s" repeatCount="indefinite"'
-        f' values="{_points(moves).replace(" ", ";")}"/>'
+    turned = np.degrees(np.unwrap(heading_rad) - heading_rad[0])
+    missing = most - len(way)
+    moves = np.pad(way - way[0], ((0, missing), (0, 0)), mode="edge")
+    turns = np.pad(turned, (0, missing), mode="edge")
+    kinds = [("translate", _points(moves).replace(" ", ";"))]
+    if np.abs(turned).max() >= _TURNED_DEG:
+        about = _points(begin[None]).replace(",", " ")
+        kinds.append(("rotate", ";".join(f"{-one:.0f} {about}" for one in turns)))
+    return "".join(
+        f'<animateTransform attributeName="transform" type="{kind}" additive="sum"{STANDS}'
+        f' dur="{(most - 1) * step_s:g}s" repeatCount="indefinite" values="{values}"/>'
+        for kind, values in kinds
     )
 
 
