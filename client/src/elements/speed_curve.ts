@@ -10,6 +10,7 @@ import { clock, playheadMoved, track } from "../shared.ts";
 const HEIGHT = 64;
 const TOP = 14;
 const BOTTOM = 5;
+const GUTTER = 32;
 const PULL_PAUSE_MS = 30;
 const KEY_MPS = 0.5;
 const FINE = 0.2; // Of a pull with Shift.
@@ -78,6 +79,7 @@ define("speedCurve", (api) => {
     const line = (name: string, speeds: readonly (number | null)[]) => svg("path", name, { d: path(speeds) });
     const lastStep = state.beginStep + state.speeds.length - 1;
     const [begin, zero, end] = [x(state.beginStep), x(0), x(lastStep)];
+    title.style.maxWidth = `${begin - GUTTER}px`; // It wraps beside the numbers of the axis.
     const grid = [0, top / 2, top].flatMap((speed) => [
       svg("line", "pd-chart-grid", { x1: begin, x2: end, y1: y(speed), y2: y(speed) }),
       svg("text", "pd-chart-text", { x: begin - 5, y: y(speed) + 3.5 }, String(speed)),

@@ -65,6 +65,10 @@ class World:
         parked = _is_parked(scenario)
         static = parked | ~agents.kind_mask(ROAD_USER_KINDS)
         static &= agents.is_valid[:, now] & ~np.isin(agents.ids, list(locked))
+        # Who is not parked may start; the model keeps more of those of unknown activity.
+        agents = replace(
+            agents, activity=np.where(parked, Activity.PARKED, Activity.WAITING)
+        )
         replayed = locked.union(agents.ids[row] for row in np.flatnonzero(parked))
         rows, steps = np.flatnonzero(static), np.zeros(count - now, int)
         # They stand where a locked beginning ends.

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (0a9a997518ade83c); not to be edited. */
+/* Built by .ci/client.py from client/ (79a1d51a93ee53be); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (0a9a997518ade83c); not to be edited. */
+/* Built by .ci/client.py from client/ (79a1d51a93ee53be); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3872,6 +3872,7 @@
   var HEIGHT2 = 64;
   var TOP2 = 14;
   var BOTTOM = 5;
+  var GUTTER = 32;
   var PULL_PAUSE_MS = 30;
   var KEY_MPS = 0.5;
   var FINE = 0.2;
@@ -3927,6 +3928,7 @@
       const line = (name, speeds) => svg("path", name, { d: path(speeds) });
       const lastStep = state.beginStep + state.speeds.length - 1;
       const [begin, zero, end2] = [x(state.beginStep), x(0), x(lastStep)];
+      title.style.maxWidth = `${begin - GUTTER}px`;
       const grid = [0, top / 2, top].flatMap((speed) => [
         svg("line", "pd-chart-grid", { x1: begin, x2: end2, y1: y(speed), y2: y(speed) }),
         svg("text", "pd-chart-text", { x: begin - 5, y: y(speed) + 3.5 }, String(speed))
