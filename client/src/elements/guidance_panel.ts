@@ -1,12 +1,14 @@
 // The list of guidance terms in viser's panel: tools to add terms, and one row per term
 // with its strength, switch, values, and what is said of it.
 import { TAB } from "../bridge.ts";
-import { button, make, option, within } from "../dom.ts";
+import { button, make, option, recall, remember, within } from "../dom.ts";
 import { define, listen, onDispose } from "../frame.ts";
 import { guidanceIcon } from "../guidance_shapes.ts";
 import type { GuidancePanelEvent, GuidancePanelState, GuidanceRow, Note } from "../messages.ts";
 
 const HOST = "[data-pd-host='guidance']";
+const KEY_OPEN = "pd-guidance-open";
+const NUM_FIRST_TOOLS = 6; // Those pointed at in the picture; the others are asked for.
 
 type Field = HTMLInputElement | HTMLSelectElement;
 type Follow = (row: GuidanceRow) => void;
@@ -128,8 +130,16 @@ define("guidance_panel", (api) => {
   }
 
   function showTools(state: GuidancePanelState) {
+    const isOpen = recall(KEY_OPEN) ?? false;
+    const shown = state.tools.filter((tool, place) => isOpen || tool.isActive || place < NUM_FIRST_TOOLS);
+    const fold = button("pd-guidance-more", isOpen ? "Fewer" : "Speed, gap, limits ...", () => {
+      remember(KEY_OPEN, !isOpen);
+      showTools(state);
+      tools.querySelector<HTMLElement>(".pd-guidance-more")?.focus();
+    });
+    fold.setAttribute("aria-expanded", String(isOpen));
     tools.replaceChildren(
-      ...state.tools.map((tool) => {
+      ...shown.map((tool) => {
         const use = () => send({ kind: "tool", tool: tool.kind });
         const made = button("pd-guidance-tool", "", use, {
           title: tool.hint,
@@ -140,6 +150,7 @@ define("guidance_panel", (api) => {
         made.append(guidanceIcon(tool.kind), make("span", "", {}, tool.title));
         return made;
       }),
+      fold,
     );
   }
 

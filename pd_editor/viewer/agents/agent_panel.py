@@ -34,6 +34,7 @@ from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 MIXED: Final = "mixed"
+KIND_AND_PLACE: Final = "Kind, position, size"
 EDIT: Final = "Edit"
 SNAP: Final = "Snap to lane"
 DUPLICATE: Final = "Duplicate"
@@ -66,7 +67,6 @@ class AgentPanel:
         self._summary = FixedText(gui, 3)
         self._state = gui.add_folder("State at t = 0")
         with self._state:
-            self._kind = gui.add_dropdown("Kind", KINDS)
             self._speed = gui.add_number("Speed (m/s)", 0.0, step=0.1)
             self._activity = gui.add_dropdown(
                 "Activity",
@@ -79,8 +79,10 @@ class AgentPanel:
                 step=1.0,
                 hint="Shown within half a turn: 400 is 40",
             )
-            self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
-            self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
+            with gui.add_folder(KIND_AND_PLACE, expand_by_default=False):
+                self._kind = gui.add_dropdown("Kind", KINDS)
+                self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
+                self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
         self._heading.precision = 1
         for handle in (self._speed, self._position, self._size):
             handle.precision = 2

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (79a1d51a93ee53be); not to be edited. */
+/* Built by .ci/client.py from client/ (59b1419a0b4af1db); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1428,6 +1428,8 @@
 
   // src/elements/guidance_panel.ts
   var HOST = "[data-pd-host='guidance']";
+  var KEY_OPEN = "pd-guidance-open";
+  var NUM_FIRST_TOOLS = 6;
   var noted = ({ tone, text }) => make("div", `pd-guidance-note pd-tone-${tone}`, {}, text);
   function makeOf({ notes: _, isChosen, isOn, stop, inputs, ...made }) {
     const built = inputs.map(({ value, notes, ...input }) => input);
@@ -1518,8 +1520,16 @@
       };
     }
     function showTools(state2) {
+      const isOpen = recall(KEY_OPEN) ?? false;
+      const shown = state2.tools.filter((tool, place) => isOpen || tool.isActive || place < NUM_FIRST_TOOLS);
+      const fold = button("pd-guidance-more", isOpen ? "Fewer" : "Speed, gap, limits ...", () => {
+        remember(KEY_OPEN, !isOpen);
+        showTools(state2);
+        tools.querySelector(".pd-guidance-more")?.focus();
+      });
+      fold.setAttribute("aria-expanded", String(isOpen));
       tools.replaceChildren(
-        ...state2.tools.map((tool) => {
+        ...shown.map((tool) => {
           const use = () => send2({ kind: "tool", tool: tool.kind });
           const made = button("pd-guidance-tool", "", use, {
             title: tool.hint,
@@ -1529,7 +1539,8 @@
           });
           made.append(guidanceIcon(tool.kind), make("span", "", {}, tool.title));
           return made;
-        })
+        }),
+        fold
       );
     }
     function number2(row, place) {
