@@ -29,6 +29,7 @@ MOST_AT_S: Final = 90.0
 Point = tuple[float, float]
 Motion = Callable[[Float[np.ndarray, "P 2"]], Float[np.ndarray, "P 2"]]
 """A motion of the plane, such as a warp."""
+NO_TRACK_M: Final = np.zeros((0, 2))
 _Term = TypeVar("_Term", bound="GuidanceTerm")
 _Many = TypeVar("_Many", bound="AgentsGuidance")
 
@@ -127,8 +128,15 @@ class GuidanceTerm:
         """The term after a motion of the plane."""
         return self
 
-    def later(self: _Term, seconds: float) -> _Term | None:  # noqa: ARG002
-        """The term as it stands some seconds later; None if its time is over."""
+    def later(
+        self: _Term,
+        seconds: float,  # noqa: ARG002
+        track_m: Float[np.ndarray, "S 2"] = NO_TRACK_M,  # noqa: ARG002
+    ) -> _Term | None:
+        """The term as it stands some seconds later; None if it is over.
+
+        ``track_m`` is the way of its agent in the meantime, if it is of one agent.
+        """
         return self
 
     def without_agents(self: _Term, agent_ids: Collection[str]) -> _Term | None:

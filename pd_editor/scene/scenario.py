@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.scene.activity import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import BaseReference, SceneCut
-from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without
+from pd_editor.scene.guidance_terms import NO_TRACK_M, GuidanceTerm, terms_without
 from pd_editor.scene.locks import Lock, kept_steps
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
@@ -211,6 +211,15 @@ class Scenario:
         speed = self.agents.speed_mps()[:, self.current_step]
         known = activity_at(self.agents.activity, speed)
         return np.where(stands(speed), known, Activity.DRIVING)
+
+    def later_term(self, term: GuidanceTerm, step: int) -> GuidanceTerm | None:
+        """A term as it stands at a step, after what its agent has driven since."""
+        now, track_m = self.current_step, NO_TRACK_M
+        if len(term.guided_ids) == 1:
+            there = self.agents.taken(self.agents.rows(term.guided_ids))
+            steps = slice(now, step + 1)
+            track_m = there.position_m[0, steps][there.is_valid[0, steps]]
+        return term.later((step - now) * self.time_axis.step_s, track_m)
 
     def kept_steps(self) -> Bool[np.ndarray, "A T"]:
         """Steps that locks keep of each agent."""

@@ -21,6 +21,7 @@ from pd_editor.editor.commands.traffic import blank_tracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.finite_numbers import check_finite
+from pd_editor.scene.guidance_terms import terms_without
 from pd_editor.scene.junction_phases import continued_signals
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
@@ -202,7 +203,8 @@ class BeginAt(Command):
     """Make another moment of the scene its current step.
 
     What was up to 5 s before it stays as the past, what comes later as the future.
-    Guidance is left out, for its times count from the former current step.
+    Times of guidance are those that are left; what is over, or of agents that are not
+    there then, is left out.
     """
 
     time_s: float
@@ -289,6 +291,13 @@ def _begun(scenario: Scenario, now: int) -> Scenario:
         return agents.taken(agents.is_valid.any(axis=1))
 
     agents, applied = cut(scenario.agents), scenario.applied_warp
+    gone = [
+        name
+        for name, row in scenario.agents.row_of.items()
+        if not scenario.agents.is_valid[row, now]
+    ]
+    terms = terms_without(scenario.guidance, gone)
+    later = (scenario.later_term(term, now) for term in terms)
     if applied is not None:
         is_unedited = scenario.agents is applied.warped_agents
         applied = replace(
@@ -305,7 +314,7 @@ def _begun(scenario: Scenario, now: int) -> Scenario:
         scenario,
         agents=agents,
         applied_warp=applied,
-        guidance=(),
+        guidance=tuple(term for term in later if term is not None),
         locks={name: one for name, one in scenario.locks.items() if name in names},
         retired_ids=scenario.retired_ids.union(scenario.agents.ids) - names,
         signals=tuple(

@@ -1,6 +1,5 @@
 """Guidance of a roll-out in its windows: what is left of its terms, by the window's clock."""
 
-import itertools
 from collections.abc import Collection
 from dataclasses import replace
 from typing import Final
@@ -12,24 +11,16 @@ from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.kinds.course import LANE_REACH_M, GoalPoint, nearest_on
 from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.report import term_outcomes
-from pd_editor.analysis.guidance.way_points import WayPoint
 from pd_editor.editor.commands.roll_out import with_length
 from pd_editor.experiments.closed_loop.world import HORIZON, World
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.geometry.polyline import arc_length, point_at
+from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.guidance_outcome import TermOutcome
 from pd_editor.scene.guidance_terms import GuidanceTerm, Point, terms_without
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import TrafficSample
 
-_STRIDE: Final = 5
-_SPACING_M: Final = 0.5
-_LOOKED_AHEAD_M: Final = 2.0
-"""How much further than it drove an agent may have come along its path."""
-_BEHIND_M: Final = 5.0
-"""So much of a path behind the agent is kept: it is joined in its direction."""
-_DONE_M: Final = 1.0
 _HERE_M: Final = 2.0
 _TO_GOAL_M: Final = 15.0
 """Way on which an agent leaves its path for a goal beside it."""
@@ -52,13 +43,11 @@ def guidance_now(
         ids = term.guided_ids
         if not term.is_in_force or (ids and not set(ids).intersection(agent_ids)):
             continue
-        left: GuidanceTerm | None = term
+        asked = term
         if isinstance(term, GoalPoint) and term.at_s is None:
             end = world.last_step - scenario.current_step
-            left = replace(term, at_s=end * scenario.time_axis.step_s)
-        elif isinstance(term, FollowPath):
-            left = _rest_of(term, world)
-        left = left and left.later(world.elapsed_s)
+            asked = replace(term, at_s=end * scenario.time_axis.step_s)
+        left = scenario.later_term(asked, world.step)
         if isinstance(left, GoalPoint) and (left.at_s or 0.0) > horizon_s:
             far.append(left)
         elif left is not None:
@@ -111,36 +100,6 @@ def guidance_outcomes(
             one = replace(one, achieved=one.achieved + told)
         found.append(one)
     return tuple(found)
-
-
-def _rest_of(term: FollowPath, world: World) -> FollowPath | None:
-    """The path from shortly behind its agent on; None if it has come to the end.
-
-    How far it has come follows from its track, as paths may cross themselves.
-    """
-    scenario = world.scenario
-    steps = slice(scenario.current_step, world.step + 1, _STRIDE)
-    track = scenario.agents.position_m[scenario.agents.row_of[term.agent_id], steps]
-    line = np.array(term.points_m)
-    arc = arc_length(line)
-    grid = np.arange(0.0, arc[-1] + _SPACING_M, _SPACING_M).clip(max=arc[-1])
-    curve = point_at(line, grid)
-    at = int(np.linalg.norm(curve - track[0], axis=-1).argmin())
-    for before, place in itertools.pairwise(track):
-        reach_m = float(np.linalg.norm(place - before)) + _LOOKED_AHEAD_M
-        ahead = curve[at : at + int(reach_m / _SPACING_M) + 1]
-        at += int(np.linalg.norm(ahead - place, axis=-1).argmin())
-    if arc[-1] - grid[at] < _DONE_M:
-        return None
-    begin = float(grid[at]) - _BEHIND_M
-    if begin <= 0:
-        return term
-    rest = [
-        one for one, along in zip(term.way_points(), arc, strict=True) if along > begin
-    ]
-    point = _point(point_at(line, np.array([begin]))[0])
-    first = WayPoint(number=0, point_m=point, speed_mps=None, at_s=None, waits_for=None)
-    return term.with_way_points([first, *rest])
 
 
 def _way_to(

@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import FollowPath
+from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import EditError, LockedAgentError
 from pd_editor.editor.commands import (
     AddGuidance,
@@ -24,6 +26,7 @@ from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.guidance_terms import LEAST_AT_S
 from pd_editor.scene.locks import TRAJECTORY_LOCK, Lock
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
@@ -169,7 +172,40 @@ def test_locks_and_guidance():
     )
     session.apply(BeginAt(time_s=1.0))
     assert dict(session.scenario.locks) == {first: TRAJECTORY_LOCK}
-    assert not session.scenario.guidance
+    assert session.scenario.guidance == (goal,)
+
+
+@given(steps=st.integers(1, 50), at_s=st.floats(0.5, 6.0))
+def test_guidance_goes_on_by_the_new_clock(steps: int, at_s: float):
+    agents = BASE.agents
+    goes = agents.is_valid[:, NOW:].all(axis=1) & (agents.speed_mps()[:, NOW] > 3)
+    row, other = np.flatnonzero(goes)[:2].tolist()
+    name, line = agents.ids[row], agents.position_m[row, NOW::10]
+    goal = GoalPoint(agent_id=name, point_m=(1.0, 2.0), at_s=at_s)
+    path = FollowPath(agent_id=name, points_m=tuple(map(tuple, line.tolist())))
+    speed = TargetSpeed(agent_ids=(), speed_mps=5.0)
+    gone = replace(goal, agent_id=agents.ids[other])
+    is_past = np.arange(agents.num_steps) <= NOW
+    left = agents.with_rows(
+        np.array([other]), is_valid=agents.is_valid[[other]] & is_past
+    )
+    asked = replace(BASE, agents=left, guidance=(speed, goal, path, gone))
+    begun = BeginAt(time_s=steps * 0.1).apply(asked)
+    rest = {type(one): one for one in begun.guidance}
+    assert rest[TargetSpeed] == speed
+    now = begun.current_step
+    place = begun.agents.position_m[begun.agents.row_of[name], now]
+    if GoalPoint in rest:
+        assert rest[GoalPoint].agent_id == name
+        assert rest[GoalPoint].at_s == pytest.approx(at_s - steps * 0.1, abs=1e-3)
+    else:
+        assert at_s - steps * 0.1 < LEAST_AT_S + 1e-3
+    # It begins at most a little behind the agent, and ends where it did.
+    kept = rest[FollowPath].points_m
+    assert np.linalg.norm(kept[0] - place) < 5 + 2.0
+    assert kept[-1] == path.points_m[-1]
+    back = BeginAt(time_s=-2.0).apply(replace(BASE, guidance=(speed, goal, path)))
+    assert back.guidance == (speed, replace(goal, at_s=round(at_s + 2, 3)), path)
 
 
 def test_a_branch_is_exported(tmp_path):

@@ -22,6 +22,7 @@ from pd_editor.experiments.closed_loop.roll_out import (
 from pd_editor.experiments.closed_loop.scores import drive_scores
 from pd_editor.experiments.closed_loop.world import World
 from pd_editor.generation.generators import make_generator
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.generation import GeneratedTraffic
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.policy import Controls, Plan
@@ -385,6 +386,17 @@ def test_parked_agents_stay_where_they_are(junction):
     assert (agents.position_m[rows, now:] == place).all()
     moves = agents.speed_mps()[:, now:].max(axis=1) > 1
     assert moves.any()
+
+
+def test_who_is_not_parked_waits_or_drives(junction):
+    """Recordings do not tell it; the model keeps more of those that may be parked."""
+    unknown = np.zeros(len(junction.agents), np.int8)
+    recorded = junction.with_agents(replace(junction.agents, activity=unknown))
+    window = World.beginning(recorded, 10, seed=0).window()
+    parked = [name.startswith("parked") for name in window.agents.ids]
+    assert (window.activity()[parked] == Activity.PARKED).all()
+    others = set(window.activity()[~np.array(parked)].tolist())
+    assert others == {Activity.WAITING, Activity.DRIVING}
 
 
 def test_locked_tracks_are_replayed(junction):

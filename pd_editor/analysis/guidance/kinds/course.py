@@ -28,6 +28,7 @@ from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.guidance_terms import (
     LEAST_AT_S,
     MOST_AT_S,
+    NO_TRACK_M,
     AgentGuidance,
     Form,
     GuidanceTerm,
@@ -121,7 +122,11 @@ class GoalPoint(AgentGuidance):
         """The term with a moved point."""
         return replace(self, point_m=moved_points((self.point_m,), motion)[0])
 
-    def later(self, seconds: float) -> "GoalPoint | None":
+    def later(
+        self,
+        seconds: float,
+        track_m: Float[np.ndarray, "S 2"] = NO_TRACK_M,  # noqa: ARG002
+    ) -> "GoalPoint | None":
         """The goal with the time that is left; one of the end stays."""
         left_s = time_left_s(self.at_s, seconds)
         is_over = left_s is None and self.at_s is not None

@@ -48,6 +48,7 @@ from pd_editor.scene.geometry.polyline import arc_length, point_at
 from pd_editor.scene.guidance_terms import (
     LEAST_AT_S,
     MOST_AT_S,
+    NO_TRACK_M,
     AgentGuidance,
     Form,
     GuidanceTerm,
@@ -77,6 +78,13 @@ _FAR_START_M: Final = 15.0
 _GRIP_MPS2: Final = 6.0
 """Lateral acceleration above which a path cannot be followed at the current speed."""
 _MERGED_S: Final = 2.0
+_STRIDE: Final = 5
+_GRID_M: Final = 0.5
+_LOOKED_AHEAD_M: Final = 2.0
+"""How much further than it drove an agent may have come along its path."""
+_BEHIND_M: Final = 5.0
+"""So much of a path behind the agent is kept: it is joined in its direction."""
+_DONE_M: Final = 1.0
 """Time after which an agent should be on the path that it follows."""
 
 POINT_FORMS: Final[Mapping[str, Form]] = {
@@ -200,14 +208,47 @@ class FollowPath(AgentGuidance):
         """The term with moved points."""
         return replace(self, points_m=moved_points(self.points_m, motion))
 
-    def later(self, seconds: float) -> "FollowPath":
-        """The path without the times that are over."""
-        return self.with_way_points(
-            [
-                replace(one, at_s=time_left_s(one.at_s, seconds))
-                for one in self.way_points()
-            ]
+    def later(
+        self, seconds: float, track_m: Float[np.ndarray, "S 2"] = NO_TRACK_M
+    ) -> "FollowPath | None":
+        """What is left of the path, without the times that are over.
+
+        It goes from shortly behind its agent on; None if that has come to the end.
+        """
+        points = self._way_points_left(track_m[::-_STRIDE][::-1])
+        if not points:
+            return None
+        left = (replace(one, at_s=time_left_s(one.at_s, seconds)) for one in points)
+        return self.with_way_points(list(left))
+
+    def _way_points_left(self, track_m: Float[np.ndarray, "S 2"]) -> list[WayPoint]:
+        """Way-points after a drive along the path, from a point behind the agent on.
+
+        How far it has come follows from its track, as paths may cross themselves.
+        """
+        points = list(self.way_points())
+        if not len(track_m):
+            return points
+        line = np.array(self.points_m)
+        arc = arc_length(line)
+        grid = np.arange(0.0, arc[-1] + _GRID_M, _GRID_M).clip(max=arc[-1])
+        curve = point_at(line, grid)
+        at = int(np.linalg.norm(curve - track_m[0], axis=-1).argmin())
+        for before, place in itertools.pairwise(track_m):
+            reach_m = float(np.linalg.norm(place - before)) + _LOOKED_AHEAD_M
+            ahead = curve[at : at + int(reach_m / _GRID_M) + 1]
+            at += int(np.linalg.norm(ahead - place, axis=-1).argmin())
+        if arc[-1] - grid[at] < _DONE_M:
+            return []
+        begin = float(grid[at]) - _BEHIND_M
+        if begin <= 0:
+            return points
+        x_m, y_m = point_at(line, np.array([begin]))[0].tolist()
+        first = WayPoint(
+            number=0, point_m=(x_m, y_m), speed_mps=None, at_s=None, waits_for=None
         )
+        rest = (one for one, along in zip(points, arc, strict=True) if along > begin)
+        return [first, *rest]
 
     def without_agents(self, agent_ids: Collection[str]) -> "FollowPath | None":
         """The path without waits for removed agents; None without its own agent."""
