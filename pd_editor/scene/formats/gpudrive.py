@@ -1,12 +1,13 @@
 """GPUDrive (Nocturne) scenes: JSON files of the Waymo Open Motion Dataset."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 import numpy as np
+from jaxtyping import Float
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import AgentKind
@@ -25,10 +26,10 @@ from pd_editor.scene.formats.packed_file import (
 from pd_editor.scene.formats.recorded_map import (
     CenterLane,
     crosswalks_of,
+    distinct_points,
     lane_numbers,
     lanes_of,
     made_of,
-    points_of,
     read_as,
 )
 from pd_editor.scene.formats.recording_writers import WAYMO_CURRENT_STEP, gpudrive_files
@@ -53,13 +54,42 @@ class _About(msgspec.Struct):
     tracks_to_predict: list[_Asked] | None = None
 
 
+class _Point(msgspec.Struct):
+    x: float | None
+    y: float | None
+
+
+class _Object(msgspec.Struct):
+    type: str
+    position: list[_Point]
+    valid: list[bool | int]
+    length: float | list[float | None]
+    width: float | list[float | None]
+    heading: list[float | None] | None = None
+    velocity: list[_Point] | None = None
+    id: Any = None
+
+
+class _Road(msgspec.Struct):
+    type: str
+    geometry: list[_Point]
+    id: Any = None
+
+
+class _Light(msgspec.Struct):
+    state: list[Any]
+    time_index: list[float]
+    x: list[float | None]
+    y: list[float | None]
+
+
 class _File(msgspec.Struct):
     """What is used of a file; the rest of it may be anything."""
 
-    objects: list[dict[str, Any]]
-    roads: list[dict[str, Any]]
+    objects: list[_Object]
+    roads: list[_Road]
     metadata: _About | None = None
-    tl_states: dict[str, dict[str, Any]] | None = None
+    tl_states: dict[str, _Light] | None = None
     scenario_id: Any = None
 
 
@@ -86,12 +116,12 @@ def _scene(path: Path, found: _File) -> FileScene:
         for row, one in enumerate(objects)
     ]
     roads = [
-        (row, *made_of(path, "road", _road, row, one))
+        (row, one.type, distinct_points(_table(one.geometry)))
         for row, one in enumerate(found.roads)
     ]
     asked, told = about.tracks_to_predict, about.sdc_track_index
-    number = max((len(one["position"]) for one in objects), default=0)
-    row_of = {str(one.get("id", row)): str(row) for row, one in enumerate(found.roads)}
+    number = max((len(one.position) for one in objects), default=0)
+    row_of = {_name(row, one): str(row) for row, one in enumerate(found.roads)}
     lanes = [
         CenterLane(key=str(row), line=line)
         for row, kind, line in roads
@@ -100,9 +130,7 @@ def _scene(path: Path, found: _File) -> FileScene:
     numbers = lane_numbers(lanes)
     states = found.tl_states or {}
     signals = [
-        made_of(
-            path, "signal", _signal, key, one, numbers.get(row_of.get(key, "")), step_s
-        )
+        _signal(key, one, numbers.get(row_of.get(key, "")), step_s)
         for key, one in states.items()
     ]
     areas = [one for one in roads if len(one[2]) > 2]
@@ -120,7 +148,7 @@ def _scene(path: Path, found: _File) -> FileScene:
         ego_id=_id_of(objects, -1 if told is None else told),
         focal_id=_id_of(objects, asked[0].track_index if asked else -1),
         city="waymo",
-        notes=(NO_HEADINGS,) * any("heading" not in one for one in objects),
+        notes=(NO_HEADINGS,) * any(one.heading is None for one in objects),
         attribution="Recorded by the Waymo Open Motion Dataset, under its own licence.",
     )
 
@@ -136,57 +164,64 @@ def _decoded(path: Path, data: bytes) -> _File:
             return msgspec.convert(json.loads(data), _File)
     except msgspec.ValidationError as error:
         raise FormatError(f"{path}: is no valid GPUDrive scene: {error}.") from error
+    except json.JSONDecodeError as error:
+        raise FormatError(f"{path}: is no valid JSON ({error}).") from error
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise FormatError(
+            f"{path}: is no valid JSON; expected a text in UTF-8, not nested deeply."
+        ) from error
 
 
-def _id_of(objects: Sequence[Mapping[str, Any]], row: int) -> str:
+def _id_of(objects: Sequence[_Object], row: int) -> str:
     return _name(row, objects[row]) if 0 <= row < len(objects) else ""
 
 
-def _name(row: int, one: Mapping[str, Any]) -> str:
-    return str(one.get("id", row))
+def _name(row: int, one: _Object | _Road) -> str:
+    return str(row if one.id is None else one.id)
 
 
-def _track(row: int, one: Mapping[str, Any], step_s: float) -> FileTrack | None:
+def _track(row: int, one: _Object, step_s: float) -> FileTrack | None:
     """A track where it is valid; None if it never is."""
-    position = _table(one["position"])
-    is_valid = np.array(one["valid"], bool) & np.isfinite(position).all(axis=1)
+    position = _table(one.position)
+    for field in ("valid", "heading", "velocity"):
+        values = getattr(one, field)
+        if values is not None and len(values) != len(position):
+            raise FormatError(
+                f"its object {_name(row, one)[:40]!r} has {len(values)} values of "
+                f"{field!r}; expected {len(position)}, one for each position."
+            )
+    is_valid = np.array(one.valid, bool) & np.isfinite(position).all(axis=1)
     if not is_valid.any():
         return None
-    told = np.array(one.get("heading", [np.nan] * len(position)), float)[is_valid]
-    time_s = step_s * np.flatnonzero(is_valid)
-    size = float(np.median(one["length"])), float(np.median(one["width"]))
+    told = np.array(one.heading or [None] * len(position), float)[is_valid]
+    length, width = (
+        float(np.median(np.array(side, float))) for side in (one.length, one.width)
+    )
     return FileTrack(
         track_id=_name(row, one),
-        kind=_KINDS.get(str(one["type"]), AgentKind.UNKNOWN),
-        size_m=size if min(size) > 0 else None,
-        time_s=time_s,
+        kind=_KINDS.get(one.type, AgentKind.UNKNOWN),
+        size_m=(length, width) if min(length, width) > 0 else None,
+        time_s=step_s * np.flatnonzero(is_valid),
         position_m=position[is_valid],
         heading_rad=told,
-        velocity_mps=_table(one["velocity"])[is_valid] if "velocity" in one else None,
+        velocity_mps=_table(one.velocity)[is_valid] if one.velocity else None,
     )
 
 
-def _signal(
-    key: str, found: Mapping[str, Any], lane: int | None, step_s: float
-) -> FileSignal:
+def _signal(key: str, found: _Light, lane: int | None, step_s: float) -> FileSignal:
     """The signal of a lane; its states tell at which steps they are."""
-    stop = np.array([(found["x"] or [np.nan])[0], (found["y"] or [np.nan])[0]], float)
+    stop = np.array([(found.x or [None])[0], (found.y or [None])[0]], float)
     return FileSignal(
         signal_id=key,
         stop_m={} if lane is None else {lane: stop},
-        begins_s=[step_s * float(one) for one in found["time_index"]],
-        words=list(found["state"]),
+        begins_s=[step_s * one for one in found.time_index],
+        words=found.state,
         holds_s=step_s,
     )
 
 
-def _table(points: list[Mapping[str, float]]) -> np.ndarray:
-    return np.array([(one["x"], one["y"]) for one in points], float).reshape(-1, 2)
-
-
-def _road(row: int, one: Mapping[str, Any]) -> tuple[str, np.ndarray]:
-    del row
-    return str(one["type"]), points_of(_table(one["geometry"]))
+def _table(points: Sequence[_Point]) -> Float[np.ndarray, "N 2"]:
+    return np.array([(one.x, one.y) for one in points], float).reshape(-1, 2)
 
 
 def _recognises(path: Path) -> bool:

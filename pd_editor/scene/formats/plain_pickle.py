@@ -155,5 +155,5 @@ def read_plain_pickle(path: Path) -> tuple[Any, bytes]:
     except Exception as error:
         # A damaged pickle can raise anything.
         raise FormatError(
-            f"{path}: is no readable pickle ({type(error).__name__})."
+            f"{path}: is no readable pickle; it is damaged, not whole, or of another kind."
         ) from error

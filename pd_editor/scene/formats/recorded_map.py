@@ -26,12 +26,17 @@ Result = TypeVar("Result")
 
 _FAULTS: Final = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 """What values of other kinds and shapes than expected raise."""
+_NO_ITEMS: Final = (str, int, float, list, tuple, np.ndarray, type(None))
 USUAL_WIDTH_M: Final = 3.5
 _WIDTHS_M: Final = (2.2, 6.0)
 _SAME_LINE_M: Final = 0.02
 _SAME_PLACE_M: Final = 0.6
 _SAME_WAY: Final = 0.8
 """Cosine of the largest turn from one lane to the next, where links are not told."""
+
+
+class _FieldError(FormatError):
+    """An item of a file has something else in a field than expected."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,13 +110,47 @@ def made_of(
     """
     try:
         return make(name, *about)
+    except _FieldError as error:
+        wrong = str(error)
     except FormatError as error:
         raise FormatError(f"{path}: {error}") from error
-    except _FAULTS as error:
-        lacks = f"is damaged ({type(error).__name__}: {error})"
-        if isinstance(error, KeyError):
-            lacks = f"has no {error}"
-        raise FormatError(f"{path}: its {what} {str(name)[:40]!r} {lacks}.") from error
+    except KeyError as error:
+        wrong = f"has no {error}"
+    except _FAULTS:
+        wrong = "holds values of other kinds or shapes than expected"
+        if about and isinstance(about[0], _NO_ITEMS):
+            kind = type(about[0]).__name__.removesuffix("Type")
+            wrong = f"is a {kind}; expected a dict"
+    raise FormatError(f"{path}: its {what} {str(name)[:40]!r} {wrong}.")
+
+
+def numbers_of(
+    found: Mapping[str, Any], name: str, rows: int, columns: int = 1
+) -> np.ndarray:
+    """A field of some rows of numbers, or more, each of one column: flat, or of more.
+
+    Raises:
+        FormatError: it holds something else; ``made_of`` tells whose it is.
+        KeyError: there is none.
+    """
+    values = found[name]
+    each = f"{rows or ''} {'' if columns == 1 else f'rows of {columns} '}numbers"
+    try:
+        table = np.atleast_1d(np.array(values, float))
+    except (TypeError, ValueError) as error:
+        raise _FieldError(
+            f"has no numbers for {name!r}; expected {each.strip()}"
+        ) from error
+    shape = list(table.shape)
+    if columns == 1 and table.size == 1:
+        table = np.full(rows or 1, table.item())
+    elif columns == 1 and table.size == len(table):
+        table = table.ravel()
+    elif table.ndim != 1 + (columns > 1) or table.shape[-1] < columns:
+        table = table[:0]
+    if len(table) < max(rows, 1):
+        raise _FieldError(f"has {name!r} of shape {shape}; expected {each.strip()}")
+    return table[: rows or None]
 
 
 @contextmanager
@@ -125,7 +164,8 @@ def read_as(path: Path, noun: str) -> Iterator[None]:
         yield
     except _FAULTS as error:
         raise FormatError(
-            f"{path}: is no valid {noun} ({type(error).__name__}: {error})."
+            f"{path}: is no valid {noun}; a value in it has another kind or shape than "
+            "expected."
         ) from error
 
 
@@ -197,9 +237,25 @@ def crosswalk_of(number: int, ring: Float[np.ndarray, "N 2"]) -> Crosswalk | Non
     )
 
 
-def points_of(values: Any) -> Float[np.ndarray, "N 2"]:
-    """The first two coordinates of points, without repeated and unknown ones."""
-    table = np.array([tuple(one)[:2] for one in values], float).reshape(-1, 2)
+def points_of(found: Mapping[str, Any], name: str) -> Float[np.ndarray, "N 2"]:
+    """The first two coordinates of a field's points, without repeated and unknown ones.
+
+    Raises:
+        FormatError: these are no points; ``made_of`` tells whose they are.
+        KeyError: there are none.
+    """
+    values = found[name]
+    try:
+        table = np.array([tuple(one)[:2] for one in values], float).reshape(-1, 2)
+    except (TypeError, ValueError) as error:
+        raise _FieldError(
+            f"has no points for {name!r}; expected two numbers of each"
+        ) from error
+    return distinct_points(table)
+
+
+def distinct_points(table: Float[np.ndarray, "M 2"]) -> Float[np.ndarray, "N 2"]:
+    """Points without repeated and unknown ones."""
     table = table[np.isfinite(table).all(axis=1)]
     moves = np.append(True, np.linalg.norm(np.diff(table, axis=0), axis=1) > 1e-6)
     return table[moves[: len(table)]]

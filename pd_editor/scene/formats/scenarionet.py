@@ -23,6 +23,7 @@ from pd_editor.scene.formats.recorded_map import (
     lane_numbers,
     lanes_of,
     made_of,
+    numbers_of,
     points_of,
     read_as,
 )
@@ -76,16 +77,12 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         for name, one in found["tracks"].items()
         if (track := made_of(path, "track", _track, str(name), one, time_s))
     ]
-    lanes = [
-        made_of(path, "lane", _lane, str(key), one)
+    made = [
+        made_of(path, "map feature", _feature, str(key), one)
         for key, one in features.items()
-        if str(one["type"]).startswith("LANE_") and len(one["polyline"]) > 1
     ]
-    areas = {
-        number: (one["type"], points_of(one["polygon"]))
-        for number, one in enumerate(features.values(), start=10**6)
-        if one["type"] in ("CROSSWALK", "DRIVEWAY")
-    }
+    lanes = [one for one in made if isinstance(one, CenterLane)]
+    areas = {n: one for n, one in enumerate(made, 10**6) if isinstance(one, tuple)}
     numbers = lane_numbers(lanes)
     states = found.get("dynamic_map_states") or {}
     signals = [
@@ -132,34 +129,34 @@ def _asked(name: str, about: Mapping[str, Any]) -> str:
 
 
 def _times_s(name: str, found: Mapping[str, Any]) -> np.ndarray:
-    told_s = found["metadata"].get(name)
-    if told_s is None:
+    about = found["metadata"]
+    if about.get(name) is None:
         return TimeAxis().step_s * np.arange(int(found["length"]))
-    return np.array(told_s, float).ravel()
+    return numbers_of(about, name, 0)
 
 
 def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack | None:
     """A track where it is valid; None if it never is."""
     state = found["state"]
     number = len(time_s)
-    position = np.array(state["position"], float)[:, :2]
+    position = numbers_of(state, "position", 0, 2)[:, :2]
     if len(position) != number:
         raise FormatError(
             f"its track {name[:40]!r} has {len(position)} positions; expected {number}, "
             "one for each time."
         )
-    is_valid = np.array(state["valid"]).ravel()[:number].astype(bool)
+    is_valid = numbers_of(state, "valid", number) > 0
     is_valid &= np.isfinite(position).all(axis=1)
     if not is_valid.any():
         return None
     sizes = [
-        float(np.median(np.array(state[side], float).ravel()[:number][is_valid]))
-        if side in state
+        float(np.median(numbers_of(state, side, number)[is_valid]))
+        if state.get(side) is not None
         else 0.0
         for side in ("length", "width")
     ]
     told = (
-        np.array(state["heading"], float).ravel()[:number][is_valid]
+        numbers_of(state, "heading", number)[is_valid]
         if state.get("heading") is not None
         else np.full(is_valid.sum(), np.nan)
     )
@@ -175,8 +172,8 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         time_s=time_s[is_valid],
         position_m=position[is_valid],
         heading_rad=told,
-        velocity_mps=np.array(state["velocity"], float)[:number, :2][is_valid]
-        if "velocity" in state
+        velocity_mps=numbers_of(state, "velocity", number, 2)[is_valid, :2]
+        if state.get("velocity") is not None
         else None,
         longest_gap_s=1.5 * float(np.median(np.diff(time_s))) if number > 1 else 0.0,
     )
@@ -197,11 +194,21 @@ def _signal(
     )
 
 
+def _feature(
+    key: str, found: Mapping[str, Any]
+) -> CenterLane | tuple[str, np.ndarray] | None:
+    """A lane, or an area with its kind; None is neither."""
+    kind = str(found["type"])
+    if kind in ("CROSSWALK", "DRIVEWAY"):
+        return kind, points_of(found, "polygon")
+    return _lane(key, found) if kind.startswith("LANE_") else None
+
+
 def _lane(key: str, found: Mapping[str, Any]) -> CenterLane:
-    line = points_of(found["polyline"])
+    line = points_of(found, "polyline")
     half = None
-    if "width" in found:
-        table = np.array(found["width"], float).reshape(-1, 2)
+    if found.get("width") is not None:
+        table = numbers_of(found, "width", 0, 2)[:, :2]
         middle = [
             np.median(side[side > 0]) if (side > 0).any() else 0 for side in table.T
         ]
@@ -212,7 +219,9 @@ def _lane(key: str, found: Mapping[str, Any]) -> CenterLane:
         line=line,
         kind=_LANE_KINDS.get(str(found["type"]), LaneKind.VEHICLE),
         half_width_m=half,
-        polygon=points_of(found["polygon"]) if "polygon" in found else None,
+        polygon=points_of(found, "polygon")
+        if found.get("polygon") is not None
+        else None,
         successors=None if exits is None else [str(one) for one in exits],
         left_neighbor=_neighbor(found.get("left_neighbor")),
         right_neighbor=_neighbor(found.get("right_neighbor")),

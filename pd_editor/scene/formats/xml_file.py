@@ -29,7 +29,7 @@ def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
     try:
         found = etree.fromstring(content, parser)
     except etree.XMLSyntaxError as error:
-        raise FormatError(f"{path}: is no valid XML ({error}).") from error
+        raise FormatError(f"{path}: is no valid XML ({error.msg}).") from error
     if found.getroottree().docinfo.doctype:
         raise FormatError(
             f"{path}: declares a document type (DOCTYPE); expected none, since it could "

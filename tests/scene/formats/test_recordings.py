@@ -183,6 +183,12 @@ def test_a_pickle_that_wants_to_call_something_is_refused_and_calls_nothing(
     assert not made.exists()
 
 
+def with_state(**more: Any) -> dict[str, Any]:
+    found = description()
+    found["tracks"]["7"]["state"] |= more
+    return found
+
+
 @pytest.mark.parametrize(
     ("value", "told"),
     [
@@ -193,7 +199,10 @@ def test_a_pickle_that_wants_to_call_something_is_refused_and_calls_nothing(
             description(metadata={"tracks_to_predict": 5}),
             "metadata 'tracks_to_predict'",
         ),
-        (description(metadata={"current_time_index": "x"}), "'current_time_index' is"),
+        (
+            description(metadata={"current_time_index": "x"}),
+            "'current_time_index' holds",
+        ),
         (
             {"metadata": {}, "tracks": {}, "map_features": {}},
             "its metadata 'ts' has no 'length'.",
@@ -208,7 +217,27 @@ def test_a_pickle_that_wants_to_call_something_is_refused_and_calls_nothing(
             description(
                 map_features={"9": {"type": "LANE_X", "polyline": [[1, 2], 3]}}
             ),
-            "sd_bad.pkl: its lane '9' is damaged (TypeError",
+            "its map feature '9' has no points for 'polyline'; expected two numbers of each.",
+        ),
+        (
+            description(map_features={"9": {"polyline": [[1, 2]]}}),
+            "its map feature '9' has no 'type'.",
+        ),
+        (
+            description(map_features={"b1": 1e300}),
+            "its map feature 'b1' is a float; expected a dict.",
+        ),
+        (
+            description(tracks={"7": [1]}),
+            "its track '7' is a list; expected a dict.",
+        ),
+        (
+            with_state(heading=np.zeros(9)),
+            "its track '7' has 'heading' of shape [9]; expected 91 numbers.",
+        ),
+        (
+            with_state(velocity=[["a", "b"]] * STEPS),
+            "its track '7' has no numbers for 'velocity'; expected 91 rows of 2 numbers.",
         ),
     ],
 )
@@ -279,7 +308,7 @@ def test_faults_in_gpudrive_scenes_are_told_by_item(
     found, path = as_gpudrive(), tmp_path / "one.json"
     del found[part][row][lost]
     path.write_text(json.dumps(found))
-    named = f"one.json: its {part[:-1]} '{row}' has no '{lost}'"
+    named = f"missing required field `{lost}` - at `$.{part}[{row}]`."
     with pytest.raises(FormatError, match=re.escape(named)):
         open_scenario(path)
 
@@ -301,13 +330,13 @@ def test_a_gpudrive_scene_may_hold_nan_where_nothing_is_valid(tmp_path: Path):
     [
         ({"objects": 3}, "Expected `array`, got `int` - at `$.objects`."),
         ({"objects": [None]}, "got `null` - at `$.objects[0]`."),
-        ({"objects": [{"position": 3}]}, "its object '0' is damaged"),
+        ({"objects": [{"position": 3}]}, "got `int` - at `$.objects[0].position`."),
         ({"roads": {"a": 1}}, "got `object` - at `$.roads`."),
         ({"metadata": [float("nan")]}, "got `array` - at `$.metadata`."),
         ({"metadata": {"tracks_to_predict": [{}]}}, "`track_index` - at `$.metadata."),
         ({"tl_states": {"7": 1}}, "got `int` - at `$.tl_states"),
         ({"roads": []}, "has no lane for vehicles"),
-        ({"roads": [{"type": "lane"}]}, "no 'geometry'"),
+        ({"roads": [{"type": "lane"}]}, "`geometry` - at `$.roads[0]`."),
     ],
 )
 def test_bad_gpudrive_scenes_are_refused(tmp_path: Path, change: dict, told: str):
@@ -316,6 +345,27 @@ def test_bad_gpudrive_scenes_are_refused(tmp_path: Path, change: dict, told: str
     with pytest.raises(FormatError) as caught:
         open_scenario(path)
     assert told in str(caught.value)
+
+
+def test_values_that_do_not_fit_are_told_by_field(tmp_path: Path):
+    """Python's own texts on shapes were told."""
+    found, path = as_gpudrive(), tmp_path / "one.json"
+    found["objects"][1]["valid"].pop()
+    path.write_text(json.dumps(found))
+    told = (
+        "its object '9' has 90 values of 'valid'; expected 91, one for each position."
+    )
+    with pytest.raises(FormatError, match=told):
+        open_scenario(path)
+    path.write_text(json.dumps(found)[:-9])
+    with pytest.raises(FormatError, match=r"one\.json: is no valid JSON"):
+        open_scenario(path)
+
+
+def test_one_number_is_that_of_all_steps(tmp_path: Path):
+    path = tmp_path / "sd_one.pkl"
+    path.write_bytes(pickle.dumps(with_state(length=4.8, width=[2.0], heading=None)))
+    check(open_scenario(path))
 
 
 @pytest.mark.real_data
