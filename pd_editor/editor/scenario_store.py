@@ -244,7 +244,11 @@ def _open_zip(path: Path) -> Scenario:
 
 def _no_scenario(text: str, path: str) -> InputError:
     """The error of a reference, which says what is there instead."""
+    endings = sorted({e for one in formats().values() for e in one.endings})
+    has_ending = path.endswith(tuple(endings))
     if not os.path.isfile(path):
+        if has_ending and not os.path.exists(path):
+            return InputError(f"{text}: there is no such file.")
         return InputError(
             f"{text}: is neither a scenario folder nor a demo "
             f"({', '.join(demo_names())})."
@@ -254,9 +258,9 @@ def _no_scenario(text: str, path: str) -> InputError:
             f"{text}: is no file of a known format; recipes are replayed by pd-editor"
             " replay, and scenarios are opened by their folder."
         )
-    known = ", ".join(sorted({e for one in formats().values() for e in one.endings}))
+    known = "in spite of its ending" if has_ending else f"({', '.join(endings)})"
     return InputError(
-        f"{text}: is no file of a known format ({known}); for Argoverse 2,"
+        f"{text}: is no file of a known format {known}; for Argoverse 2,"
         " expected the folder that holds scenario_<id>.parquet and log_map_archive_<id>.json, or a zip of it."
     )
 

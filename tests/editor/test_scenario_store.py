@@ -74,6 +74,14 @@ def test_an_unknown_name_is_refused(name: str):
         open_scenario(name)
 
 
+def test_a_file_that_is_not_there_is_told(tmp_path: Path):
+    with pytest.raises(InputError, match=r"gone\.xodr: there is no such file\."):
+        open_scenario(tmp_path / "gone.xodr")
+    (tmp_path / "roads.xml").write_text("<roads/>")
+    with pytest.raises(InputError, match=r"known format in spite of its ending"):
+        open_scenario(tmp_path / "roads.xml")
+
+
 def test_exported_files_hold_a_recipe_that_leads_to_them():
     session = edited_session()
     files = exported_files(session.scenario, session.recipe())

@@ -218,8 +218,10 @@ class FileScene:
         apart = int((gap_m > _LEAP_M).sum())
         lacking = sum(n not in ends for _, n in after)
         lacking += sum(n is not None and n not in ends for n in beside)
-        told = f"{apart} lanes begin up to {gap_m.max(initial=0.0):.1f} m from those before them."
-        lacks = f"{lacking} links name lanes that the map lacks."
+        begin = "lane begins" if apart == 1 else "lanes begin"
+        told = f"{apart} {begin} up to {gap_m.max(initial=0.0):.1f} m from those before them."
+        name = "link names a lane" if lacking == 1 else "links name lanes"
+        lacks = f"{lacking} {name} that the map lacks."
         return [told] * bool(apart) + [lacks] * bool(lacking)
 
     def _raise_for(self, excess: str | None, data: bytes) -> None:

@@ -111,7 +111,7 @@ def test_lanes_that_others_name_and_that_are_not_there_are_counted(folder: Path)
     scenario = open_scenario(folder)
     second = scenario.road_map.lanes[1]
     assert not set(second.successors) & set(scenario.road_map.lane_of)
-    assert "1 links name lanes" in " ".join(scenario.provenance.notes)
+    assert "1 link names a lane" in " ".join(scenario.provenance.notes)
 
 
 @pytest.mark.usefixtures("joined")
@@ -241,11 +241,11 @@ def test_commands_take_folders_of_a_format(shell: Shell, folder: Path, tmp_path:
     ):
         result = shell.run("convert", where, "--to", "csv-folder", "--out", out / "c", "--overwrite")  # fmt: skip
         assert result.code == 0, result.err
-        assert "1 links name lanes that the map lacks." in result.out
+        assert "1 link names a lane that the map lacks." in result.out
         found = {
             Path(one).name
             for one in result.lines
-            if ".txt" not in one and " links " not in one
+            if ".txt" not in one and " link names " not in one
         }
         assert {one.replace(".", "-") for one in found} == set(names)
     assert (out / "c" / "my_street" / "losses.txt").exists()
