@@ -18,7 +18,7 @@ from typing import Any, Final
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from pd_editor.viewer.viewer_app import ViewerApp
+from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 
 ROOT: Final = Path(__file__).parents[1]
 PICTURES: Final = ROOT / "docs" / "pictures"
@@ -99,7 +99,9 @@ def main() -> None:
         for name in names:
             demo, make = MAKERS[name]
             with tempfile.TemporaryDirectory() as library:
-                app = ViewerApp(reference=demo, port=0, state=Path(library))
+                app = ViewerApp(
+                    ViewerOptions(reference=demo, port=0, state=Path(library))
+                )
                 page = browser.new_page(
                     viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]}
                 )

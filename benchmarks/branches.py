@@ -23,7 +23,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
-from pd_editor.viewer.viewer_app import ViewerApp
+from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.browser.editor_page import EditorPage
 
 ROUNDS = 30
@@ -45,7 +45,7 @@ def main() -> None:
     in_page: dict[int, list[float]] = {0: [], 1: [], 2: []}
     on_server: dict[int, list[float]] = {0: [], 1: [], 2: []}
     with tempfile.TemporaryDirectory() as state, opened_chromium() as browser:
-        app = ViewerApp(reference=str(folder), port=0, state=Path(state))
+        app = ViewerApp(ViewerOptions(reference=str(folder), port=0, state=Path(state)))
         try:
             editor = EditorPage(
                 browser.new_page(viewport={"width": 1600, "height": 900}), app

@@ -38,6 +38,7 @@ from pd_editor.base.installed_files import models_folder
 from pd_editor.experiments.evaluation.report.distances import STATE_METRICS
 from pd_editor.generation.checkpoints.model_folder import load_model
 from pd_editor.generation.core.devices import keep_freed_memory, lay_out_weights
+from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE, packed
 from pd_editor.generation.features.scene_features import scene_center, scene_features
 from pd_editor.generation.generators import SHIPPED_MODEL
@@ -185,9 +186,8 @@ def _sampled_states(
     steps = sample_initial_states(
         model,
         scene,
-        samples=[sample],
-        seed=key,
-        task=task,
+        RandomStreams(key, "states", [sample]),
+        task,
         config=config,
         guide=None if guidance is None else guidance.of(scene, model.schedule, task),
     )
@@ -364,8 +364,9 @@ def print_times(
         for repeat in range(15):
             start = time.perf_counter()
             guide = None if guidance is None else guidance.of(scene, model.schedule)
+            streams = RandomStreams(0, "states", [repeat])
             for _ in sample_initial_states(
-                model, scene, samples=[repeat], seed=0, config=config, guide=guide
+                model, scene, streams, config=config, guide=guide
             ):
                 pass
             spent.append(1e3 * (time.perf_counter() - start))

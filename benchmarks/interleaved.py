@@ -23,6 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario
@@ -194,7 +195,9 @@ def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
             return trajectories.denoise(noisy, level, context)
 
     def place() -> object:
-        return list(sample_initial_states(states, scene, samples=[0], seed=0))
+        return list(
+            sample_initial_states(states, scene, RandomStreams(0, "states", [0]))
+        )
 
     return [step, encode, place]
 

@@ -64,7 +64,9 @@ def serve(library: Path, report: int, log: Path) -> None:
     from pd_editor.viewer import viewer_app
 
     viewer_app.STORAGE_TIMEOUT_S = 0.05
-    app = viewer_app.ViewerApp(reference="crosswalk", port=0, state=library)
+    app = viewer_app.ViewerApp(
+        viewer_app.ViewerOptions(reference="crosswalk", port=0, state=library)
+    )
     app._warm_up.cancel()
     app._warms_up = True
 

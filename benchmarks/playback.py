@@ -64,9 +64,9 @@ def always_there(scenario: Scenario) -> Scenario:
 
 def serve(reference: str, library: str, pipe: Connection) -> None:
     """Run the editor until told to stop."""
-    from pd_editor.viewer.viewer_app import ViewerApp
+    from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 
-    app = ViewerApp(reference=reference, port=0, state=Path(library))
+    app = ViewerApp(ViewerOptions(reference=reference, port=0, state=Path(library)))
     pipe.send(app.address)
     pipe.recv()
     app.stop()

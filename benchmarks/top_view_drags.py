@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.chromium import opened_chromium
 from benchmarks.figures import load_in_words, spread
 from pd_editor.viewer.scene.camera import projected
-from pd_editor.viewer.viewer_app import ViewerApp
+from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.browser.editor_page import EditorPage
 
 VIEWPORT = {"width": 1600, "height": 900}
@@ -148,7 +148,9 @@ def drags_of(folder: Path, count: int, rng: np.random.Generator) -> list[Outcome
     """Some drags on one scene, in a browser of its own."""
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as library, opened_chromium() as browser:
-        app = ViewerApp(reference=str(folder), port=0, state=Path(library))
+        app = ViewerApp(
+            ViewerOptions(reference=str(folder), port=0, state=Path(library))
+        )
         context = browser.new_context(viewport=VIEWPORT)
         try:
             editor = EditorPage(context.new_page(), app)

@@ -27,7 +27,7 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.map_view import MapView
 from pd_editor.viewer.state.inbox import Inbox
 from pd_editor.viewer.tab.ui_context import GESTURE_PAUSE_S
-from pd_editor.viewer.viewer_app import ViewerApp
+from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.browser.editor_page import EditorPage
 
 LARGEST_SCENARIO = "00a3ead5-2ab4-4bad-b55f-e519934c056c"
@@ -192,7 +192,7 @@ def measured(browser: Browser, reference: str, title: str) -> None:
     times = ServerTimes()
     viewport = {"width": CANVAS["width"] + PANEL_WIDTH, "height": CANVAS["height"]}
     with tempfile.TemporaryDirectory() as folder:
-        app = ViewerApp(reference=reference, port=0, state=Path(folder))
+        app = ViewerApp(ViewerOptions(reference=reference, port=0, state=Path(folder)))
         context = browser.new_context(viewport=viewport)
         try:
             editor = EditorPage(context.new_page(), app)

@@ -65,19 +65,21 @@ def edit(options: EditOptions) -> None:
     sys.stdout.write("Starting...\n")
     sys.stdout.flush()
     # Imported late, so that the first output appears at once.
-    from pd_editor.viewer.viewer_app import ViewerApp
+    from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 
     app = ViewerApp(
-        reference=None if options.scenario is None else str(options.scenario),
-        cut=options.cut,
-        host=options.host,
-        port=options.port,
-        data_root=options.data,
-        library=options.library,
-        state=options.state,
-        models=several(options.models),
-        debug=options.debug,
-        token=True if options.token else False if options.no_token else None,
+        ViewerOptions(
+            reference=None if options.scenario is None else str(options.scenario),
+            cut=options.cut,
+            host=options.host,
+            port=options.port,
+            data_root=options.data,
+            library=options.library,
+            state=options.state,
+            models=several(options.models),
+            debug=options.debug,
+            token=True if options.token else False if options.no_token else None,
+        )
     )
     # Interrupting is the normal end, not a failure, from the moment it serves.
     with contextlib.suppress(KeyboardInterrupt):

@@ -101,11 +101,11 @@ def initial_state_options(
     sampler, guidance = stage.sampling["sampler"], stage.sampling["guidance"]
     resampling = stage.sampling["conflicts"]
     if request.quality == "high":
-        sampler = replace(sampler, num_steps=sampler.num_high_quality_steps)
-        versions = resampling.num_high_quality_versions
+        sampler = replace(sampler, num_steps=2 * sampler.num_steps)
+        versions = 2 * resampling.num_versions
         resampling = replace(resampling, num_versions=versions)
     if not request.refines_states:
-        return InitialStateOptions(sampler=sampler, guidance=guidance.at_no_level())
+        return InitialStateOptions(sampler=sampler, guidance=None)
     return InitialStateOptions(
         sampler=sampler,
         guidance=guidance,

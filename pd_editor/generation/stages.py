@@ -32,6 +32,10 @@ INITIAL_STATES: Final = StageKind(
         "guidance": InitialStateGuidance,
         "conflicts": ConflictResampling,
     },
+    former_sampling={
+        "sampler": {"num_high_quality_steps": 16, "extrapolates_poses": False},
+        "conflicts": {"num_rounds": 1, "num_high_quality_versions": 4},
+    },
     statistics=frozenset({"counted", "state_moments", "clean_variance"}),
 )
 TRAJECTORIES: Final = StageKind(
@@ -45,6 +49,27 @@ TRAJECTORIES: Final = StageKind(
         "sampler": TrajectorySamplerConfig,
         "guidance": TrajectoryGuidance,
         "terms": TermGuidance,
+    },
+    former_sampling={
+        "sampler": {"eta": 0.0, "standing_noise": 1.0},
+        "guidance": {"standing_first_level": 0.35},
+        "terms": {
+            "first_level": 1.0,
+            "is_last_step_guided": False,
+            "num_avoiding": 4,
+            "closing_spread": 0.3,
+            "goal_aside_m": 4.0,
+            "comfort_margin_mps2": 0.1,
+            "held_path_m": 0.6,
+            "road_m": 0.2,
+            "road_margin_m": 0.2,
+            "max_acceleration_mps2": 2.5,
+            "max_braking_mps2": 5.0,
+            "lateral_mps2": 3.0,
+            "avoided_ahead_m": 0.6,
+            "gap_m": 0.1,
+            "threat_meeting_m": 0.05,
+        },
     },
 )
 STAGE_KINDS: Final[Mapping[str, StageKind]] = {

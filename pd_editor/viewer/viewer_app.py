@@ -6,7 +6,7 @@ import logging
 import secrets
 import threading
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -51,50 +51,56 @@ WARM_UP_AFTER_S: Final = 3.0
 """Delay before models are loaded, so that loading does not delay the first picture."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ViewerOptions:
+    """What the editor serves, and to whom."""
+
+    reference: str | None = None
+    """Scenario of new pages; None: the list of all scenarios, over a demo."""
+    cut: SceneCut = field(default_factory=SceneCut)
+    """What is used of each recording that is opened by its place."""
+    host: str = "127.0.0.1"
+    port: int = 8080
+    data_root: Path | None = None
+    """Root of a dataset that pages list."""
+    library: Path | None = None
+    """Folder that all visitors share; None: each has one in ``state``."""
+    state: Path | None = None
+    """Folder of unfinished work; None: the user's own."""
+    models: Sequence[str | Path] = ()
+    """Models and plugins of one's own among the generators."""
+    debug: bool = False
+    """Whether the page offers viser's own settings and scene tree."""
+    token: bool | None = None
+    """Whether pages and connections are served only to those who know a token, which is
+    part of ``address``; None: if other machines can reach it."""
+
+
 class ViewerApp:
     """Serves the editor; every browser tab works on a workspace of its own."""
 
-    def __init__(
-        self,
-        *,
-        reference: str | None = None,
-        cut: SceneCut | None = None,
-        host: str = "127.0.0.1",
-        port: int = 8080,
-        data_root: Path | None = None,
-        library: Path | None = None,
-        state: Path | None = None,
-        models: Sequence[str | Path] = (),
-        debug: bool = False,
-        token: bool | None = None,
-    ) -> None:
-        """Start serving, with models and plugins of one's own among the generators.
-
-        Without a ``reference`` pages begin with the list of all scenarios, over a demo.
-        ``cut`` says what is used of each recording that is opened by its place.
-        All visitors share a ``library`` that is named; else each has one in ``state``,
-        the folder of unfinished work. With ``debug`` the page offers viser's own settings and scene tree. With a
-        ``token``, which other machines need unless it is refused, pages and connections
-        are served only to those who know it: it is part of ``address``.
+    def __init__(self, options: ViewerOptions) -> None:
+        """Start serving.
 
         Raises:
             GenerationError: a folder holds no model.
             InputError: the scenario or the dataset root cannot be opened.
         """
-        self._generators = catalogue_with(models)
-        self._cut = cut or SceneCut()
-        self._reference, self._is_long = reference or DEFAULT_DEMO, False
-        self._starts_open = reference is None
+        host, data_root = options.host, options.data_root
+        self._generators = catalogue_with(options.models)
+        self._cut = options.cut
+        self._reference, self._is_long = options.reference or DEFAULT_DEMO, False
+        self._starts_open = options.reference is None
         self._scenario = self._open(self._cut)
         self._is_local = is_loopback(host)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
-        self._library, self._state = library, state or state_folder()
+        self._library, self._state = options.library, options.state or state_folder()
         self._index_run = self._new_index_run()
         self._shelves: dict[str, SessionShelf] = {}
         """Kept work by visitor."""
         self._workspaces: dict[str, Workspace] = {}
         self._tabs: dict[int, tuple[str, BrowserSession]] = {}
-        self._is_debug = debug
+        self._is_debug = options.debug
         self._lock = threading.Condition()
         """Notified when a tab has ended, so that its workspace is free."""
         self._silent = threading.Lock()
@@ -103,9 +109,9 @@ class ViewerApp:
         # No daemon: a thread that is ended inside torch aborts the process at its exit.
         self._warm_up.daemon = False
         self._warms_up = False
-        has_token = not self._is_local if token is None else token
+        has_token = not self._is_local if options.token is None else options.token
         secret = secrets.token_urlsafe(16) if has_token else None
-        self.server = guarded_server(host, port, secret)
+        self.server = guarded_server(host, options.port, secret)
         self._query = f"/?{TOKEN_FIELD}={secret}" if secret else ""
         self.address = self.address_at(
             "localhost" if host in ("0.0.0.0", "::", "") else host

@@ -48,7 +48,7 @@ def browser() -> Iterator:
 @pytest.fixture
 def open_editor(browser, tmp_path: Path) -> Iterator[Callable[..., EditorPage]]:
     """Opens pages on editors of their own; closes them all after the test."""
-    from pd_editor.viewer.viewer_app import ViewerApp
+    from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 
     apps, contexts = [], []
 
@@ -59,7 +59,7 @@ def open_editor(browser, tmp_path: Path) -> Iterator[Callable[..., EditorPage]]:
                 "port": 0,
                 "state": tmp_path / "state",
             }
-            app = ViewerApp(**{**defaults, **options})
+            app = ViewerApp(ViewerOptions(**{**defaults, **options}))
             apps.append(app)
         if context is None:
             context = browser.new_context(viewport=VIEWPORT, accept_downloads=True)

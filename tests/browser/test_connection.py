@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from pd_editor.editor.commands import DeleteAgents
-from pd_editor.viewer.viewer_app import ViewerApp
+from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.browser.view_page import ready
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -55,10 +55,12 @@ def test_a_lost_connection_is_told_on_the_picture_and_so_is_its_return(
     play = page.get_by_role("button", name="Play", exact=True)
     assert play.evaluate("one => getComputedStyle(one).pointerEvents") == "none"
     again = ViewerApp(
-        reference="signalised-junction",
-        host=host,
-        port=port,
-        state=tmp_path / "state",
+        ViewerOptions(
+            reference="signalised-junction",
+            host=host,
+            port=port,
+            state=tmp_path / "state",
+        )
     )
     try:
         expect(alert).to_contain_text("started anew. Your edits are under")
@@ -81,7 +83,13 @@ def test_a_page_with_the_token_of_an_earlier_start_says_what_to_do(
     alert = editor.page.locator(".pd-connection-bar")
     expect(alert).to_contain_text("Reconnecting")
     again = ViewerApp(
-        reference="queue", host=host, port=port, state=tmp_path / "state", token=True
+        ViewerOptions(
+            reference="queue",
+            host=host,
+            port=port,
+            state=tmp_path / "state",
+            token=True,
+        )
     )
     try:
         expect(alert).to_contain_text("open the one that it printed. Edits up to")

@@ -21,8 +21,8 @@ class FakeApp:
     made: dict[str, object] | None = None
     stopped = False
 
-    def __init__(self, **options: object) -> None:
-        FakeApp.made = options
+    def __init__(self, options: viewer_app.ViewerOptions) -> None:
+        FakeApp.made = vars(options)
 
     def address_at(self, host: str) -> str:
         return f"http://{host}:1"

@@ -25,7 +25,7 @@ from pd_editor.generation.generators import registry
 from pd_editor.viewer import viewer_app
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.viewer_app import ViewerApp
+from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.editor.fake_generators import DriftGenerator
 
 _MOST_HANDLERS_DEEP = 10
@@ -311,7 +311,9 @@ def running_app(
     before = viewer_app.STORAGE_TIMEOUT_S
     viewer_app.STORAGE_TIMEOUT_S = 0.05
     with mock.patch.object(registry, "GENERATORS", _without_networks()):
-        app = ViewerApp(reference=reference, port=0, state=state, **options)
+        app = ViewerApp(
+            ViewerOptions(reference=reference, port=0, state=state, **options)
+        )
     try:
         yield app
     finally:

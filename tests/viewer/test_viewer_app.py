@@ -22,7 +22,7 @@ from pathlib import Path
 from pd_editor.viewer import viewer_app
 
 viewer_app.WARM_UP_AFTER_S = 0.0
-app = viewer_app.ViewerApp(reference="crosswalk", port=0, state=Path(sys.argv[1]))
+app = viewer_app.ViewerApp(viewer_app.ViewerOptions(reference="crosswalk", port=0, state=Path(sys.argv[1])))
 app._warm_up.start()
 time.sleep(float(sys.argv[2]))
 app.stop()

@@ -44,6 +44,8 @@ class StageKind:
     """Makes a network for tensors of a file, if these determine some of its sizes."""
     sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
     """Flat dataclasses of sampling settings by name, with defaults."""
+    former_sampling: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Settings that older models hold, with the only value that had a use, by part."""
     statistics: frozenset[str] = frozenset()
     """Names of tensors that describe the training data and the network's errors. They may
     be missing, and differ between networks whose weights are averaged."""
@@ -239,8 +241,16 @@ def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
     for name, values in given.items():
         if not isinstance(values, dict):
             raise ModelError(f"{source}, {name}: holds no fields; expected an object.")
+        former = kind.former_sampling.get(name, {})
+        for setting, value in former.items():
+            if values.get(setting, value) != value:
+                raise ModelError(
+                    f"{source}, {name}: {setting} can no longer be set; expected "
+                    f"{value}, as in all models that were shipped."
+                )
+        left = {key: value for key, value in values.items() if key not in former}
         part = kind.sampling_types[name]
-        found[name] = config_from_json(part, values, f"{source}, {name}")
+        found[name] = config_from_json(part, left, f"{source}, {name}")
     return found
 
 

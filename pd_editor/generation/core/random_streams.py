@@ -30,6 +30,11 @@ class RandomStreams:
             _generator([*self._key, sample]) for sample in self._samples
         ]
 
+    @property
+    def num_samples(self) -> int:
+        """Number S of samples."""
+        return len(self._samples)
+
     def normal(self, *shape: int) -> Float[Tensor, "S ..."]:
         """Standard normal numbers of shape [S, *shape]."""
         return torch.stack(
@@ -107,6 +112,11 @@ class SceneStreams(RandomStreams):
         """
         super().__init__(seed, stage, samples)
         self._rows = tuple(rows)
+
+    @property
+    def num_samples(self) -> int:
+        """1: the scenes are the samples."""
+        return 1
 
     def normal(self, *shape: int) -> Float[Tensor, "1 B A ..."]:
         """Standard normal numbers of shape [1, *shape], 0 for padding."""

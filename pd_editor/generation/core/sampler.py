@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -104,6 +104,26 @@ def sample_steps(
         yield SamplerStep(index=index, num_steps=len(levels), clean=clean)
 
 
+@dataclass(frozen=True, kw_only=True)
+class DifferentiableSampler:
+    """``sample_steps`` of which the last steps are differentiable."""
+
+    num_steps: int
+
+    def __call__(
+        self,
+        denoise: Denoise,
+        start: Float[Tensor, "S ..."],
+        schedule: NoiseSchedule,
+        levels: Sequence[float],
+        config: SamplerConfig,
+        fresh_noise: Callable[[], Tensor],
+    ) -> Iterator[SamplerStep]:
+        """Denoise ``start`` once at each level."""
+        config = replace(config, num_gradient_steps=self.num_steps)
+        return sample_steps(denoise, start, schedule, levels, config, fresh_noise)
+
+
 def _slopes(
     alphas: Float[Tensor, "T #P"], sigmas: Float[Tensor, "T #P"]
 ) -> Float[Tensor, "T #P"]:
@@ -126,6 +146,14 @@ def _noise_shares(
     ratio = alphas[:-1] * next_sigma / (alphas[1:] * sigma)
     fresh = eta * next_sigma * (1 - ratio.square()).clamp_min(0).sqrt()
     return (next_sigma.square() - fresh.square()).clamp_min(0).sqrt(), fresh
+
+
+def preparing_mode(
+    num_rows: int, sampler: Sampler
+) -> contextlib.AbstractContextManager[None]:
+    """``sampling_mode`` of what is computed before the first step of a sampler."""
+    is_differentiable = isinstance(sampler, DifferentiableSampler)
+    return sampling_mode(num_rows, has_gradient=True if is_differentiable else None)
 
 
 @contextlib.contextmanager

@@ -53,8 +53,7 @@ class InitialStateGuidance:
     off-road are not pulled to lanes."""
     within_lanes_offset_m: float = 1.4
     """The same for all agents where all are conditioned on-road: most lanes are 3 to 3.5 m
-    wide. Without it 22 % of the vehicles placed on three demos were off the drivable
-    surface, with it 1 %."""
+    wide."""
     stopped_in_junctions: float = 0.2
     """Share of the standing vehicles that may be in a junction; the others are moved to
     the nearest lane outside."""
@@ -64,8 +63,7 @@ class InitialStateGuidance:
     """To a lane outside; a vehicle with a longer way stays."""
     most_askew_deg: float = 10.0
     """Agents that stand on a lane outside junctions, turned further from its direction,
-    are aligned with it in the last step: of recorded ones (``train``) 0.8 % stand askew by
-    more than 15 degrees, of sampled ones 5 %."""
+    are aligned with it in the last step."""
     first_noise_m: float = 12.0
     """There is no guidance above this noise on positions."""
     num_pushes: int = 2
@@ -85,10 +83,6 @@ class InitialStateGuidance:
         """Guidance where all agents are conditioned on-road."""
         offset = self.within_lanes_offset_m
         return replace(self, moving_offset_m=offset, on_road_offset_m=offset)
-
-    def at_no_level(self) -> "InitialStateGuidance":
-        """No guidance at any noise level."""
-        return replace(self, first_noise_m=0.0)
 
     def of(
         self,

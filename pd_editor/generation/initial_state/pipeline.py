@@ -10,16 +10,16 @@ from collections.abc import (
 )
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise
 from typing import Final, TypeVar
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.base.errors import GenerationError
+from pd_editor.generation.core.random_streams import SceneStreams
 from pd_editor.generation.core.sampler import Sampler, sample_steps, sampling_mode
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE, PackedScene, packed
 from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND, lane_pieces
@@ -51,6 +51,7 @@ from pd_editor.generation.initial_state.network.context import EncodedMap
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.generation.initial_state.sampler import (
+    InitialStateGuide,
     InitialStateSamplerConfig,
     finished_activity,
     finished_states,
@@ -93,8 +94,8 @@ _SPEED_DIGITS: Final = 2
 """Sampled states are rounded to a centimetre, a milliradian and a centimetre a second."""
 _VERSION_STEP: Final = 1_000_003
 """Difference of the sample indices of the versions of a sample."""
-_ROUND_SEED_STEP: Final = 1_000_033
-"""Difference of the seeds of rounds; each round has random numbers of its own."""
+_SECOND_SEED_STEP: Final = 1_000_033
+"""Difference of the seed with which agents are placed again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +107,8 @@ class InitialStateOptions:
     )
     steps: Sampler = sample_steps
     """The sampler itself."""
-    guidance: InitialStateGuidance = field(default_factory=InitialStateGuidance)
+    guidance: InitialStateGuidance | None = field(default_factory=InitialStateGuidance)
+    """None leaves states as they are predicted."""
     conflicts: ConflictSearch | None = None
     """Which placed agents are sampled again; None leaves all as they are."""
 
@@ -303,61 +305,69 @@ def place_in_squares(
         GenerationError: there is no road where agents are to be placed.
     """
     options = InitialStateOptions() if options is None else options
-    sampler, conflicts = options.sampler, options.conflicts
-    num_rounds = 0 if conflicts is None else conflicts.settings.num_rounds
-    # The number of rounds is not known ahead, so each counts half of what remains.
-    ends = np.append(1 - 0.5 ** np.arange(1, num_rounds + 1), 1.0)
+    share = 1.0 if options.conflicts is None else 0.5
     place = partial(_place_once, model, maps={})
     found = yield from place(
         dict.fromkeys(placings, scenario),
         placings,
         seed=seed,
         options=options,
-        progress=lambda part: progress(ends[0] * part),
+        progress=lambda part: progress(share * part),
     )
-    own = {name for squares in placings.values() for one in squares for name in one.ids}
-    own |= set(generated_ids)
-    kept = KeptPaths.of(scenario, [n for n in scenario.agents.ids if n in own])
-    for index, (begin, end) in enumerate(pairwise(ends)):
-        assert conflicts is not None, "without it there are no rounds"
-        again = _offenders(conflicts, found, placings, kept, (seed, index))
-        if not again:
-            break
-        num_steps = min(sampler.num_steps, conflicts.settings.num_steps)
-        versions = yield from _versions(
-            partial(
-                place,
-                seed=(seed + (index + 1) * _ROUND_SEED_STEP) % MAX_SEED,
-                options=replace(options, sampler=replace(sampler, num_steps=num_steps)),
-                progress=lambda part, low=begin, high=end: progress(
-                    low + (high - low) * part
-                ),
-            ),
+    if options.conflicts is not None:
+        own = {
+            name for squares in placings.values() for one in squares for name in one.ids
+        }
+        own |= set(generated_ids)
+        kept = KeptPaths.of(scenario, [n for n in scenario.agents.ids if n in own])
+        found |= yield from _placed_anew(
+            partial(place, progress=lambda part: progress((1 + part) / 2)),
             found,
-            {key: placed_again(placings[key], ids) for key, ids in again.items()},
-            conflicts.settings.num_versions,
+            placings,
+            options.conflicts,
+            kept,
+            seed=seed,
+            options=options,
         )
-        for sample, ids in again.items():
-            found[sample] = conflicts.best_of(versions[sample], ids, kept)
     return [_slowed(found[sample], squares) for sample, squares in placings.items()]
 
 
-def _offenders(
-    conflicts: ConflictSearch,
-    found: Mapping[int, Scenario],
+def _placed_anew(
+    place: Callable[..., Generator[_Progress, None, dict[int, Scenario]]],
+    scenes: Mapping[int, Scenario],
     placings: Mapping[int, Sequence[SquarePlacement]],
+    conflicts: ConflictSearch,
     kept: KeptPaths,
-    seed_and_round: tuple[int, int],
-) -> dict[int, tuple[str, ...]]:
-    """Agents of each sample that break a placement rule, where there are some."""
-    seed, index = seed_and_round
-    again = {}
+    *,
+    seed: int,
+    options: InitialStateOptions,
+) -> Generator[_Progress, None, dict[int, Scenario]]:
+    """Scenes in which agents break a placement rule, with these placed again."""
+    offenders: dict[int, tuple[str, ...]] = {}
     for sample, squares in placings.items():
         placed = [name for one in squares for name in one.ids]
-        random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, index])
-        if ids := conflicts.conflicting(found[sample], placed, random, kept):
-            again[sample] = ids
-    return again
+        random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, 0])
+        if ids := conflicts.conflicting(scenes[sample], placed, random, kept):
+            offenders[sample] = ids
+    if not offenders:
+        return {}
+    num_steps = min(options.sampler.num_steps, conflicts.settings.num_steps)
+    versions = yield from _versions(
+        partial(
+            place,
+            seed=(seed + _SECOND_SEED_STEP) % MAX_SEED,
+            options=replace(
+                options, sampler=replace(options.sampler, num_steps=num_steps)
+            ),
+        ),
+        scenes,
+        {key: placed_again(placings[key], ids) for key, ids in offenders.items()},
+        conflicts.settings.num_versions,
+    )
+    return {
+        sample: conflicts.best_of(versions[sample], ids, kept)
+        for sample, ids in offenders.items()
+    }
 
 
 def _versions(
@@ -498,37 +508,32 @@ def place_agents(
     placing = tasks[0].placing
     device = model.get_buffer("counted").device
     scenes_of_square = batch_of([one.packed() for one in tasks], pads_single=True)
-    square, streams = placing.square, [one.sample for one in tasks]
+    square, samples = placing.square, [one.sample for one in tasks]
     if placing.turn is None:
         # The tokens of the map, which all samples share, are encoded once.
         scenes_of_square = scenes_of_square.with_one_map()
     else:
         square, maps = 0, {}
-        streams = [one.sample + one.placing.square * _VERSION_STEP**2 for one in tasks]
+        samples = [one.sample + one.placing.square * _VERSION_STEP**2 for one in tasks]
     scene = scenes_of_square.to(device)
     further = [square] if square else []
     randoms = [
-        np.random.default_rng([seed, one, _ATTRIBUTES_KEY, *further]) for one in streams
+        np.random.default_rng([seed, one, _ATTRIBUTES_KEY, *further]) for one in samples
     ]
     task = _conditioning(model, scene, tasks, randoms)
     if square not in maps:
         with sampling_mode(scene.has_agent.numel()):
             maps[square] = model.encode_map(scene)
-    guidance = options.guidance
-    if placing.traits.only_on_road:
-        guidance = guidance.within_lanes()
-    may_stop = _may_stop(scene, tasks, randoms, guidance.stopped_in_junctions)
+    name = f"states-{square}" if square else "states"
+    rows = [(one.num_agents, one.rows) for one in tasks]
     steps = sample_initial_states(
         model,
         scene,
-        samples=streams,
-        seed=seed,
-        task=task,
+        SceneStreams(seed, name, samples, rows),
+        task,
         config=options.sampler,
         sampler=options.steps,
-        guide=guidance.of(scene, model.schedule, task, may_stop),
-        square=square,
-        rows=[(one.num_agents, one.rows) for one in tasks],
+        guide=_guide(model, scene, task, tasks, randoms, options.guidance),
         road_map=maps[square],
     )
     clean = None
@@ -539,18 +544,25 @@ def place_agents(
     return _placed(tasks, scene, task, clean)
 
 
-def _may_stop(
+def _guide(
+    model: InitialStateDenoiser,
     scene: SceneTensors,
+    task: Conditioning,
     tasks: Sequence[SquareTask],
     randoms: Sequence[np.random.Generator],
-    share: float,
-) -> Bool[torch.Tensor, "B A"]:
-    """Which agents may stand in a junction, at random."""
+    guidance: InitialStateGuidance | None,
+) -> InitialStateGuide | None:
+    """Guide of predicted states; which agents may stand in a junction is random."""
+    if guidance is None:
+        return None
+    if tasks[0].placing.traits.only_on_road:
+        guidance = guidance.within_lanes()
     may_stop = np.zeros(scene.has_agent.shape, bool)
     for stops, one, random in zip(may_stop, tasks, randoms, strict=True):
         numbers = random.random(one.num_agents)[one.rows]
-        stops[: len(numbers)] = numbers < share
-    return torch.from_numpy(may_stop).to(scene.has_agent.device)
+        stops[: len(numbers)] = numbers < guidance.stopped_in_junctions
+    here = torch.from_numpy(may_stop).to(scene.has_agent.device)
+    return guidance.of(scene, model.schedule, task, here)
 
 
 def _conditioning(

@@ -35,34 +35,28 @@ class ConflictResampling:
 
     Agents that are denoised together each see the noisy states of the others, so some
     end in bunches, fast behind an agent that stands, or on courses that cross. Sampled
-    again, given all others, they see clean states. The defaults were chosen on ``train``.
+    again, given all others, they see clean states.
     """
 
-    num_rounds: int = 1
-    """Number of times that agents in conflict are sampled again, at most."""
     num_steps: int = 4
-    """Denoising steps of a round, at most as many as the sampler has."""
+    """Denoising steps, at most as many as the sampler has."""
     num_versions: int = 2
-    """Number of versions of these agents that a round samples, in one batch. Each agent
-    gets its state of one of them."""
-    num_high_quality_versions: int = 4
-    """The same for quality "high"."""
+    """Number of versions of these agents that are sampled, in one batch; twice as many for
+    quality "high". Each agent gets its state of one of them."""
     gap_m: float = 0.45
     """Vehicles and cyclists nearer than this to each other conflict. Guidance pushes boxes
     0.4 m apart, and a repair 0.5: rounding must not decide which agents conflict."""
     braking_mps2: float = 2.0
     """An agent conflicts with one ahead that it can only follow by braking harder."""
     queue_gap_m: float = 12.0
-    """An agent that stands conflicts with a moving one that is less than this ahead: of
-    recorded ones (``train``) 2 % stand so, of sampled ones 9 %."""
+    """An agent that stands conflicts with a moving one that is less than this ahead."""
     queue_leader_mps: float = 3.0
     """Speed of that moving agent, at least."""
     side_gap_m: float = 0.7
-    """Vehicles side by side with a smaller gap conflict: of recorded ones (``train``) 2.7 %
-    stand or drive so, of sampled ones 4 %."""
+    """Vehicles side by side with a smaller gap conflict."""
     crossing_s: float = 3.0
     """Moving agents on crossing courses conflict if they meet within this time at constant
-    velocity: of 739 recorded vehicles (``train``) none does, of sampled ones 1.5 %."""
+    velocity."""
     crossing_m: float = 3.0
     """Distance of their centres at which they meet."""
     wrong_way_m: float = 1.2
@@ -70,8 +64,7 @@ class ConflictResampling:
     lane leads the other way. Where vehicles park on the left, they stand further off."""
     beside_road_m: float = 9.0
     """A vehicle that stands off the drivable area conflicts with the road if it is nearer
-    than this to a lane and askew to it: of the recorded ones that stand (``train``) 0.7 %,
-    of sampled ones 3.5 %."""
+    than this to a lane and askew to it."""
 
     def __post_init__(self) -> None:
         check_settings(self)

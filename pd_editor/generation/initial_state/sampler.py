@@ -5,20 +5,19 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import centered_levels
-from pd_editor.generation.core.random_streams import RandomStreams, SceneStreams
+from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.core.sampler import (
     Sampler,
     SamplerConfig,
     SamplerStep,
+    preparing_mode,
     sample_steps,
-    sampling_mode,
 )
 from pd_editor.generation.initial_state.network.conditioning import (
     Conditioning,
@@ -48,28 +47,20 @@ class InitialStateSamplerConfig:
     """Settings of the sampling of initial states."""
 
     num_steps: int = 8
-    """Denoising steps. Distances from recorded states are as with 10; with 6, raw, 8.5
-    instead of 6.3 % of the boxes overlap (``train``)."""
-    num_high_quality_steps: int = 16
-    """Denoising steps of quality "high": raw, 4.8 % of the boxes overlap, and the distance
-    of angles is .178 instead of .182 (``train``)."""
+    """Denoising steps; twice as many for quality "high"."""
     level_emphasis: float = 0.3
     """Concentration of levels in the middle, where lanes, headings and gaps are resolved."""
     eta: float = 1.0
     """Stochasticity: 0 adds no fresh noise but that of ``adds_missing_noise``, 1 is ancestral
-    sampling. With 0, errors of early steps remain: 22 instead of 14 % were off the road."""
+    sampling. With 0, errors of early steps remain."""
     adds_missing_noise: bool = True
     """Whether the fresh noise on speeds and activities includes the variance of the clean
-    state about its prediction. Without it large steps spread them too little: (``train``)
-    moving agents have 6.7 instead of 7.1 m/s, recorded 7.6."""
+    state about its prediction. Without it large steps spread them too little."""
     fit_density: float = 0.72
     """Factor of the numbers of training squares where the model samples the number of
-    agents. With it squares are as dense as recorded ones (``train``); 1 for networks that
-    are trained on recordings."""
+    agents; 1 for networks that are trained on recordings."""
     is_second_order: bool = True
     """Whether to extrapolate predicted clean speeds and activities (second order)."""
-    extrapolates_poses: bool = False
-    """Whether to extrapolate poses as well."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -78,17 +69,13 @@ class InitialStateSamplerConfig:
 def sample_initial_states(
     model: InitialStateDenoiser,
     scene: SceneTensors,
-    *,
-    samples: Sequence[int],
-    seed: int,
+    streams: RandomStreams,
     task: Conditioning | None = None,
+    *,
     config: InitialStateSamplerConfig | None = None,
     sampler: Sampler = sample_steps,
     guide: InitialStateGuide | None = None,
-    square: int = 0,
-    rows: Sequence[tuple[int, Int[np.ndarray, "_"]]] | None = None,
     road_map: EncodedMap | None = None,
-    num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Sample initial states of all agents of B scenes that are not given.
 
@@ -100,69 +87,52 @@ def sample_initial_states(
         model: network in evaluation mode.
         scene: scenes; of sampled agents only kind, size and ``has_agent`` are used, of
             given agents also poses and speeds.
-        samples: indices of the S samples.
-        seed: seed of all samples.
+        streams: random numbers of the samples.
         task: conditioning; None samples all agents in the whole square.
         config: settings of the sampler.
         sampler: takes the steps.
         guide: changes the predicted clean states of each step.
-        square: index of the square; each has separate random numbers.
-        rows: number of agents of each whole scene, and which of them ``scene`` keeps.
-            Each of the B scenes then has one of the samples (S = B), and the result is
-            [1, B, A, P]; None: all samples of all scenes.
         road_map: the encoded map of the scenes, if it is known already.
-        num_gradient_steps: number of last steps that are differentiable.
     """
     config = InitialStateSamplerConfig() if config is None else config
+    levels = centered_levels(config.num_steps, config.level_emphasis)
     if task is None:
         within_kinds = not model.config.orders_all_kinds
         task = sampling_conditioning(scene, within_kinds=within_kinds)
-    name = f"states-{square}" if square else "states"
-    num_versions = len(samples) if rows is None else 1
-    streams = (
-        RandomStreams(seed, name, samples)
-        if rows is None
-        else SceneStreams(seed, name, samples, rows)
-    )
-    num_parts = model.config.num_state_parts
-    num_rows = num_versions * scene.has_agent.numel()
-    has_gradient = True if num_gradient_steps else None
-    with sampling_mode(num_rows, has_gradient=has_gradient):
-        context = model.encode_context(scene, task, road_map)
-        levels = centered_levels(config.num_steps, config.level_emphasis)
-        encoded = model.encode_level(
-            scene.agent_pose.new_tensor(levels)[:, None, None], context
-        )
+    side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
+
+    with preparing_mode(streams.num_samples * scene.has_agent.numel(), sampler):
         start = noisy_traffic(model, scene, task, streams)
-        missing = None
-        if config.adds_missing_noise:
-            missing = clean_variance_at(model, levels)
-            # On poses this noise would move agents off their lanes.
-            missing[:, :NUM_POSE_PARTS] = 0
-        side = (task.half_side_m / POSITION_UNIT_M)[:, None, None]
+        context = model.encode_context(scene, task, road_map)
+        encoded = model.encode_level(start.new_tensor(levels)[:, None, None], context)
+        steps = _step_settings(model, config, levels)
 
     def denoise(noisy: Tensor, step: int) -> Tensor:
         clean = _inside(model.denoise(noisy, encoded.at(step), context), side)
         return clean if guide is None else _inside(guide(clean, levels[step]), side)
 
-    return sampler(
-        denoise,
-        start,
-        model.schedule,
-        levels,
-        SamplerConfig(
-            eta=config.eta,
-            extrapolation=tuple(
-                float(
-                    config.is_second_order
-                    and (part >= _SPEED or config.extrapolates_poses)
-                )
-                for part in range(num_parts)
-            ),
-            clean_variance=missing,
-            num_gradient_steps=num_gradient_steps,
+    fresh_noise = partial(streams.normal, *start.shape[1:])
+    return sampler(denoise, start, model.schedule, levels, steps, fresh_noise)
+
+
+def _step_settings(
+    model: InitialStateDenoiser,
+    config: InitialStateSamplerConfig,
+    levels: Sequence[float],
+) -> SamplerConfig:
+    """Poses are predicted in the first order, speeds and activities in the second."""
+    missing = None
+    if config.adds_missing_noise:
+        missing = clean_variance_at(model, levels)
+        # On poses this noise would move agents off their lanes.
+        missing[:, :NUM_POSE_PARTS] = 0
+    parts = range(model.config.num_state_parts)
+    return SamplerConfig(
+        eta=config.eta,
+        extrapolation=tuple(
+            float(config.is_second_order and part >= _SPEED) for part in parts
         ),
-        partial(streams.normal, *start.shape[1:]),
+        clean_variance=missing,
     )
 
 

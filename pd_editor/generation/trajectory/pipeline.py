@@ -32,10 +32,12 @@ from pd_editor.generation.trajectory.joint_selection import (
 )
 from pd_editor.generation.trajectory.network.decoding import Motion
 from pd_editor.generation.trajectory.sampler import (
+    GivenTrajectories,
     KnownNoise,
     SamplerStep,
     TrajectoryGuide,
     TrajectoryModel,
+    TrajectoryNoise,
     TrajectorySamplerConfig,
     sample_trajectories,
 )
@@ -147,30 +149,39 @@ class TrajectorySampling:
 
     def steps(
         self,
-        numbers: Sequence[int],
+        noise: TrajectoryNoise,
         guide: TrajectoryGuide | None,
-        known_noise: KnownNoise | None,
-        *,
-        num_tries: int = 1,
-        given: tuple[Bool[torch.Tensor, "S A"], torch.Tensor] | None = None,
+        given: GivenTrajectories | None = None,
     ) -> Iterator[SamplerStep]:
-        """Denoise samples; more agents may be given, with their latents."""
-        is_given, latent = (False, None) if given is None else given
+        """Denoise samples; more agents than those of the task may be given."""
+        is_given, latent = given or (False, self.task.scene.future)
+        keep = self.keep
+
+        def guided(clean: torch.Tensor, level: float) -> torch.Tensor:
+            clean = clean if guide is None else guide(clean, level)
+            return clean if keep is None else keep(clean)
+
         return sample_trajectories(
             self.model,
             self.task.scene,
+            noise,
+            GivenTrajectories(self.is_given | is_given, latent),
+            config=self.options.sampler,
+            sampler=self.options.steps,
+            guide=guided,
+            context=self.task.context(self.model),
+        )
+
+    def noise(
+        self, numbers: Sequence[int], known: KnownNoise | None, num_tries: int = 1
+    ) -> TrajectoryNoise:
+        """Random numbers of samples."""
+        return TrajectoryNoise(
             samples=numbers,
             seed=self.options.seed,
             drift=self.options.drift,
             num_tries=num_tries,
-            is_given=self.is_given | is_given,
-            given=latent,
-            config=self.options.sampler,
-            sampler=self.options.steps,
-            guide=guide,
-            known_noise=known_noise,
-            context=self.task.context(self.model),
-            keep=self.keep,
+            known=known,
             rows=self.task.kept_rows,
         )
 
@@ -203,10 +214,9 @@ class TrajectorySampling:
         given = torch.where(is_threatened[..., None], latent, task.scene.future)
         result = latent
         for step in self.steps(
-            numbers,
+            self.noise(numbers, known_noise),
             _joined(self.lane_guide(attackers), guide, len(numbers)),
-            known_noise,
-            given=(is_threatened, given),
+            GivenTrajectories(is_threatened, given),
         ):
             result = step.clean
             yield result
@@ -259,9 +269,8 @@ def sample_task(
         count = len(numbers)
         guide = _joined(lanes, terms, count)
         latent = None
-        for step in run.steps(
-            numbers * (1 + compares), guide, known_noise, num_tries=tries
-        ):
+        noise = run.noise(numbers * (1 + compares), known_noise, tries)
+        for step in run.steps(noise, guide):
             latent = step.clean
             share = (step.index + 1) / step.num_steps * len(chunk)
             done = (first + share) / len(samples)
@@ -296,7 +305,8 @@ def sampled_from(
     run: TrajectorySampling, known_noise: KnownNoise
 ) -> Float[torch.Tensor, "1 A 10"]:
     """Latents of one sample from known noise, without a choice among several tries."""
-    *_, last = run.steps([0], _joined(run.lane_guide(), None, 1), known_noise)
+    guide = _joined(run.lane_guide(), None, 1)
+    *_, last = run.steps(run.noise([0], known_noise), guide)
     return last.clean[0]
 
 

@@ -17,15 +17,14 @@ from pd_editor.generation.core.sampler import (
     Sampler,
     SamplerConfig,
     SamplerStep,
+    preparing_mode,
     sample_steps,
-    sampling_mode,
 )
 from pd_editor.generation.defaults import NUM_STEPS
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig
-from pd_editor.scene.thresholds import STANDING_MPS
 
 TrajectoryGuide = Callable[[Tensor, float], Tensor]
 """Changes predicted clean latents [S B A 10] at a noise level."""
@@ -61,16 +60,53 @@ class KnownNoise(NamedTuple):
     exists: Bool[Tensor, "B A"]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrajectoryNoise:
+    """Random numbers of S samples, of which none depends on the others."""
+
+    samples: Sequence[int]
+    """Indices of the S samples."""
+    seed: int
+    """Seed of all samples."""
+    drift: float = 0.0
+    """Place of the initial noise between that of the seed (0) and independent ones
+    (1, 2, ...)."""
+    num_tries: int = 1
+    """Number of consecutive samples that are tries of one."""
+    known: KnownNoise | None = None
+    """Initial noise of some agents in the first of the samples."""
+    rows: tuple[int, Int[np.ndarray, "A"]] | None = None
+    """Number of agents of the whole scene, and which of them the batch has; None: all."""
+
+    def drawn(
+        self, scene: SceneTensors
+    ) -> tuple[Float[Tensor, "S B A 10"], Callable[[], Float[Tensor, "S B A 10"]]]:
+        """Initial noise, and what draws further noise for a step."""
+        streams = RandomStreams(self.seed, "futures", self.samples)
+        count, kept = self.rows or (scene.has_agent.shape[1], slice(None))
+        shape = len(scene.has_agent), count, LATENT_SIZE
+        noise = streams.drifted(self.drift, *shape, num_tries=self.num_tries)
+        start = noise[:, :, kept].to(scene.future)
+        if self.known is not None:
+            noise, exists = self.known
+            start[:1] = torch.where(exists[..., None], noise, start[:1])
+        return start, lambda: streams.normal(*shape)[:, :, kept]
+
+
+class GivenTrajectories(NamedTuple):
+    """Agents whose latents are fixed."""
+
+    is_given: Bool[Tensor, "#B A"]
+    latent: Float[Tensor, "*#S B A 10"]
+    """Latents of all samples or of each one; only those of given agents count."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrajectorySamplerConfig:
     """Settings of the sampling of trajectories."""
 
     num_steps: int = NUM_STEPS
     """Denoising steps."""
-    eta: float = 0.0
-    """Stochasticity: 0 adds no fresh noise (DDIM), 1 is ancestral sampling."""
-    standing_noise: float = 1.0
-    """Factor of the initial noise of stationary agents: a larger one makes more start."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -79,95 +115,49 @@ class TrajectorySamplerConfig:
 def sample_trajectories(
     model: TrajectoryModel,
     scene: SceneTensors,
+    noise: TrajectoryNoise,
+    given: GivenTrajectories | None = None,
     *,
-    samples: Sequence[int],
-    seed: int,
-    drift: float = 0.0,
-    num_tries: int = 1,
-    is_given: Bool[Tensor, "B A"] | None = None,
-    given: Float[Tensor, "*#S B A 10"] | None = None,
     config: TrajectorySamplerConfig | None = None,
     sampler: Sampler = sample_steps,
     guide: TrajectoryGuide | None = None,
-    known_noise: KnownNoise | None = None,
     context: Any = None,
-    keep: Callable[[Tensor], Tensor] | None = None,
-    rows: tuple[int, Int[np.ndarray, "A"]] | None = None,
-    num_gradient_steps: int = 0,
 ) -> Iterator[SamplerStep]:
     """Sample trajectories of all agents of B scenes that are not given.
 
     Yields after each step; a caller cancels by not requesting the next one. The last step
-    holds the result: latents [S, B, A, 10], those of given agents bit-identical. Sample k
-    of a seed does not depend on the other samples, apart from rounding.
+    holds the result: latents [S, B, A, 10], those of given agents bit-identical.
 
     Args:
         model: Denoiser in evaluation mode.
-        scene: Scenes; only the trajectories of given agents are used.
-        samples: Indices of the S samples.
-        seed: Seed of all samples.
-        drift: Place of the initial noise between that of the seed (0) and independent
-            ones (1, 2, ...).
-        num_tries: Number of consecutive samples that are tries of one.
-        is_given: Given agents, whose latents are fixed; None: no agent.
-        given: Latents of given agents, of all samples or of each one; None: those of
-            the scene.
+        scene: Scenes, whose own trajectories are not used.
+        noise: Random numbers of the samples.
+        given: Agents that are not sampled; None: there are none.
         config: Settings of the sampler.
         sampler: Takes the steps.
         guide: Changes the predicted clean latents of each step.
-        known_noise: Initial noise of some agents in the first of the samples.
         context: The encoded scenes, if known already.
-        keep: Moves them to those of locked beginnings, after the guide.
-        rows: Number of agents of the whole scene, and which of them are here.
-        num_gradient_steps: Number of last steps that are differentiable.
     """
     config = TrajectorySamplerConfig() if config is None else config
-    streams = RandomStreams(seed, "futures", samples)
-    if is_given is not None and not bool(is_given.any()):
-        is_given = None
-    has_gradient = True if num_gradient_steps else None
-    num_rows = len(samples) * scene.has_agent.numel()
-    with sampling_mode(num_rows, has_gradient=has_gradient):
-        if context is None:
-            context = model.encode_context(scene)
-        levels = even_levels(config.num_steps)
-        table = scene.future.new_tensor(levels)[:, None, None, None]
-        if is_given is not None:
-            table = torch.where(is_given, 0.0, table)
-        denoised = model.at_levels(table, context)
-        num_agents, kept = rows or (scene.has_agent.shape[1], slice(None))
-        shape = len(scene.has_agent), num_agents, LATENT_SIZE
-        noise = streams.drifted(drift, *shape, num_tries=num_tries)[:, :, kept]
-        start = starting_latents(scene, noise, config.standing_noise)
-        if known_noise is not None:
-            noise, exists = known_noise
-            start[:1] = torch.where(exists[..., None], noise, start[:1])
+    levels = even_levels(config.num_steps)
+    if given is not None and not bool(given.is_given.any()):
+        given = None
 
-    known = scene.future if given is None else given.to(scene.future)
+    with preparing_mode(len(noise.samples) * scene.has_agent.numel(), sampler):
+        start, fresh_noise = noise.drawn(scene)
+        table = scene.future.new_tensor(levels)[:, None, None, None]
+        if given is not None:
+            table = torch.where(given.is_given, 0.0, table)
+        context = model.encode_context(scene) if context is None else context
+        predict = model.at_levels(table, context)
 
     def held(latent: Float[Tensor, "S B A 10"]) -> Float[Tensor, "S B A 10"]:
-        if is_given is None:
+        if given is None:
             return latent
-        return torch.where(is_given[..., None], known, latent)
+        return torch.where(given.is_given[..., None], given.latent.to(latent), latent)
 
     def denoise(noisy: Tensor, step: int) -> Tensor:
-        clean = denoised(held(noisy), step)
-        clean = clean if guide is None else guide(clean, levels[step])
-        return held(clean if keep is None else keep(clean))
+        clean = predict(held(noisy), step)
+        return held(clean if guide is None else guide(clean, levels[step]))
 
-    return sampler(
-        denoise,
-        start,
-        model.schedule,
-        levels,
-        SamplerConfig(eta=config.eta, num_gradient_steps=num_gradient_steps),
-        lambda: streams.normal(*shape)[:, :, kept],
-    )
-
-
-def starting_latents(
-    scene: SceneTensors, noise: Float[Tensor, "S B A 10"], standing_noise: float
-) -> Float[Tensor, "S B A 10"]:
-    """The initial noise, from a standard normal one."""
-    stands = (scene.agent_speed < STANDING_MPS)[..., None]
-    return noise.to(scene.future) * torch.where(stands, standing_noise, 1.0)
+    return sampler(denoise, start, model.schedule, levels, SamplerConfig(), fresh_noise)

@@ -268,6 +268,24 @@ def test_sampling_settings_are_stored_with_the_model(shipped_copy):
     assert sampling["terms"] == TermGuidance()
 
 
+def test_models_with_former_settings_open_if_these_had_no_effect(shipped_copy):
+    """A value of its own would be lost without a word."""
+    sampler = {"num_steps": 7, "eta": 0.0, "standing_noise": 1.0}
+    changed(
+        shipped_copy,
+        lambda c: c["stages"]["traj"]["sampling"].update(sampler=sampler),
+    )
+    loaded = load_model(shipped_copy, STAGE_KINDS).stage("traj")
+    assert loaded.sampling["sampler"].num_steps == 7
+    sampler["eta"] = 0.5
+    changed(
+        shipped_copy,
+        lambda c: c["stages"]["traj"]["sampling"].update(sampler=sampler),
+    )
+    with pytest.raises(ModelError, match=r"eta can no longer be set; expected 0\.0"):
+        load_model(shipped_copy, STAGE_KINDS)
+
+
 @pytest.mark.parametrize(
     ("sampling", "message"),
     [

@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.initial_state.loss import (
     InitialStateLossConfig,
     initial_state_loss,
@@ -180,9 +181,8 @@ def test_a_small_model_learns_one_scene_by_heart():
     *_, last = sample_initial_states(
         model.eval(),
         scene,
-        samples=range(4),
-        seed=0,
-        task=task,
+        RandomStreams(0, "states", range(4)),
+        task,
         config=InitialStateSamplerConfig(num_steps=20),
     )
     states = finished_states(scene, task, last.clean)[:, 0]

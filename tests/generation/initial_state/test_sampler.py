@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from pd_editor.generation.core.noise_schedule import centered_levels
+from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
@@ -49,7 +50,7 @@ def drawn(
     config = InitialStateSamplerConfig(num_steps=4) if config is None else config
     task = sampling_conditioning(scene) if task is None else task
     steps = sample_initial_states(
-        model, scene, samples=samples, seed=5, task=task, config=config
+        model, scene, RandomStreams(5, "states", samples), task, config=config
     )
     *_, last = steps
     return finished_states(scene, task, last.clean)
@@ -108,7 +109,7 @@ def test_sampling_stops_when_no_further_step_is_asked_for(
         return denoise(*args)
 
     monkeypatch.setattr(InitialStateDenoiser, "denoise", counted)
-    steps = sample_initial_states(model, scene, samples=[0], seed=0)
+    steps = sample_initial_states(model, scene, RandomStreams(0, "states", [0]))
     first, second = next(steps), next(steps)
     assert (first.index, second.index) == (0, 1)
     assert len(calls) == 2
@@ -140,7 +141,7 @@ def drawn_from_a_gaussian(
     [
         InitialStateSamplerConfig(num_steps=60, is_second_order=False, eta=0.0),
         InitialStateSamplerConfig(num_steps=60, is_second_order=False, eta=1.0),
-        InitialStateSamplerConfig(num_steps=25, extrapolates_poses=True),
+        InitialStateSamplerConfig(num_steps=60),
     ],
     ids=["plain", "fresh", "second order"],
 )

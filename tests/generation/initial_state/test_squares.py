@@ -329,11 +329,8 @@ def test_high_quality_takes_more_steps(
             refines_states=False,
         )
         found[quality] = len(steps)
-    config = InitialStateSamplerConfig()
-    assert found == {
-        "fast": config.num_steps,
-        "high": config.num_high_quality_steps,
-    }
+    num_steps = InitialStateSamplerConfig().num_steps
+    assert found == {"fast": num_steps, "high": 2 * num_steps}
 
 
 def test_placed_agents_are_parked_wait_or_drive(

@@ -1,10 +1,19 @@
 """Small made-up scenes for the tests of the second stage."""
 
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import torch
 
+from pd_editor.generation.core.noise_schedule import NoiseSchedule
+from pd_editor.generation.core.sampler import (
+    Denoise,
+    SamplerConfig,
+    SamplerStep,
+    sample_steps,
+)
 from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
@@ -114,3 +123,16 @@ def small_model(seed: int = 0, **changes: object) -> TrajectoryDenoiser:
     torch.nn.init.normal_(model.map_tokens.null_token)
     torch.nn.init.normal_(model.candidate_tokens.null_token)
     return model
+
+
+def ancestral(
+    denoise: Denoise,
+    start: torch.Tensor,
+    schedule: NoiseSchedule,
+    levels: Sequence[float],
+    config: SamplerConfig,
+    fresh_noise: Callable[[], torch.Tensor],
+) -> Iterator[SamplerStep]:
+    """A sampler that draws fresh noise in each step."""
+    config = replace(config, eta=1.0)
+    return sample_steps(denoise, start, schedule, levels, config, fresh_noise)

@@ -12,7 +12,7 @@ from pd_editor.generation.trajectory.loss import (
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors
 from pd_editor.generation.trajectory.sampler import (
-    TrajectorySamplerConfig,
+    TrajectoryNoise,
     sample_trajectories,
 )
 from pd_editor.generation.trajectory.trajectory_overlap import overlap_depth_m
@@ -162,8 +162,7 @@ def test_a_network_learns_one_scene_by_heart() -> None:
         first = float(loss.detach()) if step == 0 else first
     model.eval()
     assert loss_of(model, scene)["loss"] < 0.15 * first
-    *_, last = sample_trajectories(
-        model, scene, samples=range(4), seed=0, config=TrajectorySamplerConfig()
-    )
+    noise = TrajectoryNoise(samples=range(4), seed=0)
+    *_, last = sample_trajectories(model, scene, noise)
     gap = (last.clean - scene.future)[:, scene.has_future]
     assert gap.abs().mean() < 0.1

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from pd_editor.generation.core.random_streams import RandomStreams
+from pd_editor.generation.core.sampler import Sampler, sample_steps
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     NearestCandidateGuide,
@@ -13,12 +13,13 @@ from pd_editor.generation.trajectory.guidance.nearest_candidate import (
 )
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.sampler import (
+    GivenTrajectories,
     TrajectoryGuide,
+    TrajectoryNoise,
     TrajectorySamplerConfig,
     sample_trajectories,
-    starting_latents,
 )
-from tests.generation.trajectory.scenes import scene_batch, small_model
+from tests.generation.trajectory.scenes import ancestral, scene_batch, small_model
 
 
 def drawn(
@@ -27,28 +28,27 @@ def drawn(
     samples: Sequence[int] = (0, 1, 2),
     *,
     is_given: torch.Tensor | None = None,
-    config: TrajectorySamplerConfig | None = None,
+    sampler: Sampler = sample_steps,
     guide: TrajectoryGuide | None = None,
 ) -> torch.Tensor:
     steps = sample_trajectories(
         model,
         scene,
-        samples=samples,
-        seed=5,
-        is_given=is_given,
-        config=config or TrajectorySamplerConfig(num_steps=4),
+        TrajectoryNoise(samples=samples, seed=5),
+        None if is_given is None else GivenTrajectories(is_given, scene.future),
+        config=TrajectorySamplerConfig(num_steps=4),
+        sampler=sampler,
         guide=guide,
     )
     *_, last = steps
     return last.clean
 
 
-@pytest.mark.parametrize("eta", [0.0, 1.0])
-def test_a_sample_is_the_same_alone_and_among_others(eta: float) -> None:
+@pytest.mark.parametrize("sampler", [sample_steps, ancestral])
+def test_a_sample_is_the_same_alone_and_among_others(sampler: Sampler) -> None:
     scene, model = scene_batch(5, 8), small_model()
-    config = TrajectorySamplerConfig(num_steps=4, eta=eta)
-    together = drawn(model, scene, range(4), config=config)
-    alone = drawn(model, scene, [2], config=config)
+    together = drawn(model, scene, range(4), sampler=sampler)
+    alone = drawn(model, scene, [2], sampler=sampler)
     assert torch.allclose(alone[0], together[2], atol=1e-5)
     assert not torch.allclose(together[0], together[1], atol=1e-2)
 
@@ -78,24 +78,12 @@ def test_steps_are_reported_and_cancelled_at_once(
     steps = sample_trajectories(
         model,
         scene,
-        samples=[0],
-        seed=0,
+        TrajectoryNoise(samples=[0], seed=0),
         config=TrajectorySamplerConfig(num_steps=6),
     )
     assert next(steps).index == 0
     assert next(steps).num_steps == 6
     assert len(calls) == 2
-
-
-def test_standing_agents_start_from_a_little_more_noise() -> None:
-    scene = scene_batch(4)
-    scene = replace(scene, agent_speed=torch.tensor([[8.0, 0.0, 3.0, 0.0]]))
-    streams = RandomStreams(0, "futures", range(4000))
-    normal = streams.spread_normal(*scene.future.shape)
-    noise = starting_latents(scene, normal, 1.08)
-    spread = noise[:, 0].std(dim=0)
-    assert (spread[[0, 2]].mean() - 1).abs() < 0.02
-    assert (spread[[1, 3]].mean() - 1.08).abs() < 0.02
 
 
 def guide_of(

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import YieldTo
+from pd_editor.generation.core.sampler import Sampler, sample_steps
 from pd_editor.generation.trajectory.pipeline import (
     TrajectoryOptions,
     TrajectorySampling,
@@ -17,18 +18,18 @@ from pd_editor.generation.trajectory.task import TrajectoryTask, guidance_looks_
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
-from tests.generation.trajectory.scenes import small_model
+from tests.generation.trajectory.scenes import ancestral, small_model
 
 NUM_AGENTS = 40
 
 
-def latents(task: TrajectoryTask, rows: np.ndarray, eta: float) -> np.ndarray:
+def latents(task: TrajectoryTask, rows: np.ndarray, sampler: Sampler) -> np.ndarray:
     """Latents of two samples of some agents of the scenario."""
     model = small_model(num_near_agents=2)
-    config = TrajectorySamplerConfig(num_steps=3, eta=eta)
-    options = TrajectoryOptions(sampler=config, seed=3)
+    config = TrajectorySamplerConfig(num_steps=3)
+    options = TrajectoryOptions(sampler=config, steps=sampler, seed=3)
     run = TrajectorySampling(model=model, task=task, options=options)
-    *_, last = run.steps([0, 1], run.lane_guide(), None, num_tries=2)
+    *_, last = run.steps(run.noise([0, 1], None, num_tries=2), run.lane_guide())
     return last.clean[:, 0, np.searchsorted(task.features.agent_row, rows)].numpy()
 
 
@@ -57,10 +58,10 @@ def crowd(seed: int) -> Scenario:
 @given(
     seed=st.integers(0, 10**6),
     num_asked=st.integers(1, 3),
-    eta=st.sampled_from([0.0, 1.0]),
+    sampler=st.sampled_from([sample_steps, ancestral]),
 )
 def test_a_part_of_a_scene_gives_the_result_of_the_whole(
-    seed: int, num_asked: int, eta: float
+    seed: int, num_asked: int, sampler: Sampler
 ) -> None:
     scenario = crowd(seed)
     there = scenario.agents.is_valid[:, scenario.current_step]
@@ -73,7 +74,7 @@ def test_a_part_of_a_scene_gives_the_result_of_the_whole(
         for also in (None, np.arange(len(scenario.agents)))
     )
     assert len(part.features.agent_row) < len(whole.features.agent_row)
-    of_part, of_whole = (latents(task, rows, eta) for task in (part, whole))
+    of_part, of_whole = (latents(task, rows, sampler) for task in (part, whole))
     assert np.abs(of_part - of_whole).max() < 1e-4
     assert np.abs(of_whole).max() > 0.1
 

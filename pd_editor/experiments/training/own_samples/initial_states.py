@@ -7,6 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
+from pd_editor.generation.core.random_streams import RandomStreams
+from pd_editor.generation.core.sampler import DifferentiableSampler
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.loss import (
     InitialStateLossConfig,
@@ -45,10 +47,9 @@ def initial_state_samples_loss(
     *_, last = sample_initial_states(
         model,
         scene,
-        samples=range(config.num_samples),
-        seed=seed,
-        task=task,
-        num_gradient_steps=config.num_gradient_steps,
+        RandomStreams(seed, "states", range(config.num_samples)),
+        task,
+        sampler=DifferentiableSampler(num_steps=config.num_gradient_steps),
     )
     depth = collision_depth_m(last.clean, scene, task, config.margin_m)
     is_sampled = scene.has_agent & ~task.is_given

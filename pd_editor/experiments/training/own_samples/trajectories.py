@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
+from pd_editor.generation.core.sampler import DifferentiableSampler
 from pd_editor.generation.features.boundary_tokens import (
     BOUNDARY_LENGTH_M,
     BOUNDARY_SHAPE,
@@ -22,7 +23,11 @@ from pd_editor.generation.trajectory.loss import (
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors
-from pd_editor.generation.trajectory.sampler import sample_trajectories
+from pd_editor.generation.trajectory.sampler import (
+    GivenTrajectories,
+    TrajectoryNoise,
+    sample_trajectories,
+)
 
 _NUM_TIMES: Final = 30
 """Boxes are compared every 0.2 s."""
@@ -56,12 +61,14 @@ def trajectory_samples_loss(
     *_, last = sample_trajectories(
         model,
         scene,
-        samples=range(config.num_samples),
-        seed=seed,
-        # Each sample is a try of its own: independent of the others.
-        num_tries=config.num_samples,
-        is_given=is_given,
-        num_gradient_steps=config.num_gradient_steps,
+        TrajectoryNoise(
+            samples=range(config.num_samples),
+            seed=seed,
+            # Each sample is a try of its own: independent of the others.
+            num_tries=config.num_samples,
+        ),
+        GivenTrajectories(is_given, scene.future),
+        sampler=DifferentiableSampler(num_steps=config.num_gradient_steps),
     )
     latent, is_sampled = last.clean, scene.has_agent & ~is_given
     count = config.num_samples * is_sampled.sum().clamp_min(1)

@@ -16,7 +16,7 @@ from pd_editor.analysis.guidance.kinds.space import (
     AvoidCollisions,
     KeepGap,
 )
-from pd_editor.analysis.guidance.limits import OPENING_MPS
+from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OPENING_MPS
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.analysis.repair.box_overlaps import counted
 from pd_editor.generation.trajectory.guidance.box_conflicts import (
@@ -145,7 +145,7 @@ class AvoidTerm:
         now = torch.where(apart_m > 0, now, apart_m - _LEAST_MARGIN_M)
         return (
             now.clamp_max(config.avoided_aside_m),
-            now.clamp_max(config.avoided_ahead_m),
+            now.clamp_max(2 * config.avoided_aside_m),
         )
 
     def _resolved(
@@ -390,13 +390,13 @@ class GapTerm(AgentsTerm):
         forward = torch.stack([heading.cos(), heading.sin()], dim=-1)
         # Agents brake as hard as they may at most, and wait rather than reverse.
         moved = ((position - position[:, :, :1]) * forward).sum(-1)
-        braking, time_s = self.config.max_braking_mps2, motion.time_s
+        braking, time_s = MAX_BRAKING_MPS2, motion.time_s
         speed = motion.velocity_mps[:, self.agents, :1].norm(dim=-1)
         lasts = time_s.minimum(speed / braking)
         least = speed * lasts - braking / 2 * lasts.square()
         short = (wanted - gap).minimum(moved - least).clamp_min(0)
         place = (position * forward).sum(-1)
-        weight = row_weights(self.config.gap_m, self.guided.weight, place)
+        weight = row_weights(self.config.stop_m, self.guided.weight, place)
         if not bool((short > 0).any()):
             return []
         return [

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath, way_plan
+from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2
 from pd_editor.analysis.guidance.pace import Rates
 from pd_editor.analysis.guidance.way_points import WayPlan, WayPoint
 from pd_editor.analysis.threats.encounter import Track
@@ -35,6 +36,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
 )
 from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_follow
 from pd_editor.scene.paths.driving_paths import DrivingPaths
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 _PREFERENCE_M: Final = 1.0
 """How much nearer a planned path must come to a goal than the predicted path."""
@@ -101,7 +103,7 @@ class PathTerm(AgentsTerm):
             slowed = distances(
                 braked_in_time(
                     speed.minimum(self._limits(slowed)),
-                    self.config.max_braking_mps2,
+                    MAX_BRAKING_MPS2,
                     motion.step_s,
                 ),
                 motion.step_s,
@@ -174,8 +176,8 @@ class PathTerm(AgentsTerm):
         return Rates(
             up=config.acceleration_mps2,
             down=config.braking_mps2,
-            hardest_up=config.max_acceleration_mps2,
-            hardest_down=config.max_braking_mps2,
+            hardest_up=FIRM_ACCELERATION_MPS2,
+            hardest_down=MAX_BRAKING_MPS2,
             cruise_mps=plan.cruise_mps(),
         )
 
@@ -264,11 +266,11 @@ class GoalTerm(AgentsTerm):
         """Places of goals, moved to where the agents can be, and whether they stayed."""
         config = self.config
         speed = motion.velocity_mps[:, self.agents, 0].norm(dim=-1)
-        most = speed * time_s + config.max_acceleration_mps2 * time_s.square() / 2
-        braking_s = time_s.minimum(speed / config.max_braking_mps2)
-        least = speed * braking_s - config.max_braking_mps2 * braking_s.square() / 2
+        most = speed * time_s + FIRM_ACCELERATION_MPS2 * time_s.square() / 2
+        braking_s = time_s.minimum(speed / MAX_BRAKING_MPS2)
+        least = speed * braking_s - MAX_BRAKING_MPS2 * braking_s.square() / 2
         along = along_m.maximum(least).minimum(most)
-        left = left_m.clamp(-config.goal_aside_m, config.goal_aside_m)
+        left = left_m.clamp(-2 * config.goal_way_m, 2 * config.goal_way_m)
         stayed = (along - along_m).abs() + (left - left_m).abs() < _SAME_GOAL_M
         return along, left, stayed
 

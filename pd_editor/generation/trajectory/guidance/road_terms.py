@@ -68,10 +68,10 @@ class RoadTerm(AgentsTerm):
         wide = torch.zeros_like(position)
         wide[:, :, ::ROAD_STRIDE] = context.tensor(direction)
         asked = torch.zeros_like(position[..., 0])
-        asked[:, :, ::ROAD_STRIDE] = context.tensor(length + config.road_margin_m)
+        asked[:, :, ::ROAD_STRIDE] = context.tensor(length + config.goal_m)
         wanted = torch.zeros_like(asked, dtype=torch.bool)
         wanted[:, :, ::ROAD_STRIDE] = torch.from_numpy(counts).to(wanted.device)
-        weight = row_weights(config.road_m, self.guided.weight * ROAD_STRIDE, asked)
+        weight = row_weights(config.goal_m, self.guided.weight * ROAD_STRIDE, asked)
         return [
             ResidualRows(
                 agents=self.agents,

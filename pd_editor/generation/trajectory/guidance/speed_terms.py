@@ -15,6 +15,7 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
+from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2
 from pd_editor.analysis.guidance.stop_line import LINE_MARGIN_M
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.target_motion import (
@@ -32,6 +33,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     row_weights,
     together,
 )
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 _RAMP_SHARE: Final = 0.6
 """Share of the time in which a target speed should be reached."""
@@ -92,8 +94,8 @@ class SpeedTerm(AgentsTerm):
         needed = change.abs() / (_RAMP_SHARE * motion.time_s[-1])
         rate = torch.where(
             change > 0,
-            needed.clamp(config.acceleration_mps2, config.max_acceleration_mps2),
-            needed.clamp(config.braking_mps2, config.max_braking_mps2),
+            needed.clamp(config.acceleration_mps2, FIRM_ACCELERATION_MPS2),
+            needed.clamp(config.braking_mps2, MAX_BRAKING_MPS2),
         )
         done = (rate * motion.time_s).minimum(change.abs())
         along = distances(first + change.sign() * done, motion.step_s)
@@ -103,7 +105,7 @@ class SpeedTerm(AgentsTerm):
         return TargetMotion.along(self.agents, curves, along, motion.step_s).rows(
             along_m=config.speed_m,
             speed_mps=config.speed_mps,
-            across_m=config.held_path_m,
+            across_m=2 * config.path_m,
             strength=self.guided.weight,
             is_wanted=wanted,
         )
@@ -127,7 +129,7 @@ class LimitTerm(AgentsTerm):
         return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
             along_m=config.speed_m,
             speed_mps=config.speed_mps,
-            across_m=config.held_path_m,
+            across_m=2 * config.path_m,
             strength=self.guided.weight,
             is_wanted=is_over & pace.changed(along),
         )
@@ -147,7 +149,7 @@ class ComfortTerm(AgentsTerm):
         along, across = (
             (motion.acceleration_mps2[:, agents] * one).sum(-1) for one in (ahead, left)
         )
-        margin, most = config.comfort_margin_mps2, self.guided.of_each
+        margin, most = 2 * config.comfort_mps2, self.guided.of_each
         kept = along.minimum(most("max_acceleration_mps2") - margin)
         kept = kept.maximum(margin - most("max_braking_mps2"))
         bent = across.minimum(most("max_lateral_mps2") - margin)
@@ -167,7 +169,7 @@ class ComfortTerm(AgentsTerm):
             for order, direction, target, accepted, wanted in (
                 (2, ahead, kept, config.comfort_mps2, kept != along),
                 (2, left, bent, config.comfort_mps2, bent != across),
-                (0, left, position, config.held_path_m, held),
+                (0, left, position, 2 * config.path_m, held),
             )
         ]
 
@@ -191,7 +193,7 @@ class StopTerm(AgentsTerm):
         return TargetMotion.along(self.agents, curves, stopped, motion.step_s).rows(
             along_m=config.stop_m,
             speed_mps=config.stop_mps,
-            across_m=config.held_path_m,
+            across_m=2 * config.path_m,
             strength=self.guided.weight,
             is_wanted=crosses & pace.changed(stopped),
         )
@@ -214,7 +216,7 @@ class StopTerm(AgentsTerm):
         is_late = along + speed.square() / (2 * braking) >= stop_m
         first = is_late.to(torch.uint8).argmax(dim=-1, keepdim=True)
         begin, rate = along.gather(-1, first), speed.gather(-1, first)
-        least = rate.square() / (2 * config.max_braking_mps2)
+        least = rate.square() / (2 * MAX_BRAKING_MPS2)
         gap = (stop_m - begin).maximum(least).clamp_min(0.0)
         duration = 2 * gap / rate.clamp_min(0.1)
         since = time_s - time_s[first]

@@ -44,11 +44,9 @@ class TermGuide:
         self, clean: Float[Tensor, "S 1 A 10"], level: float
     ) -> Float[Tensor, "S 1 A 10"]:
         """Move predicted clean latents to what the terms ask for."""
-        config = self.config
-        is_last = level <= self.last_level
-        if level > config.first_level or (is_last and not config.is_last_step_guided):
+        if level <= self.last_level:
             return clean
-        spread = config.spread + config.spread_of_noise * level
+        spread = self.config.spread + self.config.spread_of_noise * level
         terms = [term for term in self.terms if not is_light(term)]
         return self._moved(clean[:, 0], level, spread, terms)[:, None]
 
@@ -66,13 +64,12 @@ class TermGuide:
             return latent
         rounds = self.config.num_closings
         if any(isinstance(term, AvoidTerm) and not term.is_light for term in terms):
-            rounds += self.config.num_avoiding
+            rounds *= 3
+        spread = 2 * self.config.spread
         with sampling_mode(latent[..., 0].numel()):
             # Each projection starts from the last one, so what is met stays as it is.
             for _ in range(rounds):
-                found = self._moved(
-                    latent[:, 0], 0.0, self.config.closing_spread, terms
-                )
+                found = self._moved(latent[:, 0], 0.0, spread, terms)
                 latent = found[:, None] if keep is None else keep(found[:, None])
         return latent
 

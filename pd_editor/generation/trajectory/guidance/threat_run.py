@@ -278,7 +278,7 @@ class ThreatTerm:
                 # Gaps to the rear or the front are kept after the meeting.
                 follows = threat.aim.approach in ("rear", *IN_FRONT)
                 near[sample] |= (moment > step) & follows & (not threat.aim.is_contact)
-        accepted = np.where(near, config.threat_meeting_m, config.threat_m)
+        accepted = np.where(near, config.box_m, config.threat_m)
         return cls(
             agents=torch.tensor([threat.attacker], device=like.device),
             target_m=torch.from_numpy(target).to(like),

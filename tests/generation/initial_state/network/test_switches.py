@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from pd_editor.base.errors import ModelError
+from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.initial_state.loss import (
     InitialStateLossConfig,
     initial_state_loss,
@@ -186,7 +187,11 @@ def test_the_paper_s_variant_samples_deterministically_from_its_noise():
     for _ in range(2):
         steps = list(
             sample_initial_states(
-                model, scene, samples=[0, 1], seed=3, config=settings, task=task
+                model,
+                scene,
+                RandomStreams(3, "states", [0, 1]),
+                task,
+                config=settings,
             )
         )
         assert len(steps) == 6
