@@ -6,7 +6,11 @@ from typing import Final
 import numpy as np
 
 from pd_editor.analysis.findings.finding import Finding
-from pd_editor.scene.perturbation.friction_limit import WarpSummary, summarise
+from pd_editor.scene.perturbation.friction_limit import (
+    SAMPLE_SPACING_M,
+    WarpSummary,
+    summarise,
+)
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 
@@ -14,7 +18,6 @@ MIN_RADIUS_M: Final = 5.0
 """Approximate smallest turning radius of a car, measured at its centre."""
 FOLDED_RADIUS_M: Final = 1.75
 """Half a lane's width: with less, the inner edge of a lane folds over itself."""
-_SAMPLE_SPACING_M: Final = 0.05
 
 
 def road_problems(scenario: Scenario) -> list[Finding]:
@@ -80,7 +83,7 @@ def weakened_to_radius(warp: RoadWarp) -> RoadWarp | None:
 def _sharpest_place(warp: RoadWarp) -> tuple[float, float]:
     """Point of largest curvature of a warped road that was straight."""
     end = warp.extent_m()
-    x = np.linspace(0.0, end, max(int(end / _SAMPLE_SPACING_M), 1) + 1)
+    x = np.linspace(0.0, end, max(int(end / SAMPLE_SPACING_M), 1) + 1)
     ahead = float(x[np.abs(warp.curvature(x)).argmax()])
     start = np.array([warp.anchor.x_m, warp.anchor.y_m])
     point = start + warp.anchor.turn(np.array([ahead, 0.0]))

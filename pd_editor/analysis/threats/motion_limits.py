@@ -6,13 +6,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.analysis.metrics.motion.kinematics import TURNING_MPS
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import unit_vector
 
 _SPAN: Final = 3
 """Accelerations are second differences over this number of steps to either side."""
-_TURNING_MPS: Final = 2.0
-"""Below this speed, curvature is not tested."""
 _REVERSING_MPS: Final = 0.5
 
 
@@ -117,8 +116,8 @@ def exertion(
     share = np.maximum(along / limits.acceleration_mps2, -along / limits.braking_mps2)
     aside = np.abs(across) / limits.lateral_mps2
     used = np.hypot(share, aside)
-    bend = np.abs(across) / np.maximum(speed, _TURNING_MPS) ** 2
-    bend = np.where(speed > _TURNING_MPS, bend / limits.curvature_1pm, 0.0)
+    bend = np.abs(across) / np.maximum(speed, TURNING_MPS) ** 2
+    bend = np.where(speed > TURNING_MPS, bend / limits.curvature_1pm, 0.0)
     fast = speed / max(limits.speed_mps, 1.05 * float(np.hypot(*velocity_mps)))
     turn = (forward[:, 1:] * forward[:, :-1]).sum(-1)
     reverses = (turn < 0) & moves[:, 1:]

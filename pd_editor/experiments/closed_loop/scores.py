@@ -14,6 +14,7 @@ from jaxtyping import Float
 from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.metrics.collisions.safety import least_times_s
 from pd_editor.analysis.metrics.motion.kinematics import kinematics
+from pd_editor.analysis.metrics.road.lane_deviation import WRONG_WAY_M
 from pd_editor.analysis.metrics.road.off_road import is_past_lanes, outside_m
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
@@ -25,7 +26,6 @@ from pd_editor.scene.thresholds import STANDING_MPS
 
 LEAST_TTC_S: Final = 0.95
 MOST_OUTSIDE_M: Final = 0.3
-_WRONG_WAY_M: Final = 2.0
 _FRONT_COSINE: Final = 0.7
 """Least cosine between the heading and the way to a box that the front hits."""
 
@@ -103,7 +103,7 @@ def drive_scores(
         num_collisions=hit,
         time_to_collision_within_bound=bool(least >= LEAST_TTC_S),
         drivable_area_compliance=not off.any(),
-        driving_direction_compliance=_wrong_way_m(rolled, row, steps) < _WRONG_WAY_M,
+        driving_direction_compliance=_wrong_way_m(rolled, row, steps) < WRONG_WAY_M,
         ego_is_comfortable=not (moves.is_uncomfortable() & moves.is_valid).any(),
         is_possible_motion=not (moves.is_impossible() & moves.is_valid).any(),
     )

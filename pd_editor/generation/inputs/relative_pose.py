@@ -12,7 +12,7 @@ from torch import Tensor
 NUM_POSE_FEATURES: Final = 10
 
 _FAR_M: Final = 30.0
-_NEAR_M: Final = 4.0
+NEAR_M: Final = 4.0
 
 
 def relative_pose(
@@ -42,7 +42,7 @@ def pose_features(relative: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 
     """
     x, y, cos, sin = relative.unbind(-1)
     distance = torch.sqrt(x.square() + y.square() + 1e-6)
-    squash = 1 / (distance + _NEAR_M)
+    squash = 1 / (distance + NEAR_M)
     ahead = -(cos * x + sin * y)
     beside = sin * x - cos * y
     return torch.stack(
@@ -51,12 +51,12 @@ def pose_features(relative: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 
             y / _FAR_M,
             x * squash,
             y * squash,
-            _NEAR_M * squash,
+            NEAR_M * squash,
             cos,
             sin,
             ahead * squash,
             beside * squash,
-            torch.tanh(beside / _NEAR_M),
+            torch.tanh(beside / NEAR_M),
         ],
         dim=-1,
     )

@@ -44,7 +44,7 @@ _LEAST_KNOWN_STEPS: Final = 10
 """A context agent with fewer future steps is sampled like the others, and kept."""
 _LATE_S: Final = 4.0
 """Agents that enter within this time are given, extended back to the current step."""
-_SAME_STEP_S: Final = 1e-6
+SAME_STEP_S: Final = 1e-6
 _MET_WITHIN_M: Final = 300.0
 """Agents at 25 m/s each that are further apart do not meet within the horizon."""
 _NOISE_ROWS: Final = 64
@@ -189,7 +189,7 @@ class TrajectoryTask:
         exists = agents.is_valid[rows, steps]
         missing = [(0, 0), (0, count + 1 - exists.shape[1])]
         # Recorded positions are at the model's steps only on the same time axis.
-        same = abs(axis.step_s - STEP_S) < _SAME_STEP_S
+        same = abs(axis.step_s - STEP_S) < SAME_STEP_S
         is_known = np.pad(exists & ~self.is_sampled[:, None], missing) & same
         pairs = [*missing, (0, 0)]
         return LatentMotion.of(
@@ -294,7 +294,7 @@ def _known_steps(
     steps = slice(now + 1, now + 1 + basis.num_steps)
     exists = agents.is_valid[rows, steps]
     exists = exists & np.isfinite(agents.position_m[rows, steps]).all(axis=-1)
-    return exists & (abs(scenario.time_axis.step_s - basis.step_s) <= _SAME_STEP_S)
+    return exists & (abs(scenario.time_axis.step_s - basis.step_s) <= SAME_STEP_S)
 
 
 def _completed(

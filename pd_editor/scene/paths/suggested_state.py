@@ -12,6 +12,7 @@ from pd_editor.scene.agent_kind import (
     default_sizes_m,
 )
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
+from pd_editor.scene.paths.car_following import STANDSTILL_GAP_M
 from pd_editor.scene.paths.lanes.lane_routes import (
     SAMPLE_SPACING_M,
     SAMPLED_BEHIND_M,
@@ -31,8 +32,6 @@ SUGGESTED_SPEED_MPS: Final[dict[AgentKind, float]] = {
 }
 """Speed of a placed agent without moving agents on its lane."""
 LANE_REACH_M: Final = 4.0
-STANDSTILL_GAP_M: Final = 2.0
-"""Gap to the agent ahead at the end of the look-ahead."""
 LOOK_AHEAD_S: Final = 6.0
 """Agents ahead that are reached later than this do not limit the speed."""
 MAX_TURN_RAD: Final = np.radians(60.0)

@@ -11,7 +11,7 @@ from pd_editor.scene.road_warp import BEND_LENGTH_M, RoadWarp, WarpTerm
 GRAVITY_MPS2: Final = 9.81
 DRY_ROAD_FRICTION: Final = 0.7
 """Friction coefficient mu that Scene-Attack assumes."""
-_SAMPLE_SPACING_M: Final = 0.05
+SAMPLE_SPACING_M: Final = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ def summarise(
 ) -> WarpSummary:
     """Sharpest bend, speed limit and shift of a straight road under a warp."""
     end = warp.extent_m()
-    x = np.linspace(0.0, end, max(int(end / _SAMPLE_SPACING_M), 1) + 1)
+    x = np.linspace(0.0, end, max(int(end / SAMPLE_SPACING_M), 1) + 1)
     # The second derivative jumps where a bend ends, so both sides are evaluated.
     edges = np.array([edge for term in warp.terms for edge in _edges_m(term)])
     x = np.concatenate([x, edges - 1e-9, edges + 1e-9])

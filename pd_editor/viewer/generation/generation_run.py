@@ -11,6 +11,7 @@ import numpy as np
 from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import Command, ReplaceTraffic, traffic_command
 from pd_editor.editor.generation_job import GenerationJob
+from pd_editor.editor.live_regeneration import CLOSE_WAIT_S
 from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
@@ -26,9 +27,6 @@ from pd_editor.viewer.state.guided_runs import GuidedRun
 from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.tab.tab_model import RunState
 from pd_editor.viewer.tab.ui_context import UiContext
-
-CLOSE_WAIT_S: Final = 2.0
-"""Time in which a cancelled generator finishes its step when its page is gone."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,13 +11,11 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
+from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD, ON_LANE_M
 from pd_editor.scene.road_map import LaneKind, RoadMap
 
-ON_LANE_M: Final = 3.0
-"""Lanes within this distance, and within 60 degrees, are an agent's initial ones."""
 NEAR_LANE_M: Final = 8.0
 """Agents without an initial lane get the nearest such lane within this distance."""
-MAX_TURN_RAD: Final = np.pi / 3
 SPARE_M: Final = 10.0
 """Lanes that begin up to this distance past the end of an agent's path count."""
 _CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)

@@ -33,14 +33,13 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     row_weights,
     together,
 )
+from pd_editor.generation.trajectory.network.decoding import STAYS_M
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 _RAMP_SHARE: Final = 0.6
 """Share of the time in which a target speed should be reached."""
 _LEAST_CHANGE_M: Final = 0.05
 """A retimed prediction that differs by less is met."""
-_STAYS_M: Final = 0.5
-"""A stationary agent predicted to move less is left alone, unless it is named."""
 _NUM_RATES: Final = 4
 """Number of braking rates that are tried for a stop."""
 _STANDS_STEPS: Final = 5
@@ -99,7 +98,7 @@ class SpeedTerm(AgentsTerm):
         )
         done = (rate * motion.time_s).minimum(change.abs())
         along = distances(first + change.sign() * done, motion.step_s)
-        stays = self._may_stay & (pace.along_m[..., -1:] < _STAYS_M)
+        stays = self._may_stay & (pace.along_m[..., -1:] < STAYS_M)
         wanted = pace.changed(along) & ~stays
         curves = extended(pace.curves, self.guided)
         return TargetMotion.along(self.agents, curves, along, motion.step_s).rows(

@@ -36,6 +36,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     row_weights,
 )
 from pd_editor.generation.trajectory.network.decoding import Motion, motion_of
+from pd_editor.generation.trajectory.task import SAME_STEP_S
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
@@ -47,7 +48,6 @@ _NEAR_STEPS: Final = 4
 """The plan is followed closely so many steps before and after the meeting."""
 _MOST_OTHERS: Final = 12
 _OTHERS_WITHIN_M: Final = 60.0
-_SAME_STEP_S: Final = 1e-6
 
 
 def threats_in_force(terms: Sequence[GuidanceTerm]) -> tuple[Threaten, ...]:
@@ -94,7 +94,7 @@ class ThreatScene:
         agents, axis = self.scenario.agents, self.scenario.time_axis
         now, count = axis.current_step, self.basis.num_steps
         is_long = axis.num_future_steps >= count
-        same = abs(axis.step_s - self.basis.step_s) < _SAME_STEP_S
+        same = abs(axis.step_s - self.basis.step_s) < SAME_STEP_S
         exists = agents.is_valid[self.rows, now : now + count + 1].all(axis=1)
         return self.is_sampled | (exists & is_long & same)
 

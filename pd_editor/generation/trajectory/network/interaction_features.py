@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from pd_editor.generation.inputs.relative_pose import NEAR_M
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.features import Neighbors
 
@@ -14,10 +15,8 @@ NUM_WAYPOINTS: Final = 8
 NUM_WAYPOINT_FEATURES: Final = 3 * NUM_WAYPOINTS
 NUM_GAP_FEATURES: Final = 2 * NUM_WAYPOINTS
 
-_NEAR_M: Final = 4.0
-"""Distance at which closeness is one half."""
-_LEAST_SQUARE: Final = 1e-6 / _NEAR_M**2
-_HELD: Final = 0.2 / _NEAR_M
+_LEAST_SQUARE: Final = 1e-6 / NEAR_M**2
+_HELD: Final = 0.2 / NEAR_M
 """An agent that moves less between two waypoints keeps its heading."""
 _GAP_SCALE: Final = 2.0
 """Gaps are clamped to this: 2 m in units of 4 m scaled features."""
@@ -62,17 +61,17 @@ class InteractionGeometry:
         offset = mean + speed_mps.flatten()[:, None] * times
         pose = neighbors.pose.flatten(0, 1).movedim(-1, 0)
         row = neighbors.row_of_all().flatten(0, 1)
-        half_size = size_m.flatten(0, 1).T * (0.5 / _NEAR_M)
+        half_size = size_m.flatten(0, 1).T * (0.5 / NEAR_M)
         held = torch.zeros_like(offset[:1])
         held[:, :NUM_WAYPOINTS] = _HELD
-        matrix, offset = matrix / _NEAR_M, offset / _NEAR_M
+        matrix, offset = matrix / NEAR_M, offset / NEAR_M
         return cls(
             matrix=torch.cat([matrix, _ways(matrix)], dim=-1).T.contiguous(),
             offset=torch.cat([offset, _ways(offset) + held], dim=-1).T[:, None],
             row=row.flatten(),
             cos=pose[2].flatten(),
             sin=pose[3].flatten(),
-            position=pose[:2, None, None] / _NEAR_M,
+            position=pose[:2, None, None] / NEAR_M,
             half_size=half_size[..., None],
             near_half_size=half_size[:, row],
         )
