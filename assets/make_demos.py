@@ -18,8 +18,7 @@ from assets.stories import STORIES
 from assets.story import Story
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.base.installed_files import SENTENCES_NAME
-from pd_editor.experiments.recordings.clip import cut_scenario
-from pd_editor.experiments.recordings.map_crop import cropped_map
+from pd_editor.experiments.recordings.clip import cropped_map, cut_scenario
 from pd_editor.experiments.recordings.recording import Recording, Window
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
 from pd_editor.experiments.synthesis.traffic.simulation import simulate

@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
-from pd_editor.analysis.metrics.collisions.center_collision import init_collision_2m
+from pd_editor.analysis.metrics.collisions.box_collision import (
+    box_overlap,
+    init_collision_2m,
+)
 from pd_editor.analysis.metrics.collisions.interaction import (
     local_density,
     nearest_distance,
@@ -25,7 +27,6 @@ from pd_editor.analysis.metrics.collisions.interaction import (
 from pd_editor.analysis.metrics.distributions.distribution_distance import HISTOGRAMS
 from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
 from pd_editor.analysis.metrics.motion.kinematics import motion_values
-from pd_editor.analysis.metrics.paper_agents import paper_init_agents
 from pd_editor.analysis.metrics.road.off_lane import nearest_edge, off_lane
 from pd_editor.analysis.metrics.traffic_view import (
     TrafficView,
@@ -35,6 +36,7 @@ from pd_editor.analysis.metrics.traffic_view import (
 from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.base.installed_files import models_folder
+from pd_editor.experiments.evaluation.evaluation_task import paper_init_agents
 from pd_editor.experiments.evaluation.report.distances import STATE_METRICS
 from pd_editor.generation.checkpoints.model_folder import load_model
 from pd_editor.generation.core.devices import keep_freed_memory, lay_out_weights

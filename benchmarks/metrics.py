@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.analysis.metrics.collisions.center_collision import init_collision_2m
+from pd_editor.analysis.metrics.collisions.box_collision import init_collision_2m
 from pd_editor.analysis.metrics.distributions.distribution_distance import HISTOGRAMS
 from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
 from pd_editor.analysis.metrics.metric_table import METRICS
-from pd_editor.analysis.metrics.paper_agents import (
-    paper_init_agents,
-    paper_trajectory_agents,
-)
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
+from pd_editor.experiments.evaluation.evaluation_task import (
+    paper_init_agents,
+    paper_trajectory_agents,
+)
 from pd_editor.experiments.evaluation.scene_bootstrap import (
     Estimate,
     mean_over_scenes,

@@ -16,7 +16,7 @@ from pd_editor.analysis.metrics.collisions.box_tests import (
     first_overlap,
     overlapping_pairs,
 )
-from pd_editor.analysis.repair.box_overlaps import counted
+from pd_editor.analysis.repair.repairable import counted
 from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.generation.trajectory.sample_yielding import with_yielding

@@ -50,10 +50,10 @@ def model(
     )
     from pd_editor.generation.checkpoints.model_folder import (
         CONFIG_NAME,
+        averaged_stage,
         load_model,
         save_model,
     )
-    from pd_editor.generation.checkpoints.weight_average import averaged_stage
     from pd_editor.generation.stages import STAGE_KINDS
 
     given = {"init": folders(init), "traj": folders(traj)}

@@ -16,13 +16,12 @@ import shapely
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.plain_text import is_plain, nearest_or_all
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.guidance_outcome import GuidanceCost, TermOutcome
 from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
-from pd_editor.scene.traffic_sample import TrafficSample
+from pd_editor.scene.traffic_sample import TrafficSample, check_finite
 
 MAX_SAMPLES: Final = 1_000
 MAX_DENOISING_STEPS: Final = 1_000

@@ -13,9 +13,9 @@ from jaxtyping import Float
 from pd_editor.base.errors import GenerationError
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.traffic_sample import check_finite
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

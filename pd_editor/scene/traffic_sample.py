@@ -1,6 +1,6 @@
 """Trajectories that a generator has sampled."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float, Float32
 from pd_editor.base.errors import GenerationError
 from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.finite_numbers import check_finite
 
 MAX_SIZE_M: Final = 100.0
 """Longest and widest agent that is generated."""
@@ -87,3 +86,33 @@ class MadeUpPast:
         """Whether each agent exists at each step."""
         steps = self.heading_rad.shape[1]
         return np.arange(steps) >= steps - np.array(self.num_steps, int)[:, None]
+
+
+def check_finite(
+    field_name: str,
+    values: Float[np.ndarray, "A *shape"],
+    ids: Sequence[str],
+    axes: Sequence[str],
+) -> None:
+    """Raise for NaN or infinity in an array of agents.
+
+    Args:
+        field_name: name of the array.
+        values: the array; its first axis is agents.
+        ids: ids of the agents.
+        axes: names of the axes after the first one that are told.
+
+    Raises:
+        GenerationError: names the array, the first agent and the indices.
+    """
+    if np.isfinite(values).all():
+        return
+    row, *rest = np.argwhere(~np.isfinite(values))[0].tolist()
+    place = "".join(
+        f", {name} {index}" for name, index in zip(axes, rest, strict=False)
+    )
+    whose = ids[row] if row < len(ids) else f"number {row}"
+    raise GenerationError(
+        f"The generated {field_name} of agent {whose}{place} is "
+        f"{values[(row, *rest)]}; expected finite numbers."
+    )

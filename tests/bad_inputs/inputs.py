@@ -31,8 +31,8 @@ from pd_editor.editor.unfinished_work import Journal, find_unfinished, restore
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.generation.lane_follower import LaneFollower
 from pd_editor.scene.av2_io.map_file import map_bytes
-from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
 from pd_editor.scene.av2_io.upload import scenario_from_upload
+from pd_editor.scene.av2_io.write import tracks_bytes
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.scenario import Scenario

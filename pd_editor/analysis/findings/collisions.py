@@ -19,6 +19,7 @@ from pd_editor.analysis.findings.finding import (
     at_time,
     capitalised,
     finding_of_agent,
+    spans_of,
 )
 from pd_editor.analysis.metrics.collisions.box_tests import (
     MIN_OVERLAP_M2,
@@ -30,7 +31,6 @@ from pd_editor.analysis.metrics.collisions.safety import (
     box_gap_m,
     least_times_s,
 )
-from pd_editor.analysis.metrics.step_spans import spans_of
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_states import AgentStates

@@ -7,7 +7,6 @@ from typing import Final, Literal, get_args
 import numpy as np
 from jaxtyping import Int
 
-from pd_editor.analysis.metrics.step_spans import Spans, holds_at, spans_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
@@ -61,6 +60,11 @@ _KIND_NAME: Final[dict[AgentKind, str]] = {
 }
 FindingKey = tuple[str, tuple[str, ...], str]
 IgnoredKey = tuple[str, tuple[str, ...], str, str]
+_GAP_STEPS: Final = 2
+"""Spans at most this far apart are joined."""
+
+Spans = tuple[tuple[int, int], ...]
+"""First and last steps of intervals, in order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,3 +210,17 @@ def problems_in_words(counts: Mapping[str, int]) -> str:
         if counts.get(kind)
     ]
     return f"{text} ({', '.join(parts)})" if parts else text
+
+
+def spans_of(steps: Int[np.ndarray, "N"]) -> Spans:
+    """First and last steps of the runs in increasing steps; short gaps are closed."""
+    breaks = np.flatnonzero(np.diff(steps) > _GAP_STEPS)
+    first = steps[np.concatenate([[0], breaks + 1])]
+    last = steps[np.concatenate([breaks, [len(steps) - 1]])]
+    return tuple(zip(first.tolist(), last.tolist(), strict=True))
+
+
+def holds_at(spans: Spans, step: float) -> bool:
+    """Whether a step is in one of the intervals; half steps are rounded."""
+    nearest = round(step)
+    return any(first <= nearest <= last for first, last in spans)

@@ -6,9 +6,9 @@ drivable area) are cached as long as the map value lives.
 
 from collections.abc import Sequence
 
-from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
-from pd_editor.analysis.metrics.collisions.center_collision import (
+from pd_editor.analysis.metrics.collisions.box_collision import (
     actor_collision_2m,
+    box_overlap,
     init_collision_2m,
 )
 from pd_editor.analysis.metrics.collisions.interaction import (

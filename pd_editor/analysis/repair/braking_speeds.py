@@ -6,8 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.repair.box_overlaps import counted
-from pd_editor.analysis.repair.repairable import repairable
+from pd_editor.analysis.repair.repairable import counted, repairable
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.paths.speed_profiles import MAX_BRAKING_MPS2

@@ -10,8 +10,7 @@ from pd_editor.analysis.metrics.collisions.box_tests import (
     first_overlap,
     overlapping_pairs,
 )
-from pd_editor.analysis.repair.box_overlaps import counted
-from pd_editor.analysis.repair.repairable import repairable
+from pd_editor.analysis.repair.repairable import counted, repairable
 from pd_editor.analysis.repair.yielding import yielding
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks

@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.analysis.repair.box_overlaps import counted
 from pd_editor.analysis.repair.current_states import States
-from pd_editor.analysis.repair.repairable import repairable
+from pd_editor.analysis.repair.repairable import counted, repairable
 from pd_editor.analysis.repair.sliding import (
     SLIDE_REACH_M,
     lanes_of,

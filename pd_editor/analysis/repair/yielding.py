@@ -23,7 +23,7 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     WINDOW_STEPS,
     derivative_operators,
 )
-from pd_editor.analysis.repair.box_overlaps import counted
+from pd_editor.analysis.repair.repairable import counted
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.geometry.oriented_box import Boxes, BoxStates

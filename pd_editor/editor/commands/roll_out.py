@@ -20,7 +20,6 @@ from pd_editor.editor.commands.motion import agents_with_motion
 from pd_editor.editor.commands.traffic import blank_tracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.finite_numbers import check_finite
 from pd_editor.scene.guidance_terms import terms_without
 from pd_editor.scene.junction_phases import continued_signals
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
@@ -28,7 +27,7 @@ from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STEPS
 from pd_editor.scene.time_axis import TimeAxis
-from pd_editor.scene.traffic_sample import TrafficSample
+from pd_editor.scene.traffic_sample import TrafficSample, check_finite
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

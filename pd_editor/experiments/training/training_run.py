@@ -1,13 +1,16 @@
 """Training run, from data roots to a model folder."""
 
 import atexit
+import contextlib
 import copy
 import importlib.metadata
 import logging
 import math
 import os
+import signal
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from datetime import timedelta
@@ -38,17 +41,16 @@ from pd_editor.experiments.training.data.training_data import (
     training_data,
     write_basis,
 )
-from pd_editor.experiments.training.loop.loss_curves import loss_curves_png
 from pd_editor.experiments.training.loop.run_folder import CURVES_NAME, RunFolder
-from pd_editor.experiments.training.loop.stop_request import stop_requests
-from pd_editor.experiments.training.loop.tensorboard_log import (
-    check_installed,
-    tensorboard_log,
-)
 from pd_editor.experiments.training.loop.train_loop import (
     TrainingProgress,
     TrainLoop,
     spent,
+)
+from pd_editor.experiments.training.loop.training_curves import (
+    check_installed,
+    loss_curves_png,
+    tensorboard_log,
 )
 from pd_editor.experiments.training.monitoring import Monitoring, SampleWatch
 from pd_editor.experiments.training.outcome import Training
@@ -63,12 +65,13 @@ from pd_editor.generation.checkpoints.model_folder import TrainedStage, save_mod
 from pd_editor.generation.checkpoints.tensor_file import config_from_json
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.features.feature_store import FeatureStore
+from pd_editor.generation.generators.registry import saw_warps
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
-from pd_editor.generation.training_record import saw_warps
 
 MAX_DEVICES: Final = 64
 MAX_THREADS: Final = 1_024
 NO_MONITORING: Final = Monitoring()
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -450,3 +453,33 @@ def _about(
         "commit": _commit(),
         "version": importlib.metadata.version("pd-editor"),
     }
+
+
+@contextlib.contextmanager
+def stop_requests() -> Iterator[Callable[[], bool]]:
+    """Context with a function that tells whether Ctrl-C was pressed.
+
+    The second Ctrl-C interrupts at once. Outside the main thread there are no requests.
+    """
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked.is_set
+        return
+    earlier: dict[signal.Signals, Any] = {
+        one: signal.getsignal(one) for one in _SIGNALS
+    }
+
+    def restore() -> None:
+        for one, handler in earlier.items():
+            signal.signal(one, handler)
+
+    def ask(*_: object) -> None:
+        asked.set()
+        restore()
+
+    for one in _SIGNALS:
+        signal.signal(one, ask)
+    try:
+        yield asked.is_set
+    finally:
+        restore()

@@ -29,7 +29,6 @@ from pd_editor.generation.generators.plugins import (
     generator_of_reference,
     installed_plugins,
 )
-from pd_editor.generation.training_record import saw_warps
 from pd_editor.scene.generation import (
     CAPABILITIES,
     Capability,
@@ -41,11 +40,31 @@ from pd_editor.scene.generation import (
 if TYPE_CHECKING:
     from pd_editor.generation.path_diffuser import PathDiffuser
 
+
 SHIPPED_MODEL: Final = "path-diffuser"
 """The default among the shipped models."""
 MODEL_CONFIG: Final = "config.json"
 """The file that makes a folder a model."""
 _WEIGHTS_PATTERN: Final = "*.safetensors"
+USUAL_WARP_SHARE: Final = 0.3
+"""Share of warped roads in trainings before it was recorded."""
+
+
+def warp_share(record: Mapping[str, Any]) -> float:
+    """Share of warped roads in a training, without those before it."""
+    return float(record.get("augmentation", {}).get("warp_share", USUAL_WARP_SHARE))
+
+
+def saw_warps(record: Mapping[str, Any]) -> bool:
+    """Whether weights were ever trained on warped roads: in this training or before it.
+
+    A record of an earlier version does not tell what the weights saw that it began with;
+    they count as having seen warped roads.
+    """
+    found = record.get("saw_warps")
+    if found is None:
+        found = warp_share(record) > 0 or bool(record.get("start"))
+    return bool(found) or any(map(saw_warps, record.get("averaged_with", ())))
 
 
 @dataclass(frozen=True, kw_only=True)

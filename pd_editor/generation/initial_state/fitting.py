@@ -9,7 +9,7 @@ from pd_editor.analysis.metrics.collisions.box_tests import (
     first_overlap,
     overlapping_pairs,
 )
-from pd_editor.analysis.repair.box_overlaps import counted
+from pd_editor.analysis.repair.repairable import counted
 from pd_editor.generation.initial_state.pipeline import SquarePlacement
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.roles.late_agents import LateAgents

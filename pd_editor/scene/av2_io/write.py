@@ -1,9 +1,19 @@
 """Writer of the two files of an Argoverse 2 scenario folder."""
 
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from pd_editor.base.errors import ExportError
+from pd_editor.scene.activity import Activity
 from pd_editor.scene.av2_io.file_names import is_scenario_id, map_name, tracks_name
 from pd_editor.scene.av2_io.map_file import map_bytes
-from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
+from pd_editor.scene.av2_io.tracks_file import ACTIVITY_NAMES, default_current_step
+from pd_editor.scene.geometry.angles import wrap_outside
 from pd_editor.scene.scenario import Scenario
 
 
@@ -33,3 +43,68 @@ def scenario_files(scenario: Scenario) -> dict[str, bytes]:
         tracks_name(scenario_id): tracks_bytes(scenario),
         map_name(scenario_id): map_json,
     }
+
+
+def tracks_bytes(scenario: Scenario) -> bytes:
+    """Write a scenario's tracks as a parquet file's bytes."""
+    agents, axis = scenario.agents, scenario.time_axis
+    row, step = np.nonzero(agents.is_valid)
+    position = agents.position_m[row, step] + scenario.origin_city_m
+    velocity = agents.velocity_mps[row, step]
+    observed = agents.observed[row, step]
+    kinds = _texts([kind.value for kind in agents.kinds])
+    columns: dict[str, pa.Array] = {
+        "observed": _values(observed),
+        "track_id": _texts(agents.ids).take(_values(row)),
+        "object_type": kinds.take(_values(row)),
+        "object_category": _values(np.array(agents.categories, np.int64)[row]),
+        "timestep": _values(step.astype(np.int64)),
+        "position_x": _values(position[:, 0]),
+        "position_y": _values(position[:, 1]),
+        "heading": _values(wrap_outside(agents.heading_rad[row, step])),
+        "velocity_x": _values(velocity[:, 0]),
+        "velocity_y": _values(velocity[:, 1]),
+    }
+    same: dict[str, Any] = {
+        "scenario_id": scenario.scenario_id,
+        "start_timestamp": axis.start_timestamp_ns,
+        "end_timestamp": axis.end_timestamp_ns,
+        "num_timestamps": axis.num_steps,
+        "focal_track_id": scenario.focal_id,
+        "city": scenario.city,
+    }
+    if default_current_step(step, observed, axis.step_s) != axis.current_step:
+        same["current_step"] = axis.current_step
+    for name, value in {**same, **scenario.source_fields, **same}.items():
+        if isinstance(value, str):
+            columns[name] = _texts([value]).take(_values(np.zeros_like(row)))
+        else:
+            columns[name] = _values(np.full(len(row), value))
+    columns["length_m"] = _values(agents.size_m[row, 0])
+    columns["width_m"] = _values(agents.size_m[row, 1])
+    columns["has_known_size"] = _values(agents.has_known_size[row])
+    if agents.activity.any():
+        names = [ACTIVITY_NAMES[Activity(int(one))] for one in agents.activity]
+        columns["activity"] = _texts(names).take(_values(row))
+    if agents.has_made_up_past.any():
+        is_made_up = agents.has_made_up_past[row] & (step < axis.current_step)
+        columns["is_made_up"] = _values(is_made_up)
+    sink = io.BytesIO()
+    pq.write_table(pa.table(columns), sink)
+    return sink.getvalue()
+
+
+def _values(values: np.ndarray) -> pa.Array:
+    """Array of numbers or booleans; ``pyarrow.array`` would import pandas."""
+    if values.dtype == bool:
+        return _values(values.view(np.uint8)).cast(pa.bool_())
+    buffer = pa.py_buffer(np.ascontiguousarray(values))
+    kind = pa.from_numpy_dtype(values.dtype)
+    return pa.Array.from_buffers(kind, len(values), [None, buffer])
+
+
+def _texts(texts: Sequence[str]) -> pa.Array:
+    encoded = [text.encode() for text in texts]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    return pa.Array.from_buffers(pa.string(), len(texts), buffers)

@@ -1,11 +1,13 @@
 """Writes files in memory as a zip, or as a new folder on disk."""
 
 import contextlib
+import ctypes
 import io
 import os
 import re
 import secrets
 import shutil
+import sys
 import time
 import zipfile
 from collections.abc import Collection, Mapping
@@ -14,7 +16,6 @@ from typing import Final
 
 from pd_editor.base.errors import ExportError, FolderInUseError
 from pd_editor.base.regular_file import unwritable
-from pd_editor.scene.exporters.folder_exchange import exchange
 
 RECIPE_NAME: Final = "recipe.json"
 """Name of the recipe, which every export contains."""
@@ -25,6 +26,9 @@ _OLD: Final = ".old"
 _ZIP_TIME: Final = (1980, 1, 1, 0, 0, 0)
 _FILE_MODE: Final = 0o644 << 16
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
+_EXCHANGE: Final = 2
+"""RENAME_EXCHANGE of Linux, and RENAME_SWAP of macOS."""
+_AT_WORKING_FOLDER: Final = -100
 
 
 def zip_files(files: Mapping[str, bytes], folder_name: str) -> bytes:
@@ -216,3 +220,22 @@ def _clear_left_overs(target: Path) -> None:
                 os.rename(entry.path, target)
             elif time.time() - entry.stat().st_mtime > LEFT_OVER_S:
                 shutil.rmtree(entry.path, ignore_errors=True)
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Swap two folders of the same disk; return False where the system cannot."""
+    paths = os.fsencode(one), os.fsencode(other)
+    try:
+        library = ctypes.CDLL(None, use_errno=True)
+        if sys.platform == "linux":
+            done = library.renameat2(
+                _AT_WORKING_FOLDER, paths[0], _AT_WORKING_FOLDER, paths[1], _EXCHANGE
+            )
+        elif sys.platform == "darwin":
+            done = library.renamex_np(*paths, _EXCHANGE)
+        else:
+            return False
+    # Old C libraries lack the function, and Windows lacks the library.
+    except (AttributeError, OSError, TypeError):
+        return False
+    return done == 0

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.paper_agents import (
-    paper_init_agents,
-    paper_trajectory_agents,
-)
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import (
     TrafficView,
     generated_traffic,
     recorded_traffic,
+)
+from pd_editor.experiments.evaluation.evaluation_task import (
+    paper_init_agents,
+    paper_trajectory_agents,
 )
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind
 from pd_editor.scene.av2_io.read import read_scenario

@@ -13,7 +13,7 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     WINDOW_STEPS,
     derivative_operators,
 )
-from pd_editor.analysis.repair.box_overlaps import counted
+from pd_editor.analysis.repair.repairable import counted
 from pd_editor.analysis.repair.yielding import (
     MAX_BRAKING_MPS2,
     Yielded,

@@ -13,7 +13,7 @@ from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.experiments.work_engine import WorkResult
 from pd_editor.experiments.work_engine.work_engine import failure_of
 from pd_editor.scene.av2_io.map_file import map_bytes
-from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
+from pd_editor.scene.av2_io.write import tracks_bytes
 from pd_editor.scene.generation import GeneratedTraffic, TrafficSample
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers

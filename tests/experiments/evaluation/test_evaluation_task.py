@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.paper_agents import (
-    paper_init_agents,
-    paper_trajectory_agents,
-)
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.base.errors import GenerationError
 from pd_editor.experiments.evaluation.evaluation_task import (
     DRIVING,
     SAMPLED_HALF_SIDE_M,
     EvaluationTask,
+    paper_init_agents,
+    paper_trajectory_agents,
 )
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario

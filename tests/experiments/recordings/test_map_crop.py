@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.experiments.recordings.map_crop import MAP_MARGIN_M, cropped_map
+from pd_editor.experiments.recordings.clip import MAP_MARGIN_M, cropped_map
 from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.road_map import Crosswalk, DrivableArea, RoadMap

@@ -4,7 +4,7 @@ import pytest
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.tensorboard_log import (
+from pd_editor.experiments.training.loop.training_curves import (
     FOLDER_NAME,
     tensorboard_log,
 )

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.analysis.repair.box_overlaps import counted
+from pd_editor.analysis.repair.repairable import counted
 from pd_editor.editor.commands import traffic_command
 from pd_editor.generation.initial_state.fitting import (
     colliding_with_kept,

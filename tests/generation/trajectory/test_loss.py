@@ -6,6 +6,7 @@ import torch
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.loss import (
     TrajectoryLossConfig,
+    overlap_depth_m,
     starts,
     trajectory_loss,
 )
@@ -15,7 +16,6 @@ from pd_editor.generation.trajectory.sampler import (
     TrajectoryNoise,
     sample_trajectories,
 )
-from pd_editor.generation.trajectory.trajectory_overlap import overlap_depth_m
 from tests.generation.trajectory.scenes import scene_batch, small_model
 
 

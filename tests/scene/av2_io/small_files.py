@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pd_editor.scene.av2_io.map_file import map_bytes
-from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
+from pd_editor.scene.av2_io.write import tracks_bytes
 from tests.builders import two_agents_that_collide
 
 SCENARIO = two_agents_that_collide()

@@ -16,7 +16,7 @@ from pd_editor.scene.av2_io.tracks_file import (
     default_current_step,
     read_tracks,
 )
-from pd_editor.scene.av2_io.tracks_writer import tracks_bytes
+from pd_editor.scene.av2_io.write import tracks_bytes
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from pd_editor.scene.exporters import bundle
-from pd_editor.scene.exporters.bundle import write_files
-from pd_editor.scene.exporters.folder_exchange import exchange
+from pd_editor.scene.exporters.bundle import exchange, write_files
 from pd_editor.scene.formats.dataset import DatasetIndex
 
 

@@ -10,7 +10,7 @@ import pd_editor
 from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import demo_folder, demo_names
 from pd_editor.viewer.files.start_page import PAGE
-from pd_editor.viewer.state.rejected import REJECTED_NAME, Rejected
+from pd_editor.viewer.state.session_shelf import REJECTED_NAME, Rejected
 from tests.builders import two_agents_that_pass
 from tests.experiments.evaluation.small_dataset import (
     without_future,

@@ -1,9 +1,10 @@
-"""Box overlap metrics: at the current step, and new overlaps at later steps."""
+"""Collision metrics: overlaps of boxes now and at later steps, and centres within 2 m."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.metrics.collisions.box_tests import (
     overlaps_of_pairs,
@@ -17,6 +18,10 @@ from pd_editor.analysis.metrics.values import (
     measured,
 )
 from pd_editor.scene.agent_states import AgentStates
+
+COLLISION_M: Final = 2.0
+PEDESTRIAN_COLLISION_M: Final = 1.0
+"""Collision distance of two pedestrians."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,3 +87,44 @@ def _of_agents(
         evaluated = pairs[:, side] < num_agents
         np.logical_or.at(result, pairs[evaluated, side], hit[evaluated])
     return result
+
+
+def init_collision_2m(view: TrafficView) -> MetricValues:
+    """Whether each agent collides at the current step [A]."""
+    return measured(
+        "init_collision_2m", _collides(view, 1)[:, 0], view.agents.is_valid[:, 0]
+    )
+
+
+def actor_collision_2m(view: TrafficView) -> MetricValues:
+    """Share of each agent's steps in collision [A], the current step included.
+
+    The mean over agents that exist at all steps is the paper's actorCR.
+    """
+    return mean_over_steps(
+        "actor_collision_2m", _collides(view, view.num_steps), view.agents.is_valid
+    )
+
+
+def _collides(view: TrafficView, num_steps: int) -> Bool[np.ndarray, "A S"]:
+    """Whether another centre of the same group is within the group's distance."""
+    everyone = view.everyone
+    position = everyone.position_m[:, :num_steps]
+    is_valid = everyone.is_valid[:, :num_steps]
+    reach = _reach_m(everyone.is_in("pedestrians"))
+    # Half of the distance each, and a margin for rounding.
+    pairs = pairs_that_meet(position, is_valid, reach / 2 + 1e-6)
+    a, b = pairs[:, 0], pairs[:, 1]
+    alike = (everyone.group[a] == everyone.group[b]) & (everyone.group[a] >= 0)
+    a, b = a[alike], b[alike]
+    offset = position[b] - position[a]
+    hit = np.hypot(offset[..., 0], offset[..., 1]) <= reach[a, None]
+    hit &= is_valid[a] & is_valid[b]
+    result = np.zeros(is_valid.shape, bool)
+    np.logical_or.at(result, a, hit)
+    np.logical_or.at(result, b, hit)
+    return result[: len(view)]
+
+
+def _reach_m(walks: Bool[np.ndarray, "A"]) -> Float[np.ndarray, "A"]:
+    return np.where(walks, PEDESTRIAN_COLLISION_M, COLLISION_M)

@@ -1,14 +1,15 @@
 """Conversion of a SUMO net to an Argoverse 2 map."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import shapely
 
 from pd_editor.experiments.synthesis.sumo_to_av2.centerlines import chain_lines
-from pd_editor.experiments.synthesis.sumo_to_av2.drivable_area import drivable_areas
 from pd_editor.experiments.synthesis.sumo_to_av2.lane_chains import (
+    LaneChain,
     LaneChains,
     lane_chains,
 )
@@ -16,23 +17,75 @@ from pd_editor.experiments.synthesis.sumo_to_av2.lane_markings import (
     LaneMarkings,
     sample_lane_markings,
 )
-from pd_editor.experiments.synthesis.sumo_to_av2.lane_segments import (
-    ChainSections,
-    chain_sections,
-    edge_cuts,
-)
 from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
     BAY_SHARE,
     ParkingBay,
     sample_parking_bays,
 )
 from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
+from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.geometry.polyline import arc_length, at_height_zero
-from pd_editor.scene.road_map import Lane, RoadMap
+from pd_editor.scene.geometry.wide_line import WideLine, pieces
+from pd_editor.scene.road_map import DrivableArea, Lane, RoadMap, areas_of
 
+_MEDIAN_M: Final = 22.0
+_SPREAD: Final = 0.92
+"""Standard deviation of the logarithm of the length."""
+_LEAST_M: Final = 1.5
+_MOST_M: Final = 150.0
 FIRST_LANE_ID: Final = 1000
 FIRST_CROSSWALK_ID: Final = 1
 FIRST_AREA_ID: Final = 500
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChainSections:
+    """Segments of a chain; lanes of one edge are split at the same positions."""
+
+    parts: tuple[WideLine, ...]
+    num_before: int
+    """Number of junction segments before the road's own ones."""
+    num_own: int
+
+
+def edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[float]]:
+    """Sample the fractions along each normal edge at which its lanes are split."""
+    cuts = {}
+    for edge in net.junction_of:
+        length = _length_m(net.lanes_of_edge[edge][-1])
+        at, fractions = 0.0, []
+        while True:
+            step = _MEDIAN_M * np.exp(_SPREAD * random.normal())
+            at += float(np.clip(step, _LEAST_M, _MOST_M))
+            if at > length - _LEAST_M:
+                break
+            fractions.append(at / length)
+        cuts[edge] = fractions
+    return cuts
+
+
+def chain_sections(
+    chain: LaneChain, line: WideLine, fractions: list[float]
+) -> ChainSections:
+    """Split a chain at fractions of its road's lane, and at that lane's ends."""
+    row = chain.lanes.index(chain.main)
+    start = sum(_length_m(lane) for lane in chain.lanes[:row])
+    length = _length_m(chain.main)
+    total = float(arc_length(line.points_m)[-1])
+    cuts = [start + fraction * length for fraction in fractions]
+    opens, closes = start > _LEAST_M, total - start - length > _LEAST_M
+    if chain.main.is_internal or length < _LEAST_M:
+        opens = closes = False
+    before = [start] if opens else []
+    after = [start + length] if closes else []
+    parts = pieces(line, [*before, *cuts, *after])
+    return ChainSections(
+        parts=tuple(parts), num_before=len(before), num_own=len(cuts) + 1
+    )
+
+
+def _length_m(lane: SumoLane) -> float:
+    return float(arc_length(lane.shape_m)[-1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,3 +228,12 @@ def _lane_of_sumo(
             result[lane.sumo_id] = tuple(ids[n][first : last + 1])
             at += length
     return result
+
+
+def drivable_areas(
+    net: SumoNet, lanes: tuple[Lane, ...], bays: Iterable[ParkingBay], first_id: int
+) -> tuple[DrivableArea, ...]:
+    """Drivable areas: lanes, parking strips, bays and junctions, without sidewalks."""
+    ground = [valid_area(lane.outline_m()) for lane in lanes]
+    ground += [shapely.make_valid(bay.area()) for bay in bays]
+    return areas_of(paved_rings([*ground, *net.paved_beside_lanes()]), first_id)

@@ -27,7 +27,6 @@ from pd_editor.experiments.synthesis.sumo.sumo_scenario import (
     read_sumo_scenario,
 )
 from pd_editor.experiments.synthesis.sumo_to_av2.map_conversion import net_road_map
-from pd_editor.experiments.synthesis.sumo_to_av2.net_crop import cropped_net
 from pd_editor.experiments.synthesis.traffic.demand_config import (
     DemandOptions,
     ParkingOptions,
@@ -217,3 +216,26 @@ def _write_outputs(
     shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in corners)
     ElementTree.SubElement(root, "poly", id="square", shape=shape, color="red")
     ElementTree.ElementTree(root).write(folder / "outputs.add.xml")
+
+
+def cropped_net(
+    net: SumoNet, center_m: Float[np.ndarray, "2"], reach_m: float
+) -> SumoNet:
+    """Keep whole edges of which a lane reaches into a square, and what is beside them."""
+
+    def is_near(points_m: Float[np.ndarray, "N 2"]) -> bool:
+        low, high = points_m.min(axis=0) - center_m, points_m.max(axis=0) - center_m
+        return bool((low < reach_m).all() and (high > -reach_m).all())
+
+    edges = {lane.edge for lane in net.lanes.values() if is_near(lane.shape_m)}
+    lanes = {name: lane for name, lane in net.lanes.items() if lane.edge in edges}
+    return replace(
+        net,
+        lanes=lanes,
+        links=tuple(one for one in net.links if lanes.keys() >= set(one)),
+        junction_of={k: ends for k, ends in net.junction_of.items() if k in edges},
+        junction_areas_m={k: a for k, a in net.junction_areas_m.items() if is_near(a)},
+        walking_areas_m=tuple(area for area in net.walking_areas_m if is_near(area)),
+        crossings=tuple(one for one in net.crossings if is_near(one[0])),
+        turns=tuple(one for one in net.turns if lanes.keys() >= {one.start, one.end}),
+    )

@@ -1,13 +1,14 @@
 """Simulates traffic on a network for some minutes, as a recording."""
 
 import tempfile
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
-from xml.etree.ElementTree import ElementTree
 
 import numpy as np
 
+from pd_editor.base.errors import SynthesisError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
@@ -15,7 +16,6 @@ from pd_editor.experiments.synthesis.sumo.floating_car_data import (
     RawTracks,
     read_raw_tracks,
 )
-from pd_editor.experiments.synthesis.sumo.signal_plans import sample_signal_plans
 from pd_editor.experiments.synthesis.sumo.signal_states import (
     STATES_NAME,
     read_signals,
@@ -63,6 +63,11 @@ MAX_RETRIES: Final = 2
 
 JAM_S: Final = 90.0
 """Vehicles that wait longer at the head of a lane are removed."""
+LEAST_GREEN_S: Final = 7.0
+ACTUATED_SHARE: Final = 0.5
+"""Share of networks with actuated lights, whose green ends without arriving vehicles."""
+
+PROGRAM_ID: Final = "sampled"
 
 
 def simulate(
@@ -133,7 +138,9 @@ def _traffic(
         folder = Path(name)
         plans.extend(state_outputs([one.attrib["id"] for one in plans]))
         sampled.write(folder / "trips.rou.xml")
-        ElementTree(plans).write(folder / "signals.add.xml", encoding="utf-8")
+        ElementTree.ElementTree(plans).write(
+            folder / "signals.add.xml", encoding="utf-8"
+        )
         write_with_curve_speeds(network.net_file, folder / "roads.net.xml")
         files = "--route-files trips.rou.xml --additional-files signals.add.xml"
         raw = run_traffic(folder, seed, files, (0.0, end_s))
@@ -227,3 +234,54 @@ def _recording(
             [tracks.velocity_mps, np.zeros((num_parked * num_steps, 2))]
         ),
     )
+
+
+def sample_signal_plans(
+    net_file: Path, green_share: tuple[float, float], random: np.random.Generator
+) -> ElementTree.Element:
+    """Sample an additional file for SUMO with a new program for each traffic light.
+
+    ``green_share`` is the range of the factor of netconvert's green times.
+
+    Raises:
+        SynthesisError: the file is missing or no SUMO network.
+    """
+    try:
+        lights = list(ElementTree.parse(net_file).getroot().iter("tlLogic"))
+    except (OSError, ElementTree.ParseError) as error:
+        raise SynthesisError(
+            f"{net_file} is not a readable SUMO network ({error})."
+        ) from error
+    is_actuated = bool(random.random() < ACTUATED_SHARE)
+    share = random.uniform(*green_share)
+    root = ElementTree.Element("additional")
+    for light in lights:
+        root.append(_plan(light, share, is_actuated, random))
+    return root
+
+
+def _plan(
+    light: ElementTree.Element,
+    share: float,
+    is_actuated: bool,
+    random: np.random.Generator,
+) -> ElementTree.Element:
+    plan = ElementTree.Element(
+        "tlLogic",
+        {
+            "id": light.attrib["id"],
+            "type": "actuated" if is_actuated else "static",
+            "programID": PROGRAM_ID,
+            "offset": f"{random.uniform(0.0, 60.0):.0f}",
+        },
+    )
+    for phase in light.iter("phase"):
+        green_s = float(phase.attrib["duration"])
+        changed = {"state": phase.attrib["state"]}
+        if "y" not in phase.attrib["state"] and green_s > LEAST_GREEN_S:
+            green_s = max(share * green_s, LEAST_GREEN_S)
+            if is_actuated:
+                changed |= {"minDur": f"{LEAST_GREEN_S}", "maxDur": f"{1.5 * green_s}"}
+        changed["duration"] = f"{green_s:.1f}"
+        ElementTree.SubElement(plan, "phase", changed)
+    return plan

@@ -1,11 +1,15 @@
 """Training loop of both stages, on a CPU or on one or several GPUs."""
 
+import contextlib
 import copy
+import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Set
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import torch
@@ -21,7 +25,6 @@ from pd_editor.experiments.training.config.run_config import (
 )
 from pd_editor.experiments.training.data.batch_sampler import BatchSampler
 from pd_editor.experiments.training.data.batched_scenes import Batch, TrainingData
-from pd_editor.experiments.training.data.prefetch import prefetched
 from pd_editor.experiments.training.loop.run_folder import RunFolder
 from pd_editor.experiments.training.loop.training_state import (
     TrainState,
@@ -40,6 +43,7 @@ _AUGMENT, _NOISE, _HELD_OUT = 1, 2, 3
 Loss = Callable[[Any, Any, torch.Generator, float], tuple[Tensor, Mapping[str, Tensor]]]
 """Loss of a network on a batch, and its parts by name. The third argument is a generator
 on the CPU, the fourth the fraction of the training that is done."""
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -375,3 +379,26 @@ class WeightAverage:
         get_ema_multi_avg_fn(decay)(averaged, [*model.parameters()], step)
         for mine, theirs in zip(self.model.buffers(), model.buffers(), strict=True):
             mine.copy_(theirs)
+
+
+@contextlib.contextmanager
+def prefetched(
+    make: Callable[[int], _Item], *, first: int, ahead: int = 3
+) -> Generator[Iterator[_Item], None, None]:
+    """Iterator over ``make(first)``, ``make(first + 1)`` and so on, made in another thread.
+
+    At most ``ahead`` items are ready; exceptions of ``make`` are raised in order.
+    """
+    with ThreadPoolExecutor(1, thread_name_prefix="prefetch") as thread:
+        waiting = deque(thread.submit(make, first + index) for index in range(ahead))
+
+        def items() -> Iterator[_Item]:
+            for index in itertools.count(first + ahead):
+                item = waiting.popleft().result()
+                waiting.append(thread.submit(make, index))
+                yield item
+
+        try:
+            yield items()
+        finally:
+            thread.shutdown(cancel_futures=True)

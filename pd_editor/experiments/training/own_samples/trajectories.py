@@ -17,6 +17,7 @@ from pd_editor.generation.initial_state.network.lane_distance import follows_lan
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.guidance.box_conflicts import depth_m
 from pd_editor.generation.trajectory.loss import (
+    HELD_M,
     TrajectoryLossConfig,
     with_unknown_activity,
 )
@@ -31,8 +32,6 @@ from pd_editor.generation.trajectory.sampler import (
 
 _NUM_TIMES: Final = 30
 """Boxes are compared every 0.2 s."""
-_HELD_M: Final = 0.2
-"""An agent that moves less between two of these times keeps its heading."""
 _ROAD_STRIDE: Final = 4
 _ON_ROAD_M: Final = 0.5
 """Centres count as off the road that are nearer to its edge."""
@@ -200,7 +199,7 @@ def _motion(
     """x, y and heading [S B A T] in each agent's own frame, the current step first."""
     steps = torch.linspace(0, decoder.num_steps, _NUM_TIMES + 1, device=latent.device)
     x, y = decoder.points(latent, speed, steps[1::stride].long() - 1)
-    ahead_x = torch.diff(x, dim=-1, prepend=torch.zeros_like(x[..., :1])) + _HELD_M
+    ahead_x = torch.diff(x, dim=-1, prepend=torch.zeros_like(x[..., :1])) + HELD_M
     ahead_y = torch.diff(y, dim=-1, prepend=torch.zeros_like(y[..., :1]))
     course = torch.atan2(ahead_y, ahead_x)
     now = (1, 0)

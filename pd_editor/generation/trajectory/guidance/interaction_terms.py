@@ -18,7 +18,7 @@ from pd_editor.analysis.guidance.kinds.space import (
 )
 from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OPENING_MPS
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.analysis.repair.box_overlaps import counted
+from pd_editor.analysis.repair.repairable import counted
 from pd_editor.generation.trajectory.guidance.box_conflicts import (
     BoxTracks,
     beside_m,

@@ -1,6 +1,6 @@
 import numpy as np
 
-from pd_editor.analysis.metrics.collisions.center_collision import (
+from pd_editor.analysis.metrics.collisions.box_collision import (
     actor_collision_2m,
     init_collision_2m,
 )

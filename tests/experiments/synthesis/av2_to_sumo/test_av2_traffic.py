@@ -10,8 +10,8 @@ import shapely
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
 from pd_editor.experiments.synthesis.av2_to_sumo.network_conversion import (
     network_of_map,
+    parking_strips,
 )
-from pd_editor.experiments.synthesis.av2_to_sumo.parking_strips import parking_strips
 from pd_editor.experiments.synthesis.traffic.demand_config import MAP_DEMAND
 from pd_editor.experiments.synthesis.traffic.simulation import simulate
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind

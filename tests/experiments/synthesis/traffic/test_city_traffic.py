@@ -10,8 +10,10 @@ import shapely
 from pd_editor.base.errors import SynthesisError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.sumo.sumo_scenario import read_sumo_scenario
-from pd_editor.experiments.synthesis.sumo_to_av2.net_crop import cropped_net
-from pd_editor.experiments.synthesis.traffic.city_traffic import simulate_city
+from pd_editor.experiments.synthesis.traffic.city_traffic import (
+    cropped_net,
+    simulate_city,
+)
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.signals import SignalState
 from tests.experiments.synthesis.small_city import small_city

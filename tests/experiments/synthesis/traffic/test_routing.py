@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
-from pd_editor.experiments.synthesis.sumo.signal_plans import (
-    LEAST_GREEN_S,
-    sample_signal_plans,
-)
 from pd_editor.experiments.synthesis.sumo.traffic_graph import (
     TrafficGraph,
     read_traffic_graph,
 )
-from pd_editor.experiments.synthesis.traffic.demand import sample_demand
+from pd_editor.experiments.synthesis.traffic.demand import RouteSampler, sample_demand
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
-from pd_editor.experiments.synthesis.traffic.routing import RouteSampler
+from pd_editor.experiments.synthesis.traffic.simulation import (
+    LEAST_GREEN_S,
+    sample_signal_plans,
+)
 
 
 @pytest.fixture(scope="module")
