@@ -5,19 +5,16 @@ import io
 import json
 import multiprocessing
 import os
-import random
 import shutil
-import signal
-import time
 import zipfile
 from pathlib import Path
 
 import pytest
 
 import pd_editor
+from benchmarks import library_kills
 from pd_editor.editor.library.library import Library
 from pd_editor.editor.recipe import Recipe
-from pd_editor.editor.scenario_store import open_scenario
 from tests.cli.shell import Shell
 
 
@@ -253,48 +250,13 @@ def test_names_of_any_kind_become_names_of_folders(shell: Shell, tmp_path: Path)
     assert "control characters" in refused.err
 
 
-def change_for_ever(folder: Path, out: Path, what: str, seed: int) -> None:
-    """What is killed at a random moment."""
-    random.seed(seed)
-    library = Library(folder)
-    number = 0
-    while True:
-        number += 1
-        if what == "tag":
-            pd_editor.library.tag(folder, "*", add=(f"t{number % 7}",))
-            pd_editor.library.tag(folder, "*", remove=(f"t{number % 7}",))
-        elif what == "export":
-            pd_editor.library.export(folder, "*", out=out, overwrite=True)
-        else:
-            card, files = library.card("crosswalk"), library.files("crosswalk")
-            assert card is not None
-            library.add(card, files, "<svg/>", replaces="crosswalk")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["save", "tag", "export"])
-def test_a_kill_leaves_all_scenarios_whole(folder: Path, tmp_path: Path, what: str):
-    context = multiprocessing.get_context("fork")
-    for seed in range(20):
-        out = tmp_path / "out"
-        # Two at once: neither waits for one that was killed, nor loses what it had.
-        both = [
-            context.Process(target=change_for_ever, args=(folder, out, what, seed))
-            for _ in range(1 + (what == "tag"))
-        ]
-        for one in both:
-            one.start()
-        time.sleep(0.3 + random.Random(seed).uniform(0.0, 0.5))
-        for one in both:
-            os.kill(one.pid or 0, signal.SIGKILL)
-            one.join()
-        assert pd_editor.library.check(folder).remarks == (
-            "2 of 2 scenarios are whole.",
-        )
-        for name in ("bent", "crosswalk"):
-            if (out / name).exists():
-                assert open_scenario(out / name).scenario_id == name
-    assert pd_editor.library.list(folder).cards
+@pytest.mark.parametrize("what", library_kills.WORK)
+def test_a_kill_loses_nothing_and_leaves_all_whole(tmp_path: Path, what: str):
+    for seed in range(5):
+        folder = tmp_path / str(seed) / "library"
+        library_kills.make(folder)
+        assert library_kills.one_kill(folder, what, seed) == []
 
 
 def add_many(folder: Path, count: int) -> None:

@@ -8,7 +8,7 @@ import type { GuidancePanelEvent, GuidancePanelState, GuidanceRow, Note } from "
 
 const HOST = "[data-pd-host='guidance']";
 const KEY_OPEN = "pd-guidance-open";
-const NUM_FIRST_TOOLS = 6; // Those pointed at in the picture; the others are asked for.
+const NUM_FIRST_TOOLS = 6; // Of those that can be used; the others are asked for.
 
 type Field = HTMLInputElement | HTMLSelectElement;
 type Follow = (row: GuidanceRow) => void;
@@ -131,8 +131,12 @@ define("guidance_panel", (api) => {
 
   function showTools(state: GuidancePanelState) {
     const isOpen = recall(KEY_OPEN) ?? false;
-    const shown = state.tools.filter((tool, place) => isOpen || tool.isActive || place < NUM_FIRST_TOOLS);
-    const fold = button("pd-guidance-more", isOpen ? "Fewer" : "Speed, gap, limits ...", () => {
+    const first = state.tools.filter((tool) => tool.isEnabled).slice(0, NUM_FIRST_TOOLS);
+    const isFirst = (tool: (typeof first)[number]) => tool.isActive || first.includes(tool);
+    const shown = state.tools.filter((tool) => isOpen || isFirst(tool));
+    const others = state.tools.filter((tool) => !isFirst(tool)).slice(0, 3);
+    const more = `${others.map((tool) => tool.title).join(", ")} ...`;
+    const fold = button("pd-guidance-more", isOpen ? "Fewer" : more, () => {
       remember(KEY_OPEN, !isOpen);
       showTools(state);
       tools.querySelector<HTMLElement>(".pd-guidance-more")?.focus();

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (59b1419a0b4af1db); not to be edited. */
+/* Built by .ci/client.py from client/ (3569964e281c56fa); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (59b1419a0b4af1db); not to be edited. */
+/* Built by .ci/client.py from client/ (3569964e281c56fa); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1521,8 +1521,12 @@
     }
     function showTools(state2) {
       const isOpen = recall(KEY_OPEN) ?? false;
-      const shown = state2.tools.filter((tool, place) => isOpen || tool.isActive || place < NUM_FIRST_TOOLS);
-      const fold = button("pd-guidance-more", isOpen ? "Fewer" : "Speed, gap, limits ...", () => {
+      const first = state2.tools.filter((tool) => tool.isEnabled).slice(0, NUM_FIRST_TOOLS);
+      const isFirst = (tool) => tool.isActive || first.includes(tool);
+      const shown = state2.tools.filter((tool) => isOpen || isFirst(tool));
+      const others = state2.tools.filter((tool) => !isFirst(tool)).slice(0, 3);
+      const more = `${others.map((tool) => tool.title).join(", ")} ...`;
+      const fold = button("pd-guidance-more", isOpen ? "Fewer" : more, () => {
         remember(KEY_OPEN, !isOpen);
         showTools(state2);
         tools.querySelector(".pd-guidance-more")?.focus();
