@@ -27,9 +27,8 @@ class Indexed:
 
     def __str__(self) -> str:
         """The file, and what was read for it."""
-        return (
-            f"{self.file}\n{self.num_scenes} scenes, {self.num_read} of them read now."
-        )
+        scenes = "scene" if self.num_scenes == 1 else "scenes"
+        return f"{self.file}\n{self.num_scenes} {scenes}, {self.num_read} of them read now."
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ def test_scenes_are_read_once_and_found(shell: Shell, scenes: Path):
     os.utime(track, ns=(1, 1))
     assert shell.run("index", scenes).lines[1] == "2 scenes, 1 of them read now."
     shutil.rmtree(scenes / "crosswalk")
-    assert shell.run("index", scenes).lines[1] == "1 scenes, 0 of them read now."
+    assert shell.run("index", scenes).lines[1] == "1 scene, 0 of them read now."
     found = shell.run("find", scenes, "junction = roundabout and not agents < 1")
     assert found.lines == [str(scenes / "roundabout"), "1 scene."]
 
@@ -57,7 +57,7 @@ def test_a_broken_scene_does_not_stop_the_others(shell: Shell, scenes: Path):
     next((scenes / "crosswalk").glob("*.parquet")).write_bytes(b"PAR1 nonsense")
     result = shell.run("index", scenes, "--workers", 1)
     assert result.code == 2
-    assert "1 scenes, 1 of them read now." in result.out
+    assert "1 scene, 1 of them read now." in result.out
     assert "crosswalk" in result.err
     assert "Traceback" not in result.err
 
