@@ -290,7 +290,7 @@ def test_bounds_the_wrong_way_round_are_mended_and_told(tmp_path: Path, how: str
 def test_lanes_that_begin_elsewhere_are_told(tmp_path: Path):
     path = tmp_path / "scene.xml"
     path.write_text(text().replace(bound("left", 1.5, "dashed", 50.0, 90.0), bound("left", 1.5, "dashed", 54.0, 90.0)).replace(bound("right", -1.5, "solid", 50.0, 90.0), bound("right", -1.5, "solid", 54.0, 90.0)))  # fmt: skip
-    assert "1 lanes begin up to 4.0 m from those before them." in read(path).provenance.notes  # fmt: skip
+    assert "1 lane begins up to 4.0 m from those before them." in read(path).provenance.notes  # fmt: skip
 
 
 def test_lanelets_for_both_ways_are_told(tmp_path: Path):
