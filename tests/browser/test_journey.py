@@ -175,6 +175,7 @@ def test_place_duplicate_turn_and_delete(editor):
     editor.until(
         lambda: abs(np.degrees(state_of(editor, placed)[1]) - 30) < 1e-6, "a turn"
     )
+    editor.page.keyboard.press("Shift+Tab")  # The next field opened its list.
     editor.press("Duplicate")
     editor.until(lambda: len(session.scenario.agents) == num_before + 2, "a copy")
     editor.press("Delete")

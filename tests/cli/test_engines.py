@@ -174,7 +174,7 @@ def ray_tasks() -> list[int]:
             continue
         number = int(folder.name)
         parents[number] = int(status.rpartition(")")[2].split()[1])
-        if line.startswith(b"ray::result_of"):
+        if line.startswith(b"ray::_result_in"):
             tasks.append(number)
 
     def is_ours(number: int) -> bool:

@@ -67,8 +67,8 @@ def test_a_variant_that_was_edited_since_its_training_is_refused(tmp_path: Path)
         ),
         ("num_blocks = 1", "loss.metre_share was 0.25, is now 0.5"),
         (
-            "num_blocks = 1\n[traj.loss]\nmetre_share = 0.25\n[traj.sampler]\neta = 1.0",
-            "sampler.eta was None, is now 1.0",
+            "num_blocks = 1\n[traj.loss]\nmetre_share = 0.25\n[traj.sampler]\nnum_steps = 4",
+            "sampler.num_steps was None, is now 4",
         ),
     ):
         file.write_text(f"[traj.model]\n{text}\n")
