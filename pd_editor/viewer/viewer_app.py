@@ -53,7 +53,7 @@ WARM_UP_AFTER_S: Final = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class ViewerOptions:
-    """What the editor serves, and to whom."""
+    """Options of the server: its scenes, address, folders and models."""
 
     reference: str | None = None
     """Scenario of new pages; None: the list of all scenarios, over a demo."""

@@ -394,6 +394,7 @@ STRATEGIES: dict[type[Command], Callable[[Scenario], st.SearchStrategy[Command]]
         time_s=st.integers(
             -scenario.current_step, scenario.time_axis.num_future_steps
         ).map(lambda steps: steps * scenario.time_axis.step_s),
+        keeps_guidance=st.booleans(),
     ),
 }
 """How to draw each command on a scenario; most of them apply, some do not."""

@@ -208,6 +208,9 @@ class BeginAt(Command):
 
     time_s: float
     """Seconds after the current step; negative: before it."""
+    keeps_guidance: bool = False
+    """Without it guidance is left out: later commands of former recipes, which give terms
+    by their index, count from none."""
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.time_s):
@@ -240,6 +243,8 @@ class BeginAt(Command):
             )
         if not scenario.agents.is_valid[:, now].any():
             raise EditError(f"Nobody is there at t = {self.time_s:g} s.")
+        if not self.keeps_guidance:
+            scenario = replace(scenario, guidance=())
         begun = _begun(scenario, now)
         is_there = begun.agents.is_valid[:, begun.current_step]
         row = begun.agents.row_of.get(begun.focal_id)

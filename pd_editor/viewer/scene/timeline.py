@@ -85,7 +85,8 @@ class Timeline:
         """Make the moment that is shown the current step."""
         axis = self._playback.axis
         steps = round(self._playback.step) - axis.current_step
-        self._ui.apply(BeginAt(time_s=round(steps * axis.step_s, 6)))
+        time_s = round(steps * axis.step_s, 6)
+        self._ui.apply(BeginAt(time_s=time_s, keeps_guidance=True))
 
     def seek(self, step: float) -> None:
         """Stop at a step."""

@@ -1,5 +1,6 @@
 """Longer scenes, and scenes that begin at another moment."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from pd_editor.base.errors import EditError, LockedAgentError
 from pd_editor.editor.commands import (
     AddGuidance,
     BeginAt,
+    ChangeGuidance,
     ContinueScene,
     SetAgentSpeed,
     SetLocks,
@@ -170,9 +172,27 @@ def test_locks_and_guidance():
         after.position_m[after.row_of[first], : before.num_steps],
         before.position_m[before.row_of[first]],
     )
-    session.apply(BeginAt(time_s=1.0))
+    session.apply(BeginAt(time_s=1.0, keeps_guidance=True))
     assert dict(session.scenario.locks) == {first: TRAJECTORY_LOCK}
     assert session.scenario.guidance == (goal,)
+
+
+def test_a_former_recipe_counts_terms_from_none():
+    """It gives terms by their index, and its starts left guidance out."""
+    first, second, *_ = BASE.agents.ids
+    session = EditorSession(BASE)
+    session.apply(AddGuidance(term=GoalPoint(agent_id=first, point_m=(1.0, 2.0))))
+    session.apply(BeginAt(time_s=1.0))
+    again = GoalPoint(agent_id=second, point_m=(3.0, 4.0))
+    session.apply(AddGuidance(term=again))
+    moved = replace(again, point_m=(5.0, 6.0))
+    session.apply(ChangeGuidance(index=0, term=moved))
+    text = session.recipe().to_text()
+    former = re.sub(r'"keeps_guidance": false,?\s*', "", text)
+    former = re.sub(r",(\s*})", r"\1", former)
+    assert former != text
+    found = replay(Recipe.from_text(former), BASE)
+    assert found.guidance == (moved,)
 
 
 @given(steps=st.integers(1, 50), at_s=st.floats(0.5, 6.0))
@@ -190,7 +210,7 @@ def test_guidance_goes_on_by_the_new_clock(steps: int, at_s: float):
         np.array([other]), is_valid=agents.is_valid[[other]] & is_past
     )
     asked = replace(BASE, agents=left, guidance=(speed, goal, path, gone))
-    begun = BeginAt(time_s=steps * 0.1).apply(asked)
+    begun = BeginAt(time_s=steps * 0.1, keeps_guidance=True).apply(asked)
     rest = {type(one): one for one in begun.guidance}
     assert rest[TargetSpeed] == speed
     now = begun.current_step
@@ -204,7 +224,8 @@ def test_guidance_goes_on_by_the_new_clock(steps: int, at_s: float):
     kept = rest[FollowPath].points_m
     assert np.linalg.norm(kept[0] - place) < 5 + 2.0
     assert kept[-1] == path.points_m[-1]
-    back = BeginAt(time_s=-2.0).apply(replace(BASE, guidance=(speed, goal, path)))
+    before = replace(BASE, guidance=(speed, goal, path))
+    back = BeginAt(time_s=-2.0, keeps_guidance=True).apply(before)
     assert back.guidance == (speed, replace(goal, at_s=round(at_s + 2, 3)), path)
 
 
