@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = (
     "README.md",
     "GLOSSARY.md",
+    "CONTRIBUTING.md",
     "ROADMAP.md",
     "CHANGELOG.md",
     "docs/*.md",

@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 
 from pd_editor.base.installed_files import demo_names
@@ -167,3 +168,14 @@ def test_the_wheel_works_in_an_environment_of_its_own(
         )
         assert done.returncode == 0, done.stderr
         assert (outside / done.stdout.splitlines()[0] / "recipe.json").is_file()
+
+
+def test_the_citation_is_of_this_version_and_of_the_papers_that_the_readme_cites():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert (cited["version"], cited["license"]) == (
+        PROJECT["version"],
+        PROJECT["license"],
+    )
+    titles = [one["title"] for one in cited["references"]]
+    bibtex = re.findall(r"\btitle +=\s*\{(.+)\},", (ROOT / "README.md").read_text())
+    assert bibtex == titles

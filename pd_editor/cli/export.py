@@ -3,9 +3,10 @@
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
+import tyro
 
 from pd_editor.base.errors import EditError, ExportError
 from pd_editor.base.regular_file import write_whole
@@ -49,7 +50,7 @@ class ExportOptions(CutOptions, ResultOptions):
     Args:
         scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, or recipe.json files.
         out: Folder that receives DIR/<name>/, or the zip.
-        format: Name of the format to write.
+        to: Name of the format to write.
         focal: Id of the agent that becomes the focal one.
         name: Id of the written scenario, for one scenario only.
         tags: Words to find it by, kept in its recipe.
@@ -59,7 +60,7 @@ class ExportOptions(CutOptions, ResultOptions):
     """
 
     scenarios: SeveralScenarios = field(kw_only=False)
-    format: FormatOption = ARGOVERSE2.name
+    to: Annotated[FormatOption, tyro.conf.arg(aliases=("--format",))] = ARGOVERSE2.name
     focal: FocalOption = ""
     name: NameOption = ""
     tags: TagsOption = ()
@@ -72,7 +73,7 @@ class ExportOptions(CutOptions, ResultOptions):
 def export(options: ExportOptions) -> Outcome:
     """Write scenarios as new folders, or all in one zip, each with a recipe.json."""
     name, scenarios = options.name, options.scenarios
-    writer(options.format)  # What cannot be written is refused before files are read.
+    writer(options.to)  # What cannot be written is refused before files are read.
     references = scenarios if isinstance(scenarios, tuple) else (scenarios,)
     if not references:
         raise EditError("Missing SCENARIO; see pd-editor export --help.")
@@ -83,7 +84,7 @@ def export(options: ExportOptions) -> Outcome:
         )
     if options.zip and options.verify:
         raise ExportError("--verify looks at folders; give --zip or --verify.")
-    if options.verify and options.format != ARGOVERSE2.name:
+    if options.verify and options.to != ARGOVERSE2.name:
         raise ExportError(f"--verify is for {ARGOVERSE2.name}; leave it out.")
     about = described(name, options.tags, options.note)
     sessions = [opened_session(str(one), about, options.cut) for one in references]
@@ -100,7 +101,7 @@ def export(options: ExportOptions) -> Outcome:
 def _written(options: ExportOptions, sessions: list[EditorSession]) -> tuple[Path, ...]:
     return tuple(
         write_session(
-            options.out, one, overwrite=options.overwrite, format_name=options.format
+            options.out, one, overwrite=options.overwrite, format_name=options.to
         )
         for one in sessions
     )
@@ -166,9 +167,7 @@ def _zipped(options: ExportOptions, sessions: list[EditorSession]) -> tuple[Path
         if name != recipe.result_id:
             session.describe(replace(session.variant, name=name))
             recipe = undated_recipe(session)
-        made[name] = exported_files(
-            session.scenario, recipe, session.base, options.format
-        )
+        made[name] = exported_files(session.scenario, recipe, session.base, options.to)
         rows.append(index_row(session.scenario, session.base, recipe))
     content = zip_folders(made, {INDEX_NAME: index_csv(rows)})
     write_whole(target, content)

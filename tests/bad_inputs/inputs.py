@@ -229,7 +229,7 @@ def arguments(random: np.random.Generator, folder: Path) -> Action:
     commands: Mapping[str, list[str]] = {
         "warp": [DEMO, "--kind", "smooth-turn", "--power", "3", "--anchor", "focal"],
         "generate": [DEMO, "--samples", "2", "--seed", "1", "--tries", "1"],
-        "export": [DEMO, "--format", "av2"],
+        "export": [DEMO, "--to", "av2"],
         "replay": [str(demo_folder(DEMO)), "--base", DEMO],
         "evaluate": ["--data", str(folder), "--samples", "2", "--limit", "1"],
         "synth": ["--num", "0", "--seed", "3", "--workers", "1"],

@@ -85,7 +85,7 @@ def test_a_bare_road_is_filled_with_traffic(
 def test_formats_that_cannot_be_written_are_refused_before_anything_is_read(
     shell: Shell, tmp_path: Path
 ):
-    for command in (("convert", "nothing", "--to"), ("export", "nothing", "--format")):
+    for command in (("convert", "nothing", "--to"), ("export", "nothing", "--to")):
         told = shell.refused(*command, "lanelet2", "--out", tmp_path / "x")
         assert told == (
             "No format 'lanelet2' can be written; there are av2, commonroad, "

@@ -1,8 +1,11 @@
+import ast
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,6 +14,7 @@ import pytest
 
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.formats.player import Player
 from pd_editor.scene.thresholds import STANDING_MPS
 from tests.cli.shell import JUNCTION, ROOT, Shell
 from tests.experiments.evaluation.small_dataset import write_dataset
@@ -20,6 +24,7 @@ EXAMPLES = sorted(
     for part in ("*.py", "policies/*.py")
     for path in (ROOT / "examples").glob(part)
 )
+NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 GENERATING = (
     "constant_velocity:Predictor",
     "torch_predictor:Predictor",
@@ -143,3 +148,28 @@ def test_the_worked_example_trains_and_is_studied(
     rows = pq.read_table(tmp_path / "out" / "variants.parquet")
     assert rows["failure"].null_count == len(rows)
     assert rows["ade_count"].to_numpy().sum() > 0
+
+
+def shown_by(cells: list[str]) -> list[Any]:
+    """Value of the last line of each cell, which a notebook shows."""
+    names: dict[str, Any] = {}
+    shown = []
+    for cell in cells:
+        *lines, last = ast.parse(cell).body
+        exec(compile(ast.Module(lines, []), "cell", "exec"), names)
+        assert isinstance(last, ast.Expr)
+        shown.append(eval(compile(ast.Expression(last.value), "cell", "eval"), names))
+    return shown
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_and_shows_scenes(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads(path.read_text())["cells"]
+    code = [one for one in cells if one["cell_type"] == "code"]
+    assert not any(one["outputs"] for one in code), "kept without its outputs"
+    shown = shown_by(["".join(one["source"]) for one in code])
+    assert any(isinstance(one, Player) for one in shown)

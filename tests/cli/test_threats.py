@@ -3,6 +3,7 @@
 from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.cli.options.guide_option import guidance_terms_of
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from tests.cli.shell import Shell
 
 
@@ -17,6 +18,22 @@ def test_each_line_is_a_feasible_term(shell: Shell):
         assert "AV" in term.named_ids
         assert not guidance_problems(scenario, (term,), term.guided_ids)
         assert " s" in words
+
+
+def test_lines_that_hold_beside_who_keeps_its_trajectory_only_say_so(shell: Shell):
+    """Of all that are listed, ``generate`` refuses none."""
+    for demo in ("downtown", "signalised-junction"):
+        scenario = open_scenario(demo)
+        everyone, conditions = drivable_agent_ids(scenario), []
+        for line in shell.run("threats", demo).lines:
+            (term,) = guidance_terms_of((line.split("  ")[0],))
+            _, condition, ids = line.partition("; with --agents ")
+            assert not guidance_problems(
+                scenario, (term,), tuple(ids.split()) or everyone
+            )
+            conditions.append(bool(condition))
+        assert not all(conditions)
+        assert any(conditions) == (demo == "downtown")
 
 
 def test_another_agent_is_named_and_an_unknown_one_refused(shell: Shell):
