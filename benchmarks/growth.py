@@ -145,7 +145,10 @@ def works() -> Iterator[tuple[str, Callable[[], Iterator[Work]]]]:
     for one in agents:
         title = f"{len(one.agents):3d} agents"
         yield f"warp with friction, {title}", lambda one=one: dragged(one, 0.7)
-        yield f"scorecard, {title}", lambda one=one: always(lambda: scorecard(one))
+        yield (
+            f"scorecard, {title}",
+            lambda one=one: always(lambda: scorecard(replace(one))),
+        )
         yield f"trajectories, {title}", lambda one=one: generated(one, False)
         yield f"all resampled, {title}", lambda one=one: generated(one, True)
     for count in CROWDS:

@@ -214,6 +214,8 @@ def problems_in_words(counts: Mapping[str, int]) -> str:
 
 def spans_of(steps: Int[np.ndarray, "N"]) -> Spans:
     """First and last steps of the runs in increasing steps; short gaps are closed."""
+    if steps[-1] - steps[0] < len(steps):
+        return ((int(steps[0]), int(steps[-1])),)
     breaks = np.flatnonzero(np.diff(steps) > _GAP_STEPS)
     first = steps[np.concatenate([[0], breaks + 1])]
     last = steps[np.concatenate([breaks, [len(steps) - 1]])]

@@ -209,6 +209,8 @@ def _means(
             worst, value = np.zeros(len(view), int), values.value
             most = max(some.max(initial=0.0), MOVING_MPS)
             told = counted & (value > 0 if kind == "standing" else value >= most)
+        rows = np.flatnonzero(told)
+        rows = rows[np.argsort(-value[rows], kind="stable")[:MAX_FINDINGS]]
         found = [
             finding_of_agent(
                 scenario,
@@ -221,7 +223,7 @@ def _means(
                     f"is told beside {MEANS[name][0].lower()}.",
                 ),
             )
-            for row in np.flatnonzero(told).tolist()
+            for row in rows.tolist()
         ]
         yield name, values, float(some.mean()) if len(some) else float("nan"), found
 

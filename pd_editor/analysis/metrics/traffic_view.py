@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
@@ -67,8 +67,19 @@ def recorded_traffic(
     Raises:
         EditError: an id is not in the scenario.
     """
+    if agent_ids is None:
+        return _all_recorded(scenario)
+    return _recorded(scenario, scenario.agents.rows(agent_ids))
+
+
+@lru_cache(maxsize=2)
+def _all_recorded(scenario: Scenario) -> TrafficView:
+    """One view of the newest scenes, by which what is measured on it is kept, too."""
+    return _recorded(scenario, _road_users(scenario))
+
+
+def _recorded(scenario: Scenario, wanted: Int[np.ndarray, "A"]) -> TrafficView:
     present = _road_users(scenario)
-    wanted = present if agent_ids is None else scenario.agents.rows(agent_ids)
     num_steps = scenario.time_axis.num_steps - scenario.current_step
     states = _states(scenario, wanted, num_steps)
     return TrafficView(

@@ -1,6 +1,7 @@
 """Lateral and angular deviation of agents from their reachable lanes."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -58,8 +59,12 @@ class LaneDeviation:
         }
 
 
+@lru_cache(maxsize=2)
 def lane_deviation(view: TrafficView) -> LaneDeviation:
-    """Deviation from the lanes that are reachable within each agent's path length."""
+    """Deviation from the lanes that are reachable within each agent's path length.
+
+    Findings and scorecard ask for the same; that of the newest views is kept.
+    """
     agents, road_map = view.agents, view.scenario.road_map
     graph = lane_graph(road_map)
     is_valid = evaluated_steps(view)

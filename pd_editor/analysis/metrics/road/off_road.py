@@ -64,9 +64,25 @@ def outside_m(
     scenario: Scenario, points_m: Float[np.ndarray, "*s 2"]
 ) -> Float[np.ndarray, "*s"]:
     """Distance of each point to the road; 0 on it, and where there is no road."""
-    ground = drivable_ground(scenario.road_map)
-    away = shapely.distance(ground, shapely.points(points_m))
-    return np.nan_to_num(np.asarray(away, float))
+    away = np.zeros(points_m.shape[:-1])
+    outside = is_off_road(scenario, points_m)
+    points = shapely.points(points_m[outside])
+    (row, _), distance = _edges(scenario.road_map).query_nearest(
+        points, return_distance=True, all_matches=False
+    )
+    far = np.zeros(outside.sum())
+    far[row] = distance
+    away[outside] = far
+    return away
+
+
+@lru_cache(maxsize=16)
+def _edges(road_map: RoadMap) -> shapely.STRtree:
+    """Straight pieces of the drivable area's outline, for the nearest of many points."""
+    rings = shapely.get_rings(shapely.get_parts(drivable_ground(road_map)))
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    pieces = np.stack([points[:-1], points[1:]], axis=1)[ring[:-1] == ring[1:]]
+    return shapely.STRtree(np.asarray(shapely.linestrings(pieces)))
 
 
 def nearest_on_road(

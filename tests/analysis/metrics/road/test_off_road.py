@@ -5,7 +5,11 @@ import pytest
 import shapely
 
 from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
-from pd_editor.analysis.metrics.road.off_road import drivable_ground, is_off_road
+from pd_editor.analysis.metrics.road.off_road import (
+    drivable_ground,
+    is_off_road,
+    outside_m,
+)
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
@@ -50,6 +54,18 @@ def test_agents_beyond_the_mapped_roads():
     assert ids_near_lanes(later, ids) == ids[:3]
     bare = replace(scenario, road_map=RoadMap(lanes=()))
     assert ids_near_lanes(bare, ids) == ()
+
+
+def test_distances_to_the_road_are_those_of_its_polygons():
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 0)]))
+    points = np.random.default_rng(0).uniform(-90, 90, (40, 10, 2))
+    far = outside_m(scenario, points)
+    ground = drivable_ground(scenario.road_map)
+    np.testing.assert_allclose(far, shapely.distance(ground, shapely.points(points)))
+    assert (far == 0).any()
+    assert (far > 1).any()
+    bare = replace(scenario, road_map=RoadMap(lanes=()))
+    assert not outside_m(bare, points).any()
 
 
 def test_the_ground_is_built_once():
