@@ -31,9 +31,14 @@ from pd_editor.scene.agent_kind import (
 from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.policy import Controls
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import SignalState, stop_lines
+from pd_editor.scene.thresholds import STANDING_MPS
 
 THIRDS = 3
 LEAST_WAY_M = 5.0
+LINE_M = 2.0
+HEAD_M = 8.0
+START_S = 10.0
 
 
 class Brakes:
@@ -114,6 +119,39 @@ def hits(scenario: Scenario, name: str) -> int:
     return count
 
 
+def obedience(scenario: Scenario) -> tuple[int, int, int, int]:
+    """Crossings of stop lines against red, and all; starts on green, and all who waited.
+
+    Those who stand in front of a line that turns green are to cross it within
+    ``START_S``. Lanes that begin together have one line, red while all of them are.
+    """
+    rows = np.flatnonzero(scenario.agents.kind_mask(MOTOR_VEHICLE_KINDS))
+    agents, now = scenario.agents.taken(rows), scenario.current_step
+    lines = stop_lines(scenario.signals, scenario.road_map)
+    states = [one.states for one in scenario.signals for _ in one.lane_ids]
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for number, line in enumerate(lines):
+        groups.setdefault(tuple(line[1].round().astype(int)), []).append(number)
+    found, later = np.zeros(4, int), round(START_S / scenario.time_axis.step_s)
+    for rows_of in groups.values():
+        left, middle, right = lines[rows_of[0]]
+        red = (np.array([states[row] for row in rows_of]) == SignalState.STOP).all(0)
+        way = (right - left)[::-1] * (-1, 1) / np.linalg.norm(right - left)
+        offset = agents.position_m - middle
+        aside = np.abs(offset @ (right - left)) / np.linalg.norm(right - left) < LINE_M
+        ahead, there = offset @ way, agents.is_valid & aside
+        crosses = there[:, :-1] & there[:, 1:] & (ahead[:, :-1] < 0) & (ahead[:, 1:] >= 0)
+        crosses[:, :now] = False
+        found[:2] += crosses[:, red[1:]].sum(), crosses.sum()
+        for turn in np.flatnonzero(red[:-1] & ~red[1:]):
+            if turn < now or red[turn + 1 : turn + later].any() or turn + later > len(red):
+                continue
+            waits = there[:, turn] & (ahead[:, turn] < 0) & (ahead[:, turn] > -HEAD_M)
+            waits &= agents.speed_mps()[:, turn] < STANDING_MPS
+            found[2:] += crosses[waits, turn : turn + later].any(axis=1).sum(), waits.sum()
+    return tuple(found.tolist())
+
+
 def goals(other: Scenario, scenario: Scenario, at_s: float) -> tuple[GoalPoint, ...]:
     """Places of up to three vehicles that have moved in another roll-out."""
     agents, now = other.agents, scenario.current_step
@@ -156,6 +194,7 @@ def main() -> None:
     parts: list[list[dict[str, float]]] = [[] for _ in range(THIRDS + 1)]
     joints, times, windows, answered, logged = [], [], [], 0, 0
     missed: list[list[float]] = [[], []]
+    obeyed = np.zeros(4, int)
     for folder in sorted(root.iterdir())[: options.scenes]:
         scenario = open_scenario(folder)
         if options.signals and junctions(scenario.road_map):
@@ -167,6 +206,7 @@ def main() -> None:
         windows += marks[1:]
         one = found.scenario
         joints.append(seams(one, 10))
+        obeyed += obedience(one)
         bounds = np.linspace(now, one.time_axis.num_steps, THIRDS + 1).astype(int)
         parts[0].append(rates(scenario, now, scenario.time_axis.num_steps))
         for third, part in enumerate(parts[1:]):
@@ -218,6 +258,11 @@ def main() -> None:
     print(
         f"Hit from behind while braking: {answered}; all others as recorded: {logged}."
     )
+    if options.signals:
+        print(
+            f"Against red: {obeyed[0]} of {obeyed[1]} crossings of stop lines. Crossed "
+            f"within {START_S:g} s of green: {obeyed[2]} of {obeyed[3]} that waited first."
+        )
     for words, gaps in zip(("guided", "unguided"), np.array(missed), strict=True):
         print(
             f"Goals at {options.goals_at:g} s, {words}: {(gaps <= OBEYED_GOAL_M).sum()} of "

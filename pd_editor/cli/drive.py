@@ -26,7 +26,7 @@ from pd_editor.cli.output.guidance_table import GuidanceTable
 from pd_editor.cli.output.outcome import Outcome, described, write_session
 from pd_editor.cli.output.plans_file import write_plans
 from pd_editor.cli.output.progress import ProgressLine
-from pd_editor.editor.commands import AddGuidance, Command
+from pd_editor.editor.commands import AddGuidance, Command, SampleSignals
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
@@ -61,6 +61,7 @@ class DriveOptions(PartOptions, ManyOptions):
         replan: Seconds between two generations of the traffic, 0.5 to 3.
         guide: What agents should do, as for generate; times up to the end of the roll-out.
         lock: What is kept of single agents, as for generate.
+        sample_signals: Give each junction a plausible phase, which changes in turn.
         enter: Nobody enters for those that leave the map.
         seed: Random seed.
         model: What generates the traffic.
@@ -88,6 +89,7 @@ class DriveOptions(PartOptions, ManyOptions):
     replan: Annotated[float, shown("S")] = 1.0
     guide: Annotated[str | tuple[str, ...], shown("TERM [TERM ...]", "(optional)")] = ()
     lock: Annotated[str | tuple[str, ...], shown("ID=WHAT [...]", "(optional)")] = ()
+    sample_signals: Switch = False
     enter: Switch = True
     seed: int = 0
     model: Annotated[str, shown("NAME")] = SHIPPED_MODEL
@@ -102,8 +104,11 @@ class DriveOptions(PartOptions, ManyOptions):
         """
         guide = (self.guide,) if isinstance(self.guide, str) else self.guide
         terms = guidance_terms_of(guide)
-        locks = lock_commands(several(self.lock))
-        return (*(AddGuidance(term=term) for term in terms), *locks)
+        return (
+            *([SampleSignals(seed=self.seed)] if self.sample_signals else []),
+            *(AddGuidance(term=term) for term in terms),
+            *lock_commands(several(self.lock)),
+        )
 
 
 def _with_report(outcome: Outcome, options: DriveOptions) -> Outcome:

@@ -1,5 +1,6 @@
 """Phases of junctions: which movements may go at a moment, as signals would tell."""
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 from weakref import WeakKeyDictionary
@@ -76,16 +77,23 @@ class Junction:
         num_steps: int,
         step_s: float,
         random: np.random.Generator,
+        begun_s: float | None = None,
+        over_s: float | None = None,
     ) -> Int[np.ndarray, "M S"]:
-        """States over some steps, from a moment on in a phase that lasts beyond the first.
+        """States over some steps, from a moment on in a phase or shortly after it.
 
-        Each phase ends with caution of those that wait in the next one, and a clear
+        For how long it has lasted, or is over, may be known; else it lasts beyond the
+        first step. Each ends with caution of those that wait in the next one, and a clear
         junction.
         """
         phases = self.phases_after(first)
         states = np.full((len(first), num_steps), SignalState.STOP, np.int8)
         green_s = random.uniform(*_GREEN_S, len(phases))
         at_s, number = (2 * step_s - green_s[0]) * random.random(), 0
+        if over_s is not None:
+            at_s = -over_s - green_s[0]
+        elif begun_s is not None:
+            at_s = -min(begun_s, green_s[0] - 2 * step_s)
         while at_s < num_steps * step_s:
             now, later = phases[number], phases[(number + 1) % len(phases)]
             ends_s = at_s + green_s[number]
@@ -97,19 +105,36 @@ class Junction:
             at_s, number = ends_s + _CHANGE_S, (number + 1) % len(phases)
         return states
 
-    def signals(self, states: Int[np.ndarray, "M T"], name: str) -> list[Signal]:
-        """Signals of the movements; those with equal states have one."""
-        kinds = np.unique(states, axis=0)
-        return [
-            Signal(
-                signal_id=f"{name}:{row}",
-                lane_ids=tuple(self.lane_ids[chosen].tolist()),
-                stop_share=np.zeros(chosen.sum()),
-                states=own.copy(),
-            )
-            for row, own in enumerate(kinds)
-            for chosen in [(states == own).all(axis=1)]
-        ]
+    def controlled(
+        self, lane_ids: Collection[int], road_map: RoadMap
+    ) -> dict[int, Int[np.ndarray, "C"]]:
+        """Movements that some lanes are or lead to, by the lane; straight ones first."""
+        found = {}
+        for lane_id in lane_ids:
+            lane = road_map.lane_of.get(lane_id)
+            after = () if lane is None or lane.is_intersection else lane.successors
+            rows = np.flatnonzero(np.isin(self.lane_ids, [lane_id, *after]))
+            if len(rows):
+                found[lane_id] = rows[np.argsort(np.abs(self.turn_rad[rows]))]
+        return found
+
+
+def _signals(
+    states: Mapping[int, Int[np.ndarray, "T"]], name: str, share: Mapping[int, float]
+) -> list[Signal]:
+    """Signals of lanes by their states; those with equal ones have one."""
+    lane_ids, rows = np.array(list(states)), np.array(list(states.values()))
+    kinds = np.unique(rows, axis=0)
+    chosen = [lane_ids[(rows == own).all(axis=1)].tolist() for own in kinds]
+    return [
+        Signal(
+            signal_id=f"{name}:{row}",
+            lane_ids=tuple(lanes),
+            stop_share=np.array([share.get(lane, 0.0) for lane in lanes]),
+            states=own.copy(),
+        )
+        for row, (own, lanes) in enumerate(zip(kinds, chosen, strict=True))
+    ]
 
 
 _junctions: WeakKeyDictionary[RoadMap, tuple[Junction, ...]] = WeakKeyDictionary()
@@ -169,9 +194,7 @@ def sampled_signals(scenario: Scenario, seed: int) -> tuple[Signal, ...]:
     return tuple(
         signal
         for number, one in enumerate(junctions(scenario.original_road_map))
-        for signal in one.signals(
-            _lasting(one.sampled_phase(random), scenario), f"junction {number}"
-        )
+        for signal in _lasting(one, one.sampled_phase(random), scenario, number)
     )
 
 
@@ -180,23 +203,27 @@ def continued_signals(
 ) -> tuple[Signal, ...]:
     """Signals over another number of steps.
 
-    A junction whose phase lasts for the whole scene goes on with other phases in turn, from
-    the current step; other signals keep their last state.
+    Those of a junction go on with its phases in turn: after the last step that is known,
+    or from the current one if its phase lasts for the whole scene. Signals of other lanes,
+    and unknown ones, keep their last state.
     """
     random = np.random.default_rng([seed, _KEY, 1])
-    now, step_s = scenario.current_step, scenario.time_axis.step_s
-    known = {lane: one.states for one in scenario.signals for lane in one.lane_ids}
+    road_map = scenario.original_road_map
+    known = {n: one.states for one in scenario.signals for n in one.lane_ids}
+    share = {
+        lane: float(place)
+        for one in scenario.signals
+        for lane, place in zip(one.lane_ids, one.stop_share, strict=True)
+    }
     found: list[Signal] = []
-    for number, one in enumerate(junctions(scenario.original_road_map)):
-        own = [known[lane] for lane in one.lane_ids.tolist() if lane in known]
-        if len(own) < len(one.lane_ids) or any(map(np.ptp, own)):
-            continue
-        goes = np.array([states[0] == SignalState.GO for states in own])
-        later = one.programme(goes, max(num_steps - now, 1), step_s, random)
-        states = np.concatenate([np.repeat(later[:, :1], now, axis=1), later], axis=1)
-        found += one.signals(states[:, :num_steps], f"junction {number}")
-    taken = {lane for one in found for lane in one.lane_ids}
-    kept = signals_of_lanes(scenario.signals, known.keys() - taken)
+    for number, one in enumerate(junctions(road_map)):
+        told = [n for n, states in known.items() if states[-1] != SignalState.UNKNOWN]
+        rows = one.controlled(told, road_map)
+        if rows:
+            own = {n: known.pop(n) for n in sorted(rows, key=lambda n: rows[n][0])}
+            later = _continued(one, own, rows, scenario, num_steps, random)
+            found += _signals(later, f"junction {number}", share)
+    kept = signals_of_lanes(scenario.signals, known)
     return (
         *(
             replace(one, states=np.pad(one.states, (0, num_steps), "edge")[:num_steps])
@@ -206,9 +233,50 @@ def continued_signals(
     )
 
 
-def _lasting(goes: Bool[np.ndarray, "M"], scenario: Scenario) -> Int[np.ndarray, "M T"]:
+def _continued(
+    junction: Junction,
+    known: Mapping[int, Int[np.ndarray, "T"]],
+    rows: Mapping[int, Int[np.ndarray, "C"]],
+    scenario: Scenario,
+    num_steps: int,
+    random: np.random.Generator,
+) -> dict[int, Int[np.ndarray, "S"]]:
+    """States of lanes over another number of steps, by the movements that they control."""
+    step_s = scenario.time_axis.step_s
+    states = np.array(list(known.values()))
+    goes = states == SignalState.GO
+    lasts = not np.ptp(states, axis=1).any()
+    last = scenario.current_step if lasts else states.shape[1] - 1
+    end = int(np.flatnonzero(goes.any(axis=0))[-1]) if goes.any() else last
+    others = np.flatnonzero((goes[:, : end + 1] != goes[:, [end]]).any(axis=0))
+    begin = int(others[-1]) + 1 if len(others) else 0
+    first = np.zeros(len(junction.lane_ids), bool)
+    for one, own in zip(known, goes[:, end], strict=True):
+        first[rows[one]] |= own
+    since: dict[str, float] = {}
+    if not lasts and goes[:, last].any():
+        since = {"begun_s": (last - begin) * step_s}
+    elif not lasts:
+        since = {"over_s": (last - end - 1) * step_s}
+    count = max(num_steps - last, 1)
+    later = junction.programme(first, count, step_s, random, **since)
+    return {
+        one: np.concatenate([own[: last + 1], later[rows[one][0], 1:]])[:num_steps]
+        for one, own in known.items()
+    }
+
+
+def _lasting(
+    junction: Junction,
+    goes: Bool[np.ndarray, "M"],
+    scenario: Scenario,
+    number: int,
+) -> list[Signal]:
+    """Signals of a junction whose phase lasts for the whole scene."""
     states = np.where(goes, SignalState.GO, SignalState.STOP).astype(np.int8)
-    return np.repeat(states[:, None], scenario.time_axis.num_steps, axis=1)
+    steps = np.repeat(states[:, None], scenario.time_axis.num_steps, axis=1)
+    of_lanes = dict(zip(junction.lane_ids.tolist(), steps, strict=True))
+    return _signals(of_lanes, f"junction {number}", {})
 
 
 def signals_with_green(scenario: Scenario, lane_id: int) -> tuple[Signal, ...] | None:
@@ -217,19 +285,16 @@ def signals_with_green(scenario: Scenario, lane_id: int) -> tuple[Signal, ...] |
     None if the lane does not lead into a junction with crossing traffic, or through one.
     """
     road_map = scenario.original_road_map
-    lane = road_map.lane_of.get(lane_id)
-    asked = {lane_id, *(lane.successors if lane is not None else ())}
     for number, one in enumerate(junctions(road_map)):
-        rows = np.flatnonzero(np.isin(one.lane_ids, list(asked)))
-        if len(rows):
-            straight = rows[np.abs(one.turn_rad[rows]).argmin()]
+        rows = one.controlled([lane_id], road_map)
+        if rows:
+            straight = rows[lane_id][0]
             turns_left = one.turn_rad[straight] > _TURN_RAD
             goes = one.phase_of(int(straight), turns_left=bool(turns_left))
             kept = signals_of_lanes(
                 scenario.signals, set(road_map.lane_of) - set(one.lane_ids.tolist())
             )
-            states = _lasting(goes, scenario)
-            return (*kept, *one.signals(states, f"junction {number}"))
+            return (*kept, *_lasting(one, goes, scenario, number))
     return None
 
 

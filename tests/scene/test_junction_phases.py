@@ -117,33 +117,59 @@ def test_other_junctions_keep_their_signals():
     assert signals[0].lane_ids == (77,)
 
 
-@given(st.integers(0, 2**63 - 1), st.integers(0, 5))
-@example(seed=1216, phase=0)  # The first phase nearly over: its green was skipped.
-def test_phases_change_and_let_all_lanes_go_but_never_two_that_cross(seed, phase):
+def with_signals(scenario: Scenario, signals: tuple[Signal, ...]) -> Scenario:
+    count = len(signals[0].states)
+    agents = scenario.agents.without_future(scenario.current_step, count)
+    axis = scenario.time_axis.lasting(count)
+    return replace(scenario, agents=agents, time_axis=axis, signals=signals)
+
+
+def runs(states: np.ndarray) -> list[tuple[SignalState, float]]:
+    """All that begin and end within the states, with seconds."""
+    one = Signal(signal_id="", lane_ids=(), stop_share=np.zeros(0), states=states)
+    return one.phases(0.1)[1:-1]
+
+
+@given(
+    st.integers(0, 2**63 - 1), st.integers(0, 5), st.none() | st.integers(111, 1200)
+)
+@example(seed=1216, phase=0, known=None)  # The first phase nearly over.
+def test_phases_change_and_let_all_lanes_go_but_never_two_that_cross(
+    seed, phase, known
+):
+    """Also if they have changed before, up to any moment."""
     scenario = crossing()
     scenario = replace(scenario, signals=sampled_signals(scenario, phase))
-    longer = continued_signals(scenario, 1700, seed)
+    now, was = scenario.current_step, green(scenario)
+    if known is not None:
+        scenario = with_signals(scenario, continued_signals(scenario, known, phase))
+    before = {lane: one.states for one in scenario.signals for lane in one.lane_ids}
+    has_changed = any(np.ptp(own) for own in before.values())
+    longer = continued_signals(scenario, 2600, seed)
     states = {lane: one.states for one in longer for lane in one.lane_ids}
     assert states.keys() == {2, 3, 4, 5, 6}
-    now = scenario.current_step
-    assert {n for n, own in states.items() if own[now] == SignalState.GO} == green(
-        scenario
-    )
-    for own in states.values():
-        assert len(own) == 1700
+    assert {n for n, own in states.items() if own[now] == SignalState.GO} == was
+    for lane, own in states.items():
+        assert len(own) == 2600
         assert (own[: now + 1] == own[0]).all()
-        assert (own == SignalState.GO).any()
+        if has_changed:
+            np.testing.assert_array_equal(own[:known], before[lane])
+        for part in (own, own[known or 0 :]):
+            assert (part == SignalState.GO).any()
         # Caution comes between go and stop alone.
         assert not (
             (own[:-1] == SignalState.STOP) & (own[1:] == SignalState.CAUTION)
         ).any()
         assert not ((own[:-1] == SignalState.GO) & (own[1:] == SignalState.STOP)).any()
+        for state, seconds in runs(own):
+            least = {SignalState.GO: 11.9, SignalState.CAUTION: 2.8}.get(state, 0.8)
+            assert seconds >= least, (state, seconds)
     goes = {n: own != SignalState.STOP for n, own in states.items()}
     for one, other in ((WEST, SOUTH), (WEST, NORTH), (EAST, SOUTH), (LEFT, EAST)):
         assert not (goes[one] & goes[other]).any()
 
 
-def test_a_longer_scene_has_the_signals_of_a_shorter_one_and_known_changes_stay():
+def test_a_longer_scene_has_the_signals_of_a_shorter_one():
     scenario = crossing()
     scenario = replace(scenario, signals=sampled_signals(scenario, 1))
     short, long = (continued_signals(scenario, count, 5) for count in (300, 900))
@@ -152,10 +178,22 @@ def test_a_longer_scene_has_the_signals_of_a_shorter_one_and_known_changes_stay(
         for some in (short, long)
     )
     assert one == other
-    changes = np.where(np.arange(110) < 60, SignalState.STOP, SignalState.GO)
-    told = [replace(own, states=changes.astype(np.int8)) for own in scenario.signals]
-    kept = continued_signals(replace(scenario, signals=tuple(told)), 200, 5)
-    assert all((own.states[60:] == SignalState.GO).all() for own in kept)
+
+
+def test_signals_before_the_junction_go_on_where_their_stop_lines_are():
+    """As files have them: of lanes that lead to it, in states of their own."""
+    scenario = crossing()
+    states = np.repeat([3, 2, 1], [30, 40, 40]).astype(np.int8)
+    light = Signal(
+        signal_id="light", lane_ids=(1,), stop_share=np.array([0.9]), states=states
+    )
+    dark = replace(light, signal_id="dark", states=np.zeros(110, np.int8))
+    for one, goes_on in ((light, True), (dark, False)):
+        (found,) = continued_signals(replace(scenario, signals=(one,)), 1100, 5)
+        np.testing.assert_array_equal(found.states[:110], one.states)
+        assert found.lane_ids == (1,)
+        assert found.stop_share.tolist() == [0.9]
+        assert ((found.states[110:] == SignalState.GO).any()) == goes_on
 
 
 def test_without_crossing_traffic_there_are_no_phases():
