@@ -37,7 +37,7 @@ from pd_editor.scene.thresholds import STANDING_MPS
 THIRDS = 3
 LEAST_WAY_M = 5.0
 LINE_M = 2.0
-HEAD_M = 8.0
+HEAD_M = 6.0
 START_S = 10.0
 
 
@@ -120,7 +120,7 @@ def hits(scenario: Scenario, name: str) -> int:
 
 
 def obedience(scenario: Scenario) -> tuple[int, int, int, int]:
-    """Crossings of stop lines against red, and all; starts on green, and all who waited.
+    """Fronts over stop lines against red, and all; starts on green, and all who waited.
 
     Those who stand in front of a line that turns green are to cross it within
     ``START_S``. Lanes that begin together have one line, red while all of them are.
@@ -139,16 +139,26 @@ def obedience(scenario: Scenario) -> tuple[int, int, int, int]:
         way = (right - left)[::-1] * (-1, 1) / np.linalg.norm(right - left)
         offset = agents.position_m - middle
         aside = np.abs(offset @ (right - left)) / np.linalg.norm(right - left) < LINE_M
-        ahead, there = offset @ way, agents.is_valid & aside
-        crosses = there[:, :-1] & there[:, 1:] & (ahead[:, :-1] < 0) & (ahead[:, 1:] >= 0)
+        ahead = offset @ way + agents.size_m[:, :1] / 2
+        there = agents.is_valid & aside
+        crosses = (
+            there[:, :-1] & there[:, 1:] & (ahead[:, :-1] < 0) & (ahead[:, 1:] >= 0)
+        )
         crosses[:, :now] = False
         found[:2] += crosses[:, red[1:]].sum(), crosses.sum()
         for turn in np.flatnonzero(red[:-1] & ~red[1:]):
-            if turn < now or red[turn + 1 : turn + later].any() or turn + later > len(red):
+            if (
+                turn < now
+                or red[turn + 1 : turn + later].any()
+                or turn + later > len(red)
+            ):
                 continue
             waits = there[:, turn] & (ahead[:, turn] < 0) & (ahead[:, turn] > -HEAD_M)
             waits &= agents.speed_mps()[:, turn] < STANDING_MPS
-            found[2:] += crosses[waits, turn : turn + later].any(axis=1).sum(), waits.sum()
+            found[2:] += (
+                crosses[waits, turn : turn + later].any(axis=1).sum(),
+                waits.sum(),
+            )
     return tuple(found.tolist())
 
 

@@ -3,12 +3,16 @@
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Final
 
 import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
 from pd_editor.scene.road_map import RoadMap
+
+_TOGETHER_M: Final = 1.0
+"""Lanes that begin so near to each other have one stop line."""
 
 
 class SignalState(IntEnum):
@@ -68,6 +72,18 @@ def signals_of_lanes(
 def states_at(signals: Iterable[Signal], step: int) -> dict[int, SignalState]:
     """State at a step of each lane that obeys a signal, in the order of ``stop_lines``."""
     return {n: SignalState(one.states[step]) for one in signals for n in one.lane_ids}
+
+
+def closed_lines(
+    signals: Sequence[Signal], road_map: RoadMap, step: int
+) -> Float[np.ndarray, "L 3 2"]:
+    """Stop lines at which all lanes that begin there have to stop, as ``stop_lines``."""
+    lines = stop_lines(signals, road_map)
+    states = list(states_at(signals, step).values())
+    stops = np.isin(states, [SignalState.STOP, SignalState.CAUTION])
+    middle = lines[:, 1]
+    apart = np.linalg.norm(middle[:, None] - middle, axis=-1) > _TOGETHER_M
+    return lines[(stops | apart).all(axis=1)]
 
 
 def stop_lines(

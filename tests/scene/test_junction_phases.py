@@ -130,9 +130,7 @@ def runs(states: np.ndarray) -> list[tuple[SignalState, float]]:
     return one.phases(0.1)[1:-1]
 
 
-@given(
-    st.integers(0, 2**63 - 1), st.integers(0, 5), st.none() | st.integers(111, 1200)
-)
+@given(st.integers(0, 2**63 - 1), st.integers(0, 5), st.none() | st.integers(111, 1200))
 @example(seed=1216, phase=0, known=None)  # The first phase nearly over.
 def test_phases_change_and_let_all_lanes_go_but_never_two_that_cross(
     seed, phase, known

@@ -1,20 +1,31 @@
 """Yielding: agents that would still collide slow down on their own paths."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
-from jaxtyping import Int
+import shapely
+from jaxtyping import Float, Int
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.speed import ComfortLimits, StopAtLine
 from pd_editor.analysis.repair import yield_to_others
 from pd_editor.generation.trajectory.guidance.threat_run import threats_in_force
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.generation import TrafficSample
+from pd_editor.scene.geometry.angles import heading_of
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import closed_lines
+
+_BARRIER_M: Final = 0.2
+_BARRIER_SHARE: Final = 0.5
+"""Depth of a stop line as an obstacle, and its share of the lane's width: vehicles that
+pass in the next lane do not touch it."""
 
 
 def with_yielding(
@@ -29,7 +40,8 @@ def with_yielding(
     that continue the track of a sampled one are no obstacles. Current states stay. Agents
     that threaten others, and those, do not yield; agents that are to be somewhere yield
     last, so that they still get there; agents with comfort limits keep them where that
-    is enough. Also returns the ids of the agents that yield.
+    is enough. Stop lines of red signals are obstacles, unless these agents cross them.
+    Also returns the ids of the agents that yield.
     """
     now, agents = scenario.current_step, scenario.agents
     driven = agents.with_rows(
@@ -45,20 +57,24 @@ def with_yielding(
     doubles = np.setdiff1d(late.row, late.but_continuing(rows).row)
     if len(doubles):
         driven = driven.with_rows(doubles, is_valid=np.array(False))
+    keep_ids = {
+        name
+        for one in threats_in_force(terms)
+        for name in one.named_ids
+        if name in agents.row_of
+    }
+    last_ids = {
+        one.agent_id
+        for one in terms
+        if isinstance(one, GoalPoint | StopAtLine) and one.is_on
+    }
+    asked = np.isin(sample.ids, [*keep_ids, *last_ids])
+    barriers = _barriers(scenario, sample.position_m[asked])
     waiting, ids = yield_to_others(
-        scenario.with_agents(driven),
+        scenario.with_agents(driven.joined(barriers) if len(barriers) else driven),
         sample.ids,
-        keep_ids={
-            name
-            for one in threats_in_force(terms)
-            for name in one.named_ids
-            if name in agents.row_of
-        },
-        last_ids={
-            one.agent_id
-            for one in terms
-            if isinstance(one, GoalPoint | StopAtLine) and one.is_on
-        },
+        keep_ids=keep_ids,
+        last_ids=last_ids,
         comfort_mps2=_comfort_limits(sample, terms),
     )
     if not ids:
@@ -70,6 +86,33 @@ def with_yielding(
         heading_rad=after.heading_rad[rows, now:],
         velocity_mps=after.velocity_mps[rows, now:],
     ), ids
+
+
+def _barriers(scenario: Scenario, asked_m: Float[np.ndarray, "C H 2"]) -> AgentTracks:
+    """Objects on the stop lines at which all have to stop now, but for the ways given."""
+    lines = closed_lines(scenario.signals, scenario.road_map, scenario.current_step)
+    ends = np.asarray(shapely.linestrings(lines[:, [0, 2]]))
+    ways = shapely.linestrings(asked_m)
+    lines = lines[~shapely.intersects(ends[:, None], ways).any(axis=1)]
+    count, num_steps = len(lines), scenario.time_axis.num_steps
+    across = lines[:, 2] - lines[:, 0]
+    width = np.linalg.norm(across, axis=-1) * _BARRIER_SHARE
+    heading = heading_of(across) + np.pi / 2
+    taken = scenario.retired_ids.union(scenario.agents.ids)
+    numbers = (f"stop line {number}" for number in itertools.count())
+    free = (name for name in numbers if name not in taken)
+    return AgentTracks(
+        ids=tuple(itertools.islice(free, count)),
+        kinds=(AgentKind.STATIC,) * count,
+        categories=(AgentCategory.UNSCORED,) * count,
+        size_m=np.column_stack([np.full(count, _BARRIER_M), width]),
+        has_known_size=np.ones(count, bool),
+        position_m=np.repeat(lines[:, 1, None], num_steps, axis=1),
+        heading_rad=np.repeat(heading[:, None], num_steps, axis=1),
+        velocity_mps=np.zeros((count, num_steps, 2)),
+        is_valid=np.ones((count, num_steps), bool),
+        observed=np.ones((count, num_steps), bool),
+    )
 
 
 def _comfort_limits(

@@ -6,6 +6,7 @@ from threading import Thread
 import numpy as np
 import pytest
 
+from benchmarks.roll_outs import obedience
 from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import SampleSignals, SetLocks
 from pd_editor.editor.recipe import Recipe, replay
@@ -107,6 +108,18 @@ def test_windows_and_the_result_have_the_same_phases(junction):
     for one in later.signals:
         now = one.states[later.current_step]
         assert all(states[lane][world.step + 300] == now for lane in one.lane_ids)
+
+
+@pytest.mark.slow
+def test_queues_wait_for_green_and_go_then(junction):
+    """By the model, over two changes of phase."""
+    scene = SampleSignals(seed=0).apply(junction)
+    found = rolled(scene, model="path-diffuser", duration_s=40.0).scenario
+    against_red, crossings, started, waited = obedience(found)
+    assert against_red <= 0.15 * crossings
+    assert started >= 0.6 * waited > 2
+    states = [one.states[scene.current_step :] for one in found.signals]
+    assert sum(((own[:-1] == 1) & (own[1:] == 3)).sum() for own in states) >= 2
 
 
 class Brakes:

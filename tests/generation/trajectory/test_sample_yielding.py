@@ -3,16 +3,20 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.speed import ComfortLimits
 from pd_editor.generation.trajectory.sample_yielding import with_yielding
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock
+from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import Signal, SignalState
 from pd_editor.scene.time_axis import TimeAxis
 from tests.analysis.repair.scenes import crowded_road, crowds, overlaps_later
-from tests.builders import scenario_with, straight_drivers
+from tests.builders import scenario_with, straight_drivers, straight_lane
 
 NOW = TimeAxis().current_step
 
@@ -49,6 +53,41 @@ def test_a_drawn_follower_waits_behind_a_recorded_standing_car():
     assert overlaps_later(with_sample(scenario, rows, sample)) == set()
     np.testing.assert_array_equal(sample.position_m[:, 0], [[0.0, 0.0]])
     np.testing.assert_allclose(sample.velocity_mps[:, 0], [[10.0, 0.0]])
+
+
+@given(
+    states=st.lists(st.sampled_from(SignalState), min_size=1, max_size=3),
+    speed_mps=st.floats(5, 12),
+)
+@settings(deadline=None)
+def test_who_can_stop_does_so_before_a_line_where_all_have_to(states, speed_mps):
+    """Lanes that begin together have one line; who goes to a place beyond it goes on."""
+    lanes = [straight_lane(n, (50, 0), (90, 0)) for n in range(len(states))]
+    road_map = RoadMap(lanes=(straight_lane(9, (-50, 0), (50, 0)), *lanes))
+    agents = straight_drivers([(22, 0, 0, speed_mps), (40, 8, 0, speed_mps)])
+    scenario = replace(
+        scenario_with(agents, road_map),
+        signals=tuple(
+            Signal(
+                signal_id=str(lane),
+                lane_ids=(lane,),
+                stop_share=np.zeros(1),
+                states=np.full(agents.num_steps, state, np.int8),
+            )
+            for lane, state in enumerate(states)
+        ),
+    )
+    rows = np.arange(2)
+    drawn = straight_on(scenario, rows)
+    closed = {SignalState.STOP, SignalState.CAUTION}.issuperset(states)
+    sample, waiting = with_yielding(scenario, rows, drawn)
+    front = sample.position_m[0, :, 0] + agents.size_m[0, 0] / 2
+    crosses = drawn.position_m[0, -1, 0] + agents.size_m[0, 0] / 2 > 50
+    assert (scenario.agents.ids[0] in waiting) == (closed and crosses)
+    assert (front[-1] < 50) == (closed or not crosses)
+    assert scenario.agents.ids[1] not in waiting  # beside the lane
+    goal = GoalPoint(agent_id=scenario.agents.ids[0], point_m=(80.0, 0.0), at_s=6.0)
+    assert with_yielding(scenario, rows, drawn, (goal,)) == (drawn, ())
 
 
 def test_a_pedestrian_waits_as_well():
