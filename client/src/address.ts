@@ -14,3 +14,16 @@ Worker.prototype.postMessage = function (this: Worker, message, ...others: never
   }
   return post.call(this, told, ...others);
 };
+
+// Drawn by the processor, smooth edges cost as much as all else: the picture goes without.
+const make = HTMLCanvasElement.prototype.getContext;
+function isSlow(): boolean {
+  const gl = make.call(document.createElement("canvas"), "webgl2") as WebGL2RenderingContext | null;
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = gl?.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER);
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /SwiftShader|llvmpipe|softpipe|Basic Render/.test(name);
+}
+HTMLCanvasElement.prototype.getContext = function (this: HTMLCanvasElement, kind: string, asked?: object) {
+  return make.call(this, kind, kind === "webgl2" && asked && isSlow() ? { ...asked, antialias: false } : asked);
+} as typeof make;

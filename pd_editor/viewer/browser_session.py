@@ -164,8 +164,9 @@ class BrowserSession:
                 tab.viewpoint.hold_picture(tab.picture.map.road_nodes)
                 tab.viewpoint.frame_opened()
             tab.picture.draw()
-        # The picture is sent before texts, because it determines a slider's latency.
-        self.ui.send_now()
+        # The picture of a drag is sent before texts; all else is one frame of the page.
+        if after.is_previewing:
+            self.ui.send_now()
         if after.scenario is not before.scenario:
             is_whole = model.drawer == "scorecard" and not after.is_previewing
             model.findings.check(with_future=is_whole)

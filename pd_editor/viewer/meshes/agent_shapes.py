@@ -74,17 +74,20 @@ def _frustum(
     return trimesh.convex.convex_hull(np.concatenate(rings))
 
 
+def _rise(mesh: trimesh.Trimesh) -> np.ndarray:
+    """1 for faces that look up, -1 for those that look down, 0 for sides."""
+    return np.round(mesh.face_normals[:, 2])
+
+
+def _kept(mesh: trimesh.Trimesh, keeps: np.ndarray) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[keeps], process=False)
+
+
 def _joined(*parts: trimesh.Trimesh) -> trimesh.Trimesh:
-    return trimesh.Trimesh(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate(
-            [
-                part.faces + sum(len(before.vertices) for before in parts[:index])
-                for index, part in enumerate(parts)
-            ]
-        ),
-        process=False,
-    )
+    """The parts without faces that look down: cameras stay above the ground."""
+    mesh = trimesh.util.concatenate(parts)
+    assert isinstance(mesh, trimesh.Trimesh)
+    return _kept(mesh, _rise(mesh) >= 0)
 
 
 def _wheels(
@@ -93,11 +96,14 @@ def _wheels(
     width: float,
     sides: tuple[float, ...],
 ) -> list[trimesh.Trimesh]:
-    return [
-        _extruded(_ellipse(x, radii[1], *radii), width, side)
-        for x in positions_x
-        for side in sides
-    ]
+    """Wheels; what of those beside a body is inside it is left out."""
+    wheels = []
+    for x in positions_x:
+        for side in sides:
+            wheel = _extruded(_ellipse(x, radii[1], *radii), width, side)
+            is_seen = (wheel.face_normals[:, 1] * side >= 0) & (_rise(wheel) < 1)
+            wheels.append(_kept(wheel, is_seen) if side else wheel)
+    return wheels
 
 
 def _car() -> AgentShape:
@@ -214,7 +220,8 @@ def shape_of(kind: AgentKind) -> AgentShape:
 @functools.cache
 def ring(inner: float) -> trimesh.Trimesh:
     """A flat ring of radius 1 around a hole of radius ``inner``."""
-    return trimesh.creation.annulus(r_min=inner, r_max=1.0, height=0.02, sections=48)
+    solid = trimesh.creation.annulus(r_min=inner, r_max=1.0, height=0.02, sections=48)
+    return _kept(solid, _rise(solid) == 1)
 
 
 @functools.cache

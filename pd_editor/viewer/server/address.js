@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (3569964e281c56fa); not to be edited. */
+/* Built by .ci/client.py from client/ (18e3f098359fd923); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts
@@ -15,5 +15,16 @@
       }
     }
     return post.call(this, told, ...others);
+  };
+  var make = HTMLCanvasElement.prototype.getContext;
+  function isSlow() {
+    const gl = make.call(document.createElement("canvas"), "webgl2");
+    const info = gl?.getExtension("WEBGL_debug_renderer_info");
+    const name = gl?.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER);
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    return /SwiftShader|llvmpipe|softpipe|Basic Render/.test(name);
+  }
+  HTMLCanvasElement.prototype.getContext = function(kind, asked) {
+    return make.call(this, kind, kind === "webgl2" && asked && isSlow() ? { ...asked, antialias: false } : asked);
   };
 })();
