@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
     ConflictResampling,
-    PlacedTraffic,
     PlacementRule,
 )
 from pd_editor.generation.path_diffuser import PathDiffuser
@@ -31,12 +32,11 @@ def breaking(scenario: Scenario) -> np.ndarray:
     """Number of agents that break each rule, and of all that rules are for."""
     agents, step = scenario.agents, scenario.current_step
     counts = agents.is_valid[:, step] & agents.kind_mask(LANE_FOLLOWER_KINDS)
-    traffic = PlacedTraffic(
-        agents=agents.taken(np.flatnonzero(counts)),
-        scenario=scenario,
-        kept=KeptPaths.of(scenario, agents.ids),
+    rows = np.flatnonzero(counts)
+    traffic = ConflictSearch.of(ConflictResampling(), InitialStateGuidance()).traffic(
+        agents.taken(rows), scenario, KeptPaths.of(scenario, agents.ids)
     )
-    found = [one.offenders(traffic, ConflictResampling()) for one in PLACEMENT_RULES]
+    found = [one.offenders(traffic) for one in PLACEMENT_RULES]
     return np.array([*((one | one.T).any(axis=1).sum() for one in found), counts.sum()])
 
 

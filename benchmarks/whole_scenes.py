@@ -27,6 +27,7 @@ from pd_editor.generation.features.lane_tokens import PIECE_SHAPE, lane_pieces
 from pd_editor.generation.features.scene_features import scene_center
 from pd_editor.generation.features.signal_tokens import piece_signals
 from pd_editor.generation.initial_state.conflicts import ConflictSearch
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
@@ -41,7 +42,7 @@ from pd_editor.scene.thresholds import MOVING_MPS
 from pd_editor.scene.time_cut import FUTURE_S
 
 HALF_SIDE_M = 62.0
-PAIR_RULES = ("near", "beside", "brakes", "waits", "crossing")
+PAIR_RULES = ("near", "brakes", "waits", "crossing")
 PLACEMENTS = ("square", "resampled", "fit")
 COLUMNS = (
     "speed, m/s",
@@ -138,7 +139,7 @@ def in_conflict(
 ) -> Bool[np.ndarray, "A A"]:
     """Which pairs of agents break some placement rules."""
     rules = [one for one in PLACEMENT_RULES if one.name in names]
-    search = ConflictSearch(settings=ConflictResampling(), rules=rules)
+    search = ConflictSearch.of(ConflictResampling(), InitialStateGuidance(), rules)
     nothing = KeptPaths.of(scenario, scenario.agents.ids)
     return search.conflicts(agents, scenario, nothing)
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.scenario import Scenario
 from reproduction.paper_tables import AttentionScores
 from reproduction.systems import (
     STATES,
@@ -15,8 +16,36 @@ from reproduction.systems import (
     in_table_order,
 )
 
+if TYPE_CHECKING:
+    from pd_editor.generation.inputs.scene_batch import SceneTensors
+
 LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 MAX_SCENES: Final = 12
+
+
+def recorded_states(scenario: Scenario) -> "SceneTensors":
+    """The agents of a scenario around its focal agent, with their own states.
+
+    Raises:
+        GenerationError: an agent has no finite state at the current step.
+    """
+    from pd_editor.generation.features.encoded_scene import LATENT_SIZE, packed
+    from pd_editor.generation.features.scene_features import scene_features
+    from pd_editor.generation.initial_state.network.conditioning import only_agents
+    from pd_editor.generation.initial_state.network.state_encoding import (
+        POSITION_UNIT_M,
+    )
+    from pd_editor.generation.inputs.scene_batch import batch_of
+
+    features = scene_features(scenario, with_candidates=False)
+
+    def no_latents(future_m: np.ndarray, speed_mps: np.ndarray, /) -> np.ndarray:
+        del speed_mps
+        return np.zeros((*future_m.shape[:-2], LATENT_SIZE))
+
+    scene = batch_of([packed(features, no_latents)])
+    is_inside = scene.agent_pose[..., :2].abs().amax(dim=-1) <= POSITION_UNIT_M
+    return only_agents(scene, is_inside)
 
 
 def attention_scores(
@@ -29,7 +58,6 @@ def attention_scores(
     """
     from pd_editor.generation.checkpoints.model_folder import load_model
     from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
-    from pd_editor.generation.initial_state.pipeline import recorded_states
     from pd_editor.generation.stages import STAGE_KINDS
     from reproduction.attention_probe import (
         attention_variance,

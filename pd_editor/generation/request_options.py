@@ -109,7 +109,7 @@ def initial_state_options(
     return InitialStateOptions(
         sampler=sampler,
         guidance=guidance,
-        conflicts=ConflictSearch(settings=resampling, rules=rules),
+        conflicts=ConflictSearch.of(resampling, guidance, rules),
     )
 
 

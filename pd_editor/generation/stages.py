@@ -34,7 +34,16 @@ INITIAL_STATES: Final = StageKind(
     },
     former_sampling={
         "sampler": {"num_high_quality_steps": 16, "extrapolates_poses": False},
-        "conflicts": {"num_rounds": 1, "num_high_quality_versions": 4},
+        "guidance": {"push": 1.0, "farthest_out_m": 20.0, "num_last_pushes": 12},
+        "conflicts": {
+            "num_rounds": 1,
+            "num_high_quality_versions": 4,
+            "num_steps": 4,
+            "gap_m": 0.45,
+            "braking_mps2": 2.0,
+            "side_gap_m": 0.7,
+            "wrong_way_m": 1.2,
+        },
     },
     statistics=frozenset({"counted", "state_moments", "clean_variance"}),
 )
@@ -69,8 +78,18 @@ TRAJECTORIES: Final = StageKind(
             "avoided_ahead_m": 0.6,
             "gap_m": 0.1,
             "threat_meeting_m": 0.05,
+            "goal_way_m": 2.0,
+            "pace_m": 1.5,
+            "comfort_mps2": 0.05,
+            "threat_m": 0.5,
+            "stop_mps": 0.1,
+            "braking_mps2": 2.0,
+            "hard_braking_mps2": 3.5,
+            "hardest_mps2": 7.0,
+            "yield_gap_m": 1.0,
         },
     },
+    former_switches={"guidance": {"is_last_step_guided": "last_step_share"}},
 )
 STAGE_KINDS: Final[Mapping[str, StageKind]] = {
     kind.name: kind for kind in (INITIAL_STATES, TRAJECTORIES)

@@ -46,6 +46,8 @@ class StageKind:
     """Flat dataclasses of sampling settings by name, with defaults."""
     former_sampling: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Settings that older models hold, with the only value that had a use, by part."""
+    former_switches: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """Switches that older models hold, each with the number that is 0 where it is off."""
     statistics: frozenset[str] = frozenset()
     """Names of tensors that describe the training data and the network's errors. They may
     be missing, and differ between networks whose weights are averaged."""
@@ -248,7 +250,13 @@ def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
                     f"{source}, {name}: {setting} can no longer be set; expected "
                     f"{value}, as in all models that were shipped."
                 )
-        left = {key: value for key, value in values.items() if key not in former}
+        switches = kind.former_switches.get(name, {})
+        off = {one: 0.0 for key, one in switches.items() if values.get(key) is False}
+        left = {
+            key: off.get(key, value)
+            for key, value in values.items()
+            if key not in {*former, *switches}
+        }
         part = kind.sampling_types[name]
         found[name] = config_from_json(part, left, f"{source}, {name}")
     return found

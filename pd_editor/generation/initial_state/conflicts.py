@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
+from pd_editor.analysis.repair.separation import GAP_M
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
@@ -23,7 +25,19 @@ class ConflictSearch:
     """Search for placed agents that break any of some rules."""
 
     settings: ConflictResampling
+    gap_m: float
+    """Boxes nearer than this to each other conflict."""
     rules: Sequence[PlacementRule] = PLACEMENT_RULES
+
+    @classmethod
+    def of(
+        cls,
+        settings: ConflictResampling,
+        guidance: InitialStateGuidance,
+        rules: Sequence[PlacementRule] = PLACEMENT_RULES,
+    ) -> "ConflictSearch":
+        """Search with a gap half-way between those of guidance and of repairs."""
+        return cls(settings=settings, gap_m=(guidance.gap_m + GAP_M) / 2, rules=rules)
 
     def conflicting(
         self,
@@ -101,8 +115,20 @@ class ConflictSearch:
 
         Symmetric. The agents are on the road of the scenario, at its current step.
         """
-        traffic = PlacedTraffic(agents=agents, scenario=scenario, kept=kept)
+        traffic = self.traffic(agents, scenario, kept)
         found = np.zeros((len(agents), len(agents)), bool)
         for rule in self.rules:
-            found |= rule.offenders(traffic, self.settings)
+            found |= rule.offenders(traffic)
         return found | found.T
+
+    def traffic(
+        self, agents: AgentTracks, scenario: Scenario, kept: KeptPaths
+    ) -> PlacedTraffic:
+        """What rules look at."""
+        return PlacedTraffic(
+            agents=agents,
+            scenario=scenario,
+            kept=kept,
+            settings=self.settings,
+            gap_m=self.gap_m,
+        )

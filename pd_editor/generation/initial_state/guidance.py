@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
+from pd_editor.analysis.metrics.road.off_lane import BEYOND_ROADS_M
 from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import NoiseSchedule, relative_noise
 from pd_editor.generation.initial_state.network.conditioning import (
@@ -39,8 +40,6 @@ _SURELY: Final = 0.5
 class InitialStateGuidance:
     """Strengths and thresholds of the guidance of predicted clean states."""
 
-    push: float = 1.0
-    """Share of an overlap that each step resolves."""
     pull: float = 0.8
     """Share of the distance to the lane that each step moves an agent."""
     moving_offset_m: float = 2.0
@@ -56,20 +55,17 @@ class InitialStateGuidance:
     wide."""
     stopped_in_junctions: float = 0.2
     """Share of the standing vehicles that may be in a junction; the others are moved to
-    the nearest lane outside."""
+    the nearest lane outside, if there is one near."""
     clear_of_junctions_m: float = 3.0
     """So far beyond the border of the junction: half of a vehicle and a little."""
-    farthest_out_m: float = 20.0
-    """To a lane outside; a vehicle with a longer way stays."""
     most_askew_deg: float = 10.0
     """Agents that stand on a lane outside junctions, turned further from its direction,
     are aligned with it in the last step."""
     first_noise_m: float = 12.0
     """There is no guidance above this noise on positions."""
     num_pushes: int = 2
-    """Number of pushes out of other boxes in each step."""
-    num_last_pushes: int = 12
-    """Number of pushes in the last step: a push out of one box may lead into another."""
+    """Number of pushes out of other boxes in each step, and six times as many in the last
+    one: a push out of one box may lead into another."""
     gap_m: float = 0.4
     """Gap between boxes."""
     sideways: float = 0.5
@@ -122,7 +118,7 @@ class InitialStateGuidance:
                 aligned = lines.direction(place)
                 aligned = torch.where(is_aligned & is_standing(clean), aligned, 0)
                 axis = self._aligned(axis, aligned)
-            for _ in range(self.num_pushes if level > 0 else self.num_last_pushes):
+            for _ in range(self.num_pushes * (1 if level > 0 else 6)):
                 push = self._push(place, axis, overlaps, given)
                 if not bool(push.any()):
                     break
@@ -158,7 +154,7 @@ class InitialStateGuidance:
         share = torch.where(is_given, 1.0, 0.5)[:, None]
         shift = (overlaps(place_m, axis) * share).sum(dim=-1)
         own = shift * axis.conj_physical()
-        push = self.push * torch.complex(own.real, self.sideways * own.imag) * axis
+        push = torch.complex(own.real, self.sideways * own.imag) * axis
         return torch.where(is_given, 0.0, push)
 
     def _out(
@@ -170,7 +166,7 @@ class InitialStateGuidance:
         """Metres onto the nearest lane outside of junctions, within the square."""
         offset, length_m = outside.offset_m(place_m)
         share = 1 + self.clear_of_junctions_m / length_m.clamp(1.0, 1e6)
-        way = -torch.where(length_m <= self.farthest_out_m, share * offset, 0.0)
+        way = -torch.where(length_m <= BEYOND_ROADS_M, share * offset, 0.0)
         end = torch.view_as_real(place_m + way).abs()
         return way * (end.amax(dim=-1) <= pulled.half_side_m)
 

@@ -44,7 +44,6 @@ from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
     REACH_M,
     Conditioning,
-    only_agents,
     sampling_conditioning,
 )
 from pd_editor.generation.initial_state.network.context import EncodedMap
@@ -351,7 +350,8 @@ def _placed_anew(
             offenders[sample] = ids
     if not offenders:
         return {}
-    num_steps = min(options.sampler.num_steps, conflicts.settings.num_steps)
+    num_versions = conflicts.settings.num_versions
+    num_steps = max(options.sampler.num_steps // num_versions, 1)
     versions = yield from _versions(
         partial(
             place,
@@ -362,7 +362,7 @@ def _placed_anew(
         ),
         scenes,
         {key: placed_again(placings[key], ids) for key, ids in offenders.items()},
-        conflicts.settings.num_versions,
+        num_versions,
     )
     return {
         sample: conflicts.best_of(versions[sample], ids, kept)
@@ -750,18 +750,6 @@ def _agents_to_place(scenario: Scenario, placing: SquarePlacement) -> AgentTrack
         observed=np.zeros((count, steps), bool),
     )
     return old.joined(new)
-
-
-def recorded_states(scenario: Scenario) -> SceneTensors:
-    """The agents of a scenario around its focal agent, with their own states.
-
-    Raises:
-        GenerationError: an agent has no finite state at the current step.
-    """
-    features = scene_features(scenario, with_candidates=False)
-    scene = batch_of([packed(features, _no_latents)])
-    is_inside = scene.agent_pose[..., :2].abs().amax(dim=-1) <= POSITION_UNIT_M
-    return only_agents(scene, is_inside)
 
 
 def _no_latents(

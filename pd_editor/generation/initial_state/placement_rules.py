@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pd_editor.analysis.guidance.limits import LIMIT_BRAKING_MPS2
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.metrics.road.reachable_lanes import usable_lanes
@@ -17,16 +18,13 @@ from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.thresholds import MOVING_MPS, PARKED_OFFSET_M
 
 _ACROSS_SINE: Final = 0.5
 """Courses that differ by more than 30 degrees, and less than 150, cross."""
-_WIDE_KINDS: Final = frozenset({AgentKind.VEHICLE, AgentKind.BUS})
-"""Kinds that fill a lane; cyclists and motorcyclists ride beside others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,30 +36,19 @@ class ConflictResampling:
     again, given all others, they see clean states.
     """
 
-    num_steps: int = 4
-    """Denoising steps, at most as many as the sampler has."""
     num_versions: int = 2
     """Number of versions of these agents that are sampled, in one batch; twice as many for
-    quality "high". Each agent gets its state of one of them."""
-    gap_m: float = 0.45
-    """Vehicles and cyclists nearer than this to each other conflict. Guidance pushes boxes
-    0.4 m apart, and a repair 0.5: rounding must not decide which agents conflict."""
-    braking_mps2: float = 2.0
-    """An agent conflicts with one ahead that it can only follow by braking harder."""
+    quality "high". Each agent gets its state of one of them. All versions together take as
+    many denoising steps as the sampler."""
     queue_gap_m: float = 12.0
     """An agent that stands conflicts with a moving one that is less than this ahead."""
     queue_leader_mps: float = 3.0
     """Speed of that moving agent, at least."""
-    side_gap_m: float = 0.7
-    """Vehicles side by side with a smaller gap conflict."""
     crossing_s: float = 3.0
     """Moving agents on crossing courses conflict if they meet within this time at constant
     velocity."""
     crossing_m: float = 3.0
     """Distance of their centres at which they meet."""
-    wrong_way_m: float = 1.2
-    """Agents conflict with the road so near to the centre line of a lane, if each such
-    lane leads the other way. Where vehicles park on the left, they stand further off."""
     beside_road_m: float = 9.0
     """A vehicle that stands off the drivable area conflicts with the road if it is nearer
     than this to a lane and askew to it."""
@@ -78,6 +65,9 @@ class PlacedTraffic:
     scenario: Scenario
     """Its road and its current step count, not its agents."""
     kept: KeptPaths
+    settings: ConflictResampling
+    gap_m: float
+    """Boxes nearer than this to each other conflict."""
 
     @cached_property
     def position_m(self) -> Float[np.ndarray, "A 2"]:
@@ -125,7 +115,7 @@ class PlacedTraffic:
         return self.heading_rad[None] - self.heading_rad[:, None]
 
 
-Offenders = Callable[[PlacedTraffic, ConflictResampling], Bool[np.ndarray, "A A"]]
+Offenders = Callable[[PlacedTraffic], Bool[np.ndarray, "A A"]]
 
 
 @dataclass(frozen=True)
@@ -137,14 +127,12 @@ class PlacementRule:
     """Pairs that break it, in either order; on the diagonal those that break it alone."""
 
 
-def _near(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
-    """Which boxes are nearer to each other than ``gap_m``."""
+def _near(traffic: PlacedTraffic) -> Bool[np.ndarray, "A A"]:
+    """Which boxes are too near to each other."""
     boxes = Boxes(
         position_m=traffic.position_m,
         heading_rad=traffic.heading_rad,
-        size_m=traffic.agents.size_m + settings.gap_m,
+        size_m=traffic.agents.size_m + traffic.gap_m,
     )
     offset = traffic.offset_m
     reach = boxes.radius_m[None] + boxes.radius_m[:, None]
@@ -154,61 +142,37 @@ def _near(
     return found
 
 
-def _beside(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
-    """Which vehicles are side by side with too small a gap."""
-    ahead = unit_vector(traffic.heading_rad)
-    along = np.abs((traffic.offset_m * ahead[:, None]).sum(axis=-1))
-    aside = np.abs((traffic.offset_m * left_of(ahead)[:, None]).sum(axis=-1))
-    size_m = traffic.agents.size_m
-    length, width = ((size_m[None] + size_m[:, None]) / 2).T
-    is_wide = traffic.agents.kind_mask(_WIDE_KINDS)
-    found = (along < length) & (aside < width + settings.side_gap_m)
-    found &= is_wide & is_wide[:, None] & ~traffic.crosses
-    np.fill_diagonal(found, False)
-    return found
-
-
-def _brakes(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
-    """Which agents must brake hard to follow others."""
+def _brakes(traffic: PlacedTraffic) -> Bool[np.ndarray, "A A"]:
+    """Which agents can follow others only by braking harder than down to a limit."""
     speed = traffic.speed_mps[:, None]
     free_m = np.maximum(traffic.gap_ahead_m - STANDING_GAP_M, 0.0)
     needed = speed**2 - traffic.leader_mps**2
-    return (speed >= MOVING_MPS) & (needed > 2 * settings.braking_mps2 * free_m)
+    return (speed >= MOVING_MPS) & (needed > 2 * LIMIT_BRAKING_MPS2 * free_m)
 
 
-def _waits(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
+def _waits(traffic: PlacedTraffic) -> Bool[np.ndarray, "A A"]:
     """Which agents stand closely behind one that moves."""
     waits = traffic.speed_mps[:, None] < MOVING_MPS
-    waits = waits & (traffic.leader_mps > settings.queue_leader_mps)
-    return waits & (traffic.gap_ahead_m < settings.queue_gap_m)
+    waits = waits & (traffic.leader_mps > traffic.settings.queue_leader_mps)
+    return waits & (traffic.gap_ahead_m < traffic.settings.queue_gap_m)
 
 
-def _crossing(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
+def _crossing(traffic: PlacedTraffic) -> Bool[np.ndarray, "A A"]:
     """Which agents are on crossing courses and meet soon."""
     offset, velocity = traffic.offset_m, traffic.velocity_mps
     moves = traffic.speed_mps >= MOVING_MPS
     drift = velocity[None] - velocity[:, None]
     squared = np.maximum((drift**2).sum(axis=-1), 1e-9)
     nearest_s = np.clip(
-        -(offset * drift).sum(axis=-1) / squared, 0.0, settings.crossing_s
+        -(offset * drift).sum(axis=-1) / squared, 0.0, traffic.settings.crossing_s
     )
     apart = np.linalg.norm(offset + drift * nearest_s[..., None], axis=-1)
     found = traffic.crosses & moves & moves[:, None]
-    return found & (apart < settings.crossing_m)
+    return found & (apart < traffic.settings.crossing_m)
 
 
-def _wrong_way(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
-    """Which agents are in a lane that leads the other way."""
+def _wrong_way(traffic: PlacedTraffic) -> Bool[np.ndarray, "A A"]:
+    """Which agents are in a lane that leads the other way; parked ones are not in it."""
     agents, step = traffic.agents, traffic.scenario.current_step
     graph = lane_graph(traffic.scenario.road_map)
     in_lane, along_lane = graph.extended_search.is_near_paths(
@@ -216,14 +180,12 @@ def _wrong_way(
         agents.heading_rad[:, step, None],
         agents.is_valid[:, step, None],
         usable_lanes(graph, agents.kinds),
-        settings.wrong_way_m,
+        PARKED_OFFSET_M,
     )
     return np.diag((in_lane & ~along_lane)[:, 0])
 
 
-def _askew_off_road(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
+def _askew_off_road(traffic: PlacedTraffic) -> Bool[np.ndarray, "A A"]:
     """Which vehicles stand beside a road, off the drivable area, and askew to it."""
     scenario, agents = traffic.scenario, traffic.agents
     found = traffic.speed_mps < MOVING_MPS
@@ -235,26 +197,25 @@ def _askew_off_road(
     lane_m, turn = nearest_lane(
         scenario.road_map, position[found], traffic.heading_rad[found]
     )
-    found[found] = (lane_m < settings.beside_road_m) & (low < turn) & (turn < high)
+    found[found] = (
+        (lane_m < traffic.settings.beside_road_m) & (low < turn) & (turn < high)
+    )
     return np.diag(found)
 
 
-def _in_the_way(
-    traffic: PlacedTraffic, settings: ConflictResampling
-) -> Bool[np.ndarray, "A A"]:
+def _in_the_way(traffic: PlacedTraffic) -> Bool[np.ndarray, "A A"]:
     """Which agents are where one with a kept trajectory will be."""
     blocked = traffic.kept.blocked_by(
         traffic.agents,
         traffic.scenario.current_step,
-        ahead_s=settings.crossing_s,
-        gap_m=settings.gap_m,
+        ahead_s=traffic.settings.crossing_s,
+        gap_m=traffic.gap_m,
     )
     return np.diag(blocked)
 
 
 PLACEMENT_RULES: Final = (
     PlacementRule("near", _near),
-    PlacementRule("beside", _beside),
     PlacementRule("brakes", _brakes),
     PlacementRule("waits", _waits),
     PlacementRule("crossing", _crossing),

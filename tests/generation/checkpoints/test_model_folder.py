@@ -286,6 +286,19 @@ def test_models_with_former_settings_open_if_these_had_no_effect(shipped_copy):
         load_model(shipped_copy, STAGE_KINDS)
 
 
+@pytest.mark.parametrize(("was_on", "share"), [(False, 0.0), (True, 0.6)])
+def test_a_former_switch_that_was_off_makes_its_number_zero(
+    shipped_copy, was_on, share
+):
+    former = {"is_last_step_guided": was_on, "last_step_share": 0.6}
+    changed(
+        shipped_copy,
+        lambda c: c["stages"]["traj"]["sampling"]["guidance"].update(former),
+    )
+    loaded = load_model(shipped_copy, STAGE_KINDS).stage("traj")
+    assert loaded.sampling["guidance"].last_step_share == share
+
+
 @pytest.mark.parametrize(
     ("sampling", "message"),
     [

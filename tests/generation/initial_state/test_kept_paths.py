@@ -6,6 +6,7 @@ import shapely
 
 from pd_editor.editor.commands import traffic_command
 from pd_editor.generation.initial_state.conflicts import ConflictSearch
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import ConflictResampling
 from pd_editor.generation.path_diffuser import PathDiffuser
@@ -14,7 +15,7 @@ from pd_editor.scene.generation import GenerationRequest, Region, run_to_end
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers
 
-SEARCH = ConflictSearch(settings=ConflictResampling())
+SEARCH = ConflictSearch.of(ConflictResampling(), InitialStateGuidance())
 
 
 def blocked(state: tuple[float, float, float, float], *, is_kept: bool = True) -> bool:

@@ -182,7 +182,7 @@ def test_guidance_pulls_movers_towards_lanes():
         scene, agent_pose=away, agent_kind=torch.zeros_like(scene.agent_kind)
     )
     codes = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    guide = InitialStateGuidance(push=0.0).of(scene, SCHEDULE)
+    guide = InitialStateGuidance().of(scene, SCHEDULE)
     reached = decode_states(guide(codes, 0.0))[..., 1]
     assert (reached < 16).all()
     assert (reached > 1.75).all()
@@ -204,7 +204,7 @@ def test_guidance_keeps_those_on_the_road_who_are_told_to_be_there():
     reached = {}
     for code in (UNCONDITIONED, CONDITIONED_NO, CONDITIONED_YES):
         told = replace(task, on_road=torch.full_like(task.on_road, code))
-        guide, now = InitialStateGuidance(push=0.0).of(scene, SCHEDULE, told), codes
+        guide, now = InitialStateGuidance().of(scene, SCHEDULE, told), codes
         for _ in range(20):
             now = guide(now, 0.0)
         reached[code] = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]
@@ -220,7 +220,8 @@ def test_guidance_pulls_waiting_agents_towards_lanes_and_leaves_parked_ones():
     still = torch.zeros_like(scene.agent_speed)
     cars = torch.zeros_like(scene.agent_kind)
     scene = replace(scene, agent_pose=away, agent_speed=still, agent_kind=cars)
-    guide = InitialStateGuidance(push=0.0).of(scene, SCHEDULE)
+    points = replace(scene, agent_size=torch.zeros_like(scene.agent_size))
+    guide = InitialStateGuidance(gap_m=0.0).of(points, SCHEDULE)
     moved = {}
     for activity in (Activity.UNKNOWN, Activity.PARKED, Activity.WAITING):
         now = torch.full_like(scene.agent_kind, activity)
@@ -236,12 +237,13 @@ def test_guidance_keeps_all_within_lanes_where_nobody_is_wished_off_the_road():
     away = scene.agent_pose.clone()
     away[..., 1] = 6.0
     vehicles = torch.zeros_like(scene.agent_kind)
-    scene = replace(scene, agent_pose=away, agent_kind=vehicles)
+    points = torch.zeros_like(scene.agent_size)
+    scene = replace(scene, agent_pose=away, agent_kind=vehicles, agent_size=points)
     assert 0 < (scene.agent_speed > 0).sum() < scene.agent_speed.numel()
     task = sampling_conditioning(scene)
     task = replace(task, on_road=torch.full_like(task.on_road, CONDITIONED_YES))
     now = encode_states(scene.agent_pose, scene.agent_speed)[None]
-    guide = InitialStateGuidance(push=0.0).within_lanes().of(scene, SCHEDULE, task)
+    guide = InitialStateGuidance(gap_m=0.0).within_lanes().of(scene, SCHEDULE, task)
     for _ in range(20):
         now = guide(now, 0.0)
     offset = offset_from_lane_m(decode_states(now)[..., :2], scene)[1]

@@ -94,7 +94,7 @@ def guide_of(
         model.decoder,
         scene,
         torch.full(scene.has_agent.shape, weight),
-        TrajectoryGuidance(is_last_step_guided=True),
+        TrajectoryGuidance(last_step_share=1.0),
     )
 
 

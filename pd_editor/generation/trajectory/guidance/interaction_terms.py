@@ -19,6 +19,7 @@ from pd_editor.analysis.guidance.kinds.space import (
 from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OPENING_MPS
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.repair.yielding import GAP_M
 from pd_editor.generation.trajectory.guidance.box_conflicts import (
     BoxTracks,
     beside_m,
@@ -35,6 +36,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     together,
 )
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.paths.car_following import HARDEST_BRAKING_MPS2
 
 _SHARE_OF_GAP: Final = 0.8
 """Where agents are nearer now than the wanted margin, this share of their gap is kept."""
@@ -103,7 +105,7 @@ class AvoidTerm:
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of agents whose boxes are predicted to overlap, or nearly so."""
-        tracks = BoxTracks.of(motion, self.context.config.hardest_mps2)
+        tracks = BoxTracks.of(motion, HARDEST_BRAKING_MPS2)
         either = self.avoids[:, None] | self.avoids
         sample, one, two = tracks.pairs_that_meet(self.counts & either)
         if not len(sample):
@@ -339,7 +341,7 @@ class YieldTerm:
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals that hold the agent before what the other one will still block."""
         config = self.context.config
-        tracks = BoxTracks.of(motion, config.hardest_mps2)
+        tracks = BoxTracks.of(motion, HARDEST_BRAKING_MPS2)
         count, size = len(tracks.step), motion.num_samples
         sample = torch.arange(size, device=self.agents.device)
         own = self.agents.expand(size)
@@ -349,7 +351,7 @@ class YieldTerm:
             own,
             torch.full_like(own, self.other),
             (
-                like.new_full((size,), config.yield_gap_m),
+                like.new_full((size,), GAP_M),
                 like.new_full((size,), config.avoided_aside_m),
             ),
         )

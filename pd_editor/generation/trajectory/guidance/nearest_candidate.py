@@ -32,10 +32,8 @@ class TrajectoryGuidance:
     """Default share of the distance to the candidate that each step moves."""
     warped_weight: float = DEFAULT_WARPED_WEIGHT
     """The same on warped roads."""
-    is_last_step_guided: bool = False
-    """Whether the prediction of the last step, which is the result, is guided too."""
-    last_step_share: float = 1.0
-    """Factor of the weight in the last step, if that is guided."""
+    last_step_share: float = 0.0
+    """Factor of the weight in the last step, whose prediction is the result."""
     first_level: float = 0.7
     """There is no guidance above this noise level; above half of it, none of stationary
     agents: few of them start, and with early guidance none."""
@@ -109,10 +107,10 @@ class NearestCandidateGuide:
         if level > self.config.first_level:
             return clean
         is_last = level <= self.last_level
-        if is_last and not self.config.is_last_step_guided:
+        strength = self.config.last_step_share if is_last else 1.0
+        if not strength:
             return clean
         way, exists, stays = self._nearest(clean)
-        strength = self.config.last_step_share if is_last else 1.0
         pull = torch.where(exists, strength * self.weight, 0.0)
         if self._is_any_agent_stationary:
             late = level <= self.config.first_level / 2

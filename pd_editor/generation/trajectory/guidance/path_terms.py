@@ -12,7 +12,10 @@ from torch import Tensor
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath, way_plan
-from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2
+from pd_editor.analysis.guidance.limits import (
+    LIMIT_BRAKING_MPS2,
+    MAX_BRAKING_MPS2,
+)
 from pd_editor.analysis.guidance.pace import Rates
 from pd_editor.analysis.guidance.way_points import WayPlan, WayPoint
 from pd_editor.analysis.threats.encounter import Track
@@ -175,7 +178,7 @@ class PathTerm(AgentsTerm):
         config = self.config
         return Rates(
             up=config.acceleration_mps2,
-            down=config.braking_mps2,
+            down=LIMIT_BRAKING_MPS2,
             hardest_up=FIRM_ACCELERATION_MPS2,
             hardest_down=MAX_BRAKING_MPS2,
             cruise_mps=plan.cruise_mps(),

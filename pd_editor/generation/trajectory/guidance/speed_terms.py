@@ -15,7 +15,10 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
-from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2
+from pd_editor.analysis.guidance.limits import (
+    LIMIT_BRAKING_MPS2,
+    MAX_BRAKING_MPS2,
+)
 from pd_editor.analysis.guidance.stop_line import LINE_MARGIN_M
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.target_motion import (
@@ -34,6 +37,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     together,
 )
 from pd_editor.generation.trajectory.network.decoding import STAYS_M
+from pd_editor.scene.paths.car_following import HARDEST_BRAKING_MPS2
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 _RAMP_SHARE: Final = 0.6
@@ -94,7 +98,7 @@ class SpeedTerm(AgentsTerm):
         rate = torch.where(
             change > 0,
             needed.clamp(config.acceleration_mps2, FIRM_ACCELERATION_MPS2),
-            needed.clamp(config.braking_mps2, MAX_BRAKING_MPS2),
+            needed.clamp(LIMIT_BRAKING_MPS2, MAX_BRAKING_MPS2),
         )
         done = (rate * motion.time_s).minimum(change.abs())
         along = distances(first + change.sign() * done, motion.step_s)
@@ -120,7 +124,7 @@ class LimitTerm(AgentsTerm):
         limit = self.guided.of_each("speed_mps") - config.limit_margin_mps
         limit = limit.clamp_min(0.0)
         # The current speed is given, and may be above the limit.
-        lost = config.braking_mps2 * motion.time_s
+        lost = LIMIT_BRAKING_MPS2 * motion.time_s
         cap = (pace.speed_mps[..., :1] - lost).maximum(limit)
         kept = pace.speed_mps.minimum(cap)
         along = distances(kept, motion.step_s)
@@ -148,7 +152,7 @@ class ComfortTerm(AgentsTerm):
         along, across = (
             (motion.acceleration_mps2[:, agents] * one).sum(-1) for one in (ahead, left)
         )
-        margin, most = 2 * config.comfort_mps2, self.guided.of_each
+        margin, most = 2 * config.box_m, self.guided.of_each
         kept = along.minimum(most("max_acceleration_mps2") - margin)
         kept = kept.maximum(margin - most("max_braking_mps2"))
         bent = across.minimum(most("max_lateral_mps2") - margin)
@@ -166,8 +170,8 @@ class ComfortTerm(AgentsTerm):
                 ),
             )
             for order, direction, target, accepted, wanted in (
-                (2, ahead, kept, config.comfort_mps2, kept != along),
-                (2, left, bent, config.comfort_mps2, bent != across),
+                (2, ahead, kept, config.box_m, kept != along),
+                (2, left, bent, config.box_m, bent != across),
                 (0, left, position, 2 * config.path_m, held),
             )
         ]
@@ -191,7 +195,7 @@ class StopTerm(AgentsTerm):
         crosses = crosses & exists
         return TargetMotion.along(self.agents, curves, stopped, motion.step_s).rows(
             along_m=config.stop_m,
-            speed_mps=config.stop_mps,
+            speed_mps=config.stop_m,
             across_m=2 * config.path_m,
             strength=self.guided.weight,
             is_wanted=crosses & pace.changed(stopped),
@@ -205,12 +209,9 @@ class StopTerm(AgentsTerm):
         harder: int,
     ) -> tuple[Float[Tensor, "S G T"], Bool[Tensor, "S G 1"]]:
         """Arc lengths of a stop with constant braking, and whether one is needed."""
-        config = self.config
         share = harder / (_NUM_RATES - 1)
-        braking = (
-            config.braking_mps2
-            + (config.hard_braking_mps2 - config.braking_mps2) * share
-        )
+        hard = HARDEST_BRAKING_MPS2 / 2
+        braking = LIMIT_BRAKING_MPS2 + (hard - LIMIT_BRAKING_MPS2) * share
         speed, along = pace.speed_mps, pace.along_m
         is_late = along + speed.square() / (2 * braking) >= stop_m
         first = is_late.to(torch.uint8).argmax(dim=-1, keepdim=True)

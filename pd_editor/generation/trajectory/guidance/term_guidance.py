@@ -19,37 +19,26 @@ class TermGuidance:
     goal_m: float = 0.2
     """Accepted distance to a goal point, and of a box's corner to the road, inside of
     which it is asked to be by as much."""
-    goal_way_m: float = 2.0
-    """Accepted deviation from a smooth way to a goal point."""
     path_m: float = 0.3
     """Accepted distance to the side of a path; of a prediction that is retimed, twice as
     much."""
-    pace_m: float = 1.5
-    """Accepted deviation along a path, where only its course is asked for."""
     speed_m: float = 0.4
     """Accepted deviation along a path in the time that speeds are asked for."""
     speed_mps: float = 0.3
     """Accepted deviation of these speeds."""
-    comfort_mps2: float = 0.05
-    """Accepted deviation of accelerations from their limits, below which agents are asked
-    to stay by twice as much."""
     stop_m: float = 0.1
-    """Accepted deviation from a stopping trajectory, and from the gap to the agent
-    ahead."""
-    stop_mps: float = 0.1
-    """Accepted deviation of speeds on a stopping trajectory."""
+    """Accepted deviation from a stopping trajectory, in m and m/s, and from the gap to the
+    agent ahead."""
     stop_gap_m: float = 0.4
     """Gap between the front of a stopped agent and the line."""
     acceleration_mps2: float = 1.5
     """Acceleration towards a target speed, if that is enough."""
-    braking_mps2: float = 2.0
-    """Braking to a target speed, a limit or a line, if that is enough."""
-    hard_braking_mps2: float = 3.5
-    """Braking to a line, if it takes that to stand within the time."""
     limit_margin_mps: float = 0.2
     """How far below a speed limit agents are asked to stay."""
     box_m: float = 0.05
-    """Accepted deviation from where boxes are apart, or meet."""
+    """Accepted deviation from what is not to be crossed: m from where boxes are apart, or
+    meet; m/s2 from limits of accelerations, below which agents are asked to stay by twice
+    as much."""
     avoided_aside_m: float = 0.3
     """Gap to the side that is asked for between boxes; ahead, twice as much."""
     led_weight: float = 0.1
@@ -57,12 +46,21 @@ class TermGuidance:
     Without it, they drive through agents that stand in the way."""
     max_swerve_m: float = 2.5
     """Agents swerve by no more to avoid a collision."""
-    hardest_mps2: float = 7.0
-    """Agents are not asked to brake harder to let others pass."""
-    yield_gap_m: float = 1.0
-    """Gap to what the other agent will block, of an agent that yields."""
-    threat_m: float = 0.5
-    """Accepted deviation from the plan of a threat, before the meeting."""
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    @property
+    def goal_way_m(self) -> float:
+        """Accepted deviation from a smooth way to a goal point."""
+        return 10 * self.goal_m
+
+    @property
+    def pace_m(self) -> float:
+        """Accepted deviation along a path, where only its course is asked for."""
+        return 5 * self.path_m
+
+    @property
+    def threat_m(self) -> float:
+        """Accepted deviation from the plan of a threat, before the meeting."""
+        return 10 * self.box_m

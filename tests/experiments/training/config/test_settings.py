@@ -107,8 +107,8 @@ def test_a_run_goes_on_with_its_own_settings_only(file: Path):
             r"only the stage traj has a section 'terms'; expected \[traj.terms\], or "
             r"traj.terms.NAME=VALUE",
         ),
-        ("conflicts.gap_m=-1", r"\[init.conflicts\] gap_m is -1; expected a finite"),
-        ("guidance.push=-1", r"\[init.guidance\] push is -1; expected a finite number"),
+        ("conflicts.crossing_m=-1", r"\[init.conflicts\] crossing_m is -1; expected"),
+        ("guidance.pull=-1", r"\[init.guidance\] pull is -1; expected a finite number"),
         (
             "model.sees_relations=false",
             r"model.sees_relations=false: \[init.model\] sees_relations is false; expected",

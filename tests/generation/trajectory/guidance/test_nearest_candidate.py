@@ -38,7 +38,7 @@ def test_the_last_step_is_guided_by_its_share_only() -> None:
     assert torch.equal(guide(clean, 0.2), clean)
     assert not torch.equal(guide(clean, 0.4), clean)
     moved = guide(clean, 0.4) - clean
-    guidance = TrajectoryGuidance(is_last_step_guided=True, last_step_share=0.25)
+    guidance = TrajectoryGuidance(last_step_share=0.25)
     guide = replace(guide, config=guidance)
     torch.testing.assert_close(guide(clean, 0.2) - clean, 0.25 * moved)
 

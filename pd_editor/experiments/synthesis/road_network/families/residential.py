@@ -56,7 +56,12 @@ def generate_winding_street(random: np.random.Generator) -> PlainNetwork:
         builder.street(names[k], names[k + 1], part, style)
     for k, place in enumerate(at, start=1):
         for side in _sides(random):
-            _winding_side(builder, names[k], line, place, side, random)
+            lengths = 90.0, 180.0
+            part, _ = _side_street(line, place, side, random, lengths, 0.5, 0.8)
+            if builder.is_free(part):
+                far = _far_name(names[k], side)
+                builder.node(far, part[-1])
+                builder.street(names[k], far, part, residential(random))
     return builder.network(crossing_width_m(random))
 
 
@@ -117,24 +122,27 @@ def _square_off(
     return here, side * left_of(ahead)
 
 
-def _winding_side(
-    builder: NetworkBuilder,
-    name: str,
+def _far_name(name: str, side: int) -> str:
+    return f"{name}.{'left' if side > 0 else 'right'}"
+
+
+def _side_street(
     line: Float[np.ndarray, "N 2"],
     place_m: float,
     side: int,
     random: np.random.Generator,
-) -> None:
+    length_m: tuple[float, float],
+    slant: float,
+    swing: float,
+) -> tuple[Float[np.ndarray, "M 2"], Float[np.ndarray, "2"]]:
+    """A curve that leaves a line to one side, and its direction at the end."""
     here, away = _square_off(line, place_m, side)
     across = left_of(away)
-    length = float(random.uniform(90, 180))
-    far = here + length * (away + float(random.uniform(-0.5, 0.5)) * across)
-    swing = away + float(random.uniform(-0.8, 0.8)) * across
-    far_name = f"{name}.{'left' if side > 0 else 'right'}"
-    part = between_poses(here, away, far, swing / np.linalg.norm(swing))
-    if builder.is_free(part):
-        builder.node(far_name, far)
-        builder.street(name, far_name, part, residential(random))
+    length = float(random.uniform(*length_m))
+    end = here + length * (away + float(random.uniform(-slant, slant)) * across)
+    last = away + float(random.uniform(-swing, swing)) * across
+    last = last / np.linalg.norm(last)
+    return between_poses(here, away, end, last), last
 
 
 def _dead_end(
@@ -145,23 +153,15 @@ def _dead_end(
     side: int,
     random: np.random.Generator,
 ) -> None:
-    here, away = _square_off(line, place_m, side)
-    style = residential(random)
-    across = left_of(away)
-    end = here + float(random.uniform(60, 150)) * (
-        away + float(random.uniform(-0.35, 0.35)) * across
-    )
-    swing = away + float(random.uniform(-0.6, 0.6)) * across
-    middle = between_poses(here, away, end, swing / np.linalg.norm(swing))
-    far_name = f"{name}.{'left' if side > 0 else 'right'}"
-    swing = swing / np.linalg.norm(swing)
-    reach = np.concatenate([middle, (end + 4 * _BULB_RADIUS_M * swing)[None]])
+    style, far_name = residential(random), _far_name(name, side)
+    middle, ahead = _side_street(line, place_m, side, random, (60.0, 150.0), 0.35, 0.6)
+    reach = np.concatenate([middle, (middle[-1:] + 4 * _BULB_RADIUS_M * ahead)])
     if not builder.is_free(reach):
         return
     if random.random() < 0.7:
         _bulb_street(builder, name, far_name, middle, style)
     else:
-        builder.node(far_name, end)
+        builder.node(far_name, middle[-1])
         builder.street(name, far_name, middle, style)
 
 
