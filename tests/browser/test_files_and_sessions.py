@@ -246,7 +246,7 @@ def test_a_library_is_opened_again_as_a_list(open_editor, tmp_path):
     upload = tmp_path / "library.zip"
     upload.write_bytes(workspace.library.zipped((first, second)))
     with editor.page.expect_file_chooser() as chooser:
-        editor.press("Upload zip, or parquet and map")
+        editor.press("Upload files")
     chooser.value.set_files(upload)
     dialog = editor.page.get_by_role("dialog")
     expect(dialog.get_by_role("button", name=first, exact=True)).to_be_visible()

@@ -26,7 +26,7 @@ from tests.viewer.agents.drag_by_hand import DragByHand
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 SIZE = "Length, width (m)"
-UPLOAD = "Upload zip, or parquet and map"
+UPLOAD = "Upload files"
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ const STEPS = [
   ["bend", "Bend the road", "by hand (W), or in the tab Road."],
   ["regenerate", "Regenerate", "trajectories with the key R, or in the tab Generate."],
 ];
-const FILL = ["", "Fill the road", "with 'As many as fit' in the tab Generate."];
+const FILL = ["", "Fill the road", "with the button at the bottom."];
 
 define("hints", (api) => {
   const kept = recall(KEPT);

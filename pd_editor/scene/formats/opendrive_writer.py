@@ -158,12 +158,13 @@ def write(scenario: Scenario) -> WrittenScene:
     rows += [("signal", key[0], str(one)) for key, one in light_ids(scenario).items()]
     csv.writer(table, lineterminator="\n").writerows(rows)
     files[IDS_NAME] = table.getvalue().encode()
-    neighbors = (
-        f"{len(untold)} of {count} neighbours, which end askew or go the other way, and "
-        "which lanes are in an intersection: only this editor reads both, as user data."
-    )
+    only = "only this editor reads that, as user data."
+    own = f"Which lanes are in an intersection: {only}"
+    askew = f"{len(untold)} of {count} neighbours end askew or go the other way: {only}"
     unsaid = ("States of signals.",) if scenario.signals and not names else ()
-    return WrittenScene(files=files, losses=(neighbors, *_LOSSES, *unsaid))
+    return WrittenScene(
+        files=files, losses=(*[askew] * bool(untold), own, *_LOSSES, *unsaid)
+    )
 
 
 def _untold(

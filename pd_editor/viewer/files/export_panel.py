@@ -3,6 +3,7 @@
 import datetime
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,15 @@ from typing import Any
 import viser
 
 from pd_editor.analysis.findings.finding import problems_in_words
-from pd_editor.base.errors import InputError
+from pd_editor.base.errors import ExportError, InputError
 from pd_editor.editor.variant import name_from_text, tags_from_text
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS
 from pd_editor.scene.formats.player import PLAYER, player_page
 from pd_editor.scene.formats.registry import formats
-from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.scenario import EGO_ID
+from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
+from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.files.picture_download import PictureDownload
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
@@ -41,8 +42,9 @@ class ExportPanel:
             self._format = gui.add_dropdown(
                 "Format",
                 tuple(one.title for one in formats().values() if one.write),
-                hint="What a format cannot say is listed in losses.txt",
             )
+            self._losses = FixedText(gui, 2)
+            set_property(self._losses.element, "visible", False)
             self._moments = gui.add_text(
                 "Moments",
                 "0",
@@ -195,6 +197,17 @@ class ExportPanel:
         is_alone = chosen is PLAYER or chosen.name in LOOKS
         kind = "HTML" if chosen is PLAYER else chosen.name.upper()
         self._download.label = f"Download {kind if is_alone else 'zip'}"
+        self._show_losses(None if is_alone else chosen.write)
+
+    def _show_losses(self, write: Callable[[Scenario], WrittenScene] | None) -> None:
+        """Tell what the chosen format cannot say of the scene, as losses.txt will."""
+        try:
+            losses = write(self._ui.session.scenario).losses if write else ()
+        except ExportError as error:
+            losses = (str(error),)
+        title = "Not kept (all in losses.txt)" if losses else ""
+        self._losses.show(title, " ".join(losses), tooltip="\n".join(losses))
+        set_property(self._losses.element, "visible", bool(losses))
 
     def _download_edits(self) -> None:
         self._ui.commit_gesture()

@@ -67,12 +67,12 @@ class ScenarioPanel:
             )
             open_folder = gui.add_button("Open folder", color="gray")
             upload = gui.add_upload_button(
-                "Upload zip, or parquet and map",
+                "Upload files",
                 mime_type=UPLOAD_TYPES,
                 color="gray",
                 icon=viser.Icon.UPLOAD,
-                hint="Also OpenDRIVE, Lanelet2, SUMO, CommonRoad, ScenarioNet and GPUDrive files, and edits "
-                "that were downloaded alone (.recipe.json)",
+                hint="A zip, or a parquet with its map; OpenDRIVE, Lanelet2, SUMO, CommonRoad, "
+                "ScenarioNet and GPUDrive files; downloaded edits (.recipe.json)",
             )
             self._of_zip = gui.add_button("", color="gray", visible=False)
         ui.model.shown.subscribe(self.show)

@@ -283,7 +283,7 @@ class GenerationPanel:
         self.result.show()
         self.closed_loop.show()
         if self._which.value == REPLACE_ALL and self._counted is not scenario:
-            self._count_present(scenario)
+            self._show_counts()
         self._show_bar()
 
     def _show_bar(self) -> None:
@@ -299,7 +299,7 @@ class GenerationPanel:
                 trajectory_locked_ids(scenario),
                 is_region=self.bar.scope == IN_REGION,
             ),
-            is_enabled=not result.is_running,
+            is_enabled=not result.is_running and bool(road_user_ids(scenario)),
         )
         verbs = regenerate, self._resampling()
         self.bar.show(verbs, self._tab.run, said, result.tone)
@@ -314,8 +314,11 @@ class GenerationPanel:
                 frozenset(session.scenario.locks),
                 is_region=self._where.value == IN_REGION,
             )
+        label = "Add" if which == ADD_AGENTS else "Resample"
+        if which == REPLACE_ALL and not road_user_ids(session.scenario):
+            label, target = "Fill", "region" if target == "region" else "road"
         return RunVerb(
-            label="Add" if which == ADD_AGENTS else "Resample",
+            label=label,
             target=target,
             is_enabled=not self.result.is_running and self._may_resample(),
         )
@@ -717,24 +720,26 @@ class GenerationPanel:
             set_property(handle, "disabled", not places)
         for handle in (self._keeps_focal, self._keeps_ego):
             set_property(handle, "disabled", not places or which != REPLACE_ALL)
+        if which == REPLACE_ALL:
+            self._count_present(self._ui.session.scenario)
         takes_counts = "new-agents" in supports and which != REDRAW_SELECTION
         set_property(self._fits, "disabled", not takes_counts)
         for count in self._counts.values():
             set_property(count, "disabled", not takes_counts)
             set_property(count, "visible", not self._fits.value)
-        if which == REPLACE_ALL:
-            self._count_present(self._ui.session.scenario)
         self._show_bar()
 
     def _count_present(self, scenario: Scenario) -> None:
         """Propose as many of each kind as there are on the mapped roads.
 
-        A bare road keeps the numbers.
+        A bare road keeps the numbers; without any, as many as fit are proposed.
         """
-        self._counted = scenario
+        is_same, self._counted = scenario is self._counted, scenario
         agents = scenario.agents
         present = agents.is_valid[:, scenario.current_step]
         if not (present & agents.kind_mask(ROAD_USER_KINDS)).any():
+            if not is_same and not any(one.value for one in self._counts.values()):
+                set_value(self._fits, True)
             return
         leaving = ids_near_lanes(scenario, self._replaced(scenario))
         leaves = np.isin(agents.ids, leaving)

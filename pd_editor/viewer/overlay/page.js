@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (18e3f098359fd923); not to be edited. */
+/* Built by .ci/client.py from client/ (c81b54001fddb1bf); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1840,7 +1840,7 @@
     ["bend", "Bend the road", "by hand (W), or in the tab Road."],
     ["regenerate", "Regenerate", "trajectories with the key R, or in the tab Generate."]
   ];
-  var FILL = ["", "Fill the road", "with 'As many as fit' in the tab Generate."];
+  var FILL = ["", "Fill the road", "with the button at the bottom."];
   define("hints", (api) => {
     const kept = recall(KEPT);
     const done = new Set(Array.isArray(kept) ? kept : []);

@@ -40,7 +40,7 @@ class FreePart:
 
     left: float = -0.90
     right: float = 0.90
-    bottom: float = -0.68
+    bottom: float = -0.62
     top: float = 0.80
 
     @classmethod

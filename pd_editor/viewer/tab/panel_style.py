@@ -148,7 +148,7 @@ class FixedText:
     def __init__(self, gui: viser.GuiApi, num_lines: int) -> None:
         """Reserve room for some lines in the current container."""
         self._num_lines = num_lines
-        self._element = gui.add_html("")
+        self.element: Final = gui.add_html("")
         self.text = ""
         self.show()
 
@@ -161,7 +161,7 @@ class FixedText:
             parts.insert(0, f"<b>{html.escape(title)}</b>")
         hint = html.escape(self.text if tooltip is None else tooltip)
         set_property(
-            self._element,
+            self.element,
             "content",
             f'<div title="{hint}" style="height:{self._num_lines * LINE_PX}px;'
             f"overflow:hidden;display:-webkit-box;-webkit-box-orient:vertical;"

@@ -8,6 +8,7 @@ from pd_editor.editor.variant import Variant
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS
+from pd_editor.scene.formats.registry import formats
 from tests.scene.formats.embedded_scenes import scenes_in
 from tests.viewer.fake_browser import connected_tab, running_app, until
 from tests.viewer.files.test_family_panel import warped
@@ -112,6 +113,22 @@ def test_the_edited_scene_downloads_as_a_player(tmp_path: Path):
         assert [one["id"] for one in data["agents"]] == list(
             tab.session.scenario.agents.ids
         )
+
+
+def test_what_a_format_does_not_keep_is_told_before_the_download(tmp_path: Path):
+    with (
+        running_app(tmp_path / "library", "merge") as app,
+        connected_tab(app) as tab,
+    ):
+        assert "Not kept" not in tab.text()
+        tab.type("Format", "CommonRoad")
+        write = formats()["commonroad"].write
+        assert write is not None
+        losses = write(tab.session.scenario).losses
+        assert len(losses) > 2
+        assert " ".join(losses) in tab.text()
+        tab.type("Format", "Argoverse 2")
+        assert "Not kept" not in tab.text()
 
 
 def test_films_and_figures_are_drawn_beside_the_work(tmp_path: Path):

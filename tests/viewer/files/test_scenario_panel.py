@@ -12,7 +12,7 @@ from tests.editor.same_scenario import same_scenario
 from tests.scene.test_time_cut import long_recording, recording_of_minutes
 from tests.viewer.fake_browser import connected_tab, running_app
 
-UPLOAD = "Upload zip, or parquet and map"
+UPLOAD = "Upload files"
 
 
 @pytest.mark.parametrize("is_upload", [False, True])

@@ -41,6 +41,7 @@ from pd_editor.viewer.generation.run_bar import IN_REGION, SCOPE_ALL, SCOPE_USUA
 from pd_editor.viewer.tab.panel_style import plain
 from tests.builders import two_agents_that_pass
 from tests.editor.fake_generators import PlacingGenerator, ReadyGenerator
+from tests.scene.formats.test_opendrive import lane, road, section, write
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
 
@@ -167,6 +168,26 @@ def test_a_bare_road_is_filled_and_says_what_it_needs(tab, placing):
     run_to_end(tab, "resample")
     kinds = tab.session.scenario.agents.kinds
     assert sorted(kinds) == [AgentKind.PEDESTRIAN] + [AgentKind.VEHICLE] * 3
+
+
+def test_a_road_that_was_never_full_is_filled_by_one_click(tmp_path, placing):
+    bare = write(tmp_path, road(section(lane(-1), lane(1))))
+    with (
+        running_app(tmp_path / "library", str(bare)) as app,
+        connected_tab(app) as tab,
+    ):
+        assert targets(tab) == ["Regenerate everybody", "Fill road"]
+        regenerate, fill = tab.shown("run")["verbs"]
+        assert not regenerate["isEnabled"]
+        assert fill["isEnabled"]
+        tab.type("As many as fit", False)
+        assert tab.offers("Vehicles")
+        assert not tab.field("As many as fit").value, "it is proposed once"
+        tab.type("As many as fit", True)
+        run_to_end(tab, "resample")
+        (request,) = placing.requests
+        assert request.samples_num_agents
+        assert targets(tab)[1] == "Resample everybody"
 
 
 def test_the_model_may_choose_how_many(tab, placing):
