@@ -33,7 +33,11 @@ INITIAL_STATES: Final = StageKind(
         "conflicts": ConflictResampling,
     },
     former_sampling={
-        "sampler": {"num_high_quality_steps": 16, "extrapolates_poses": False},
+        "sampler": {
+            "num_high_quality_steps": 16,
+            "extrapolates_poses": False,
+            "adds_missing_noise": True,
+        },
         "guidance": {"push": 1.0, "farthest_out_m": 20.0, "num_last_pushes": 12},
         "conflicts": {
             "num_rounds": 1,
@@ -45,6 +49,7 @@ INITIAL_STATES: Final = StageKind(
             "wrong_way_m": 1.2,
         },
     },
+    former_switches={"sampler": {"adds_missing_noise": "eta"}},
     statistics=frozenset({"counted", "state_moments", "clean_variance"}),
 )
 TRAJECTORIES: Final = StageKind(
@@ -79,6 +84,11 @@ TRAJECTORIES: Final = StageKind(
             "gap_m": 0.1,
             "threat_meeting_m": 0.05,
             "goal_way_m": 2.0,
+            "speed_m": 0.4,
+            "limit_margin_mps": 0.2,
+            "stop_gap_m": 0.4,
+            "acceleration_mps2": 1.5,
+            "avoided_aside_m": 0.3,
             "pace_m": 1.5,
             "comfort_mps2": 0.05,
             "threat_m": 0.5,

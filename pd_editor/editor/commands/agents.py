@@ -6,7 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pd_editor.base.errors import EditError
-from pd_editor.editor.commands.command import Command, agents_in_words, names_after
+from pd_editor.editor.commands.command import (
+    Command,
+    StateCommand,
+    agents_in_words,
+    names_after,
+)
 from pd_editor.editor.commands.edit_limits import (
     check_new_id,
     check_number_of_agents,
@@ -134,7 +139,7 @@ class SetAgentActivity(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DuplicateAgents(Command):
+class DuplicateAgents(StateCommand):
     """Copy agents with their whole tracks, shifted; copies are unscored tracks."""
 
     agent_ids: tuple[str, ...]
@@ -154,11 +159,6 @@ class DuplicateAgents(Command):
                 raise EditError(
                     "Each agent may be copied once, under an id of its own."
                 )
-
-    @property
-    def edits_current_state(self) -> bool:
-        """True: the command sets current states."""
-        return True
 
     @property
     def label(self) -> str:

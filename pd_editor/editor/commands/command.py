@@ -59,6 +59,15 @@ class Command(ABC):
         return hash(type(self))
 
 
+class StateCommand(Command):
+    """A command that sets poses or speeds at the current step."""
+
+    @property
+    def edits_current_state(self) -> bool:
+        """It does."""
+        return True
+
+
 def agents_in_words(agent_ids: tuple[str, ...]) -> str:
     """Text with the id of one agent, or the number of several."""
     if len(agent_ids) == 1:

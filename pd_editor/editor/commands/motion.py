@@ -9,7 +9,12 @@ from jaxtyping import Float, Float32, Int
 from pd_editor.analysis.findings.friction import slowed_to_limit
 from pd_editor.analysis.repair import retime_for_comfort, yield_to_others
 from pd_editor.base.errors import EditError
-from pd_editor.editor.commands.command import Command, agents_in_words, names_after
+from pd_editor.editor.commands.command import (
+    Command,
+    StateCommand,
+    agents_in_words,
+    names_after,
+)
 from pd_editor.editor.commands.edit_limits import (
     check_friction,
     check_positions,
@@ -29,7 +34,7 @@ MAX_START_GAP_M: Final = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetAgentSpeed(Command):
+class SetAgentSpeed(StateCommand):
     """Set the current speed of agents; their poses stay.
 
     The trajectory is retimed along its own curve by ``with_new_speed``, and the past
@@ -43,11 +48,6 @@ class SetAgentSpeed(Command):
 
     def __post_init__(self) -> None:
         check_speed(self.speed_mps)
-
-    @property
-    def edits_current_state(self) -> bool:
-        """It does."""
-        return True
 
     @property
     def label(self) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pd_editor.analysis.repair.back_casting import made_up_past, with_past
-from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.command import StateCommand
 from pd_editor.editor.commands.edit_limits import (
     check_angle,
     check_new_id,
@@ -24,7 +24,7 @@ from pd_editor.scene.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaceAgent(Command):
+class PlaceAgent(StateCommand):
     """Add an agent with a current state, a trajectory at its speed, and a past.
 
     The trajectory follows the agent's lane, else it goes straight ahead; an agent that
@@ -50,11 +50,6 @@ class PlaceAgent(Command):
         check_speed(self.speed_mps)
         if self.size_m is not None:
             check_size(*self.size_m)
-
-    @property
-    def edits_current_state(self) -> bool:
-        """True: the command sets current states."""
-        return True
 
     @property
     def label(self) -> str:

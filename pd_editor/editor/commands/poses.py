@@ -8,7 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.base.errors import EditError
-from pd_editor.editor.commands.command import Command, agents_in_words, names_after
+from pd_editor.editor.commands.command import (
+    StateCommand,
+    agents_in_words,
+    names_after,
+)
 from pd_editor.editor.commands.edit_limits import (
     check_angle,
     check_position,
@@ -25,7 +29,7 @@ MAX_SNAP_M: Final = 15.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransformAgents(Command):
+class TransformAgents(StateCommand):
     """Rotate agents about their common centre at the current step, then shift them."""
 
     agent_ids: tuple[str, ...]
@@ -36,11 +40,6 @@ class TransformAgents(Command):
     def __post_init__(self) -> None:
         check_angle("Rotation", self.rotation_rad)
         check_position(self.dx_m, self.dy_m)
-
-    @property
-    def edits_current_state(self) -> bool:
-        """True: the command sets current states."""
-        return True
 
     @property
     def label(self) -> str:
@@ -71,7 +70,7 @@ class TransformAgents(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetAgentPosition(Command):
+class SetAgentPosition(StateCommand):
     """Shift an agent so that it is at a point at the current step."""
 
     agent_id: str
@@ -80,11 +79,6 @@ class SetAgentPosition(Command):
 
     def __post_init__(self) -> None:
         check_position(self.x_m, self.y_m)
-
-    @property
-    def edits_current_state(self) -> bool:
-        """True: the command sets current states."""
-        return True
 
     @property
     def label(self) -> str:
@@ -107,7 +101,7 @@ class SetAgentPosition(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetAgentHeading(Command):
+class SetAgentHeading(StateCommand):
     """Rotate each agent about itself so that it has a heading at the current step."""
 
     agent_ids: tuple[str, ...]
@@ -115,11 +109,6 @@ class SetAgentHeading(Command):
 
     def __post_init__(self) -> None:
         check_angle("Heading", self.heading_rad)
-
-    @property
-    def edits_current_state(self) -> bool:
-        """True: the command sets current states."""
-        return True
 
     @property
     def label(self) -> str:
@@ -137,15 +126,10 @@ class SetAgentHeading(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SnapToLane(Command):
+class SnapToLane(StateCommand):
     """Snap agents to the nearest centre line, heading along the lane."""
 
     agent_ids: tuple[str, ...]
-
-    @property
-    def edits_current_state(self) -> bool:
-        """True: the command sets current states."""
-        return True
 
     @property
     def label(self) -> str:

@@ -47,7 +47,8 @@ class StageKind:
     former_sampling: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Settings that older models hold, with the only value that had a use, by part."""
     former_switches: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """Switches that older models hold, each with the number that is 0 where it is off."""
+    """Switches that older models hold, each with the number that is 0 where it is off. One
+    that is among ``former_sampling``, too, may be off where the number is 0 already."""
     statistics: frozenset[str] = frozenset()
     """Names of tensors that describe the training data and the network's errors. They may
     be missing, and differ between networks whose weights are averaged."""
@@ -244,13 +245,14 @@ def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
         if not isinstance(values, dict):
             raise ModelError(f"{source}, {name}: holds no fields; expected an object.")
         former = kind.former_sampling.get(name, {})
+        switches = kind.former_switches.get(name, {})
         for setting, value in former.items():
-            if values.get(setting, value) != value:
+            is_idle = values.get(switches.get(setting, "")) == 0
+            if values.get(setting, value) != value and not is_idle:
                 raise ModelError(
                     f"{source}, {name}: {setting} can no longer be set; expected "
                     f"{value}, as in all models that were shipped."
                 )
-        switches = kind.former_switches.get(name, {})
         off = {one: 0.0 for key, one in switches.items() if values.get(key) is False}
         left = {
             key: off.get(key, value)

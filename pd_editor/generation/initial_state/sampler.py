@@ -51,11 +51,9 @@ class InitialStateSamplerConfig:
     level_emphasis: float = 0.3
     """Concentration of levels in the middle, where lanes, headings and gaps are resolved."""
     eta: float = 1.0
-    """Stochasticity: 0 adds no fresh noise but that of ``adds_missing_noise``, 1 is ancestral
-    sampling. With 0, errors of early steps remain."""
-    adds_missing_noise: bool = True
-    """Whether the fresh noise on speeds and activities includes the variance of the clean
-    state about its prediction. Without it large steps spread them too little."""
+    """Stochasticity: 0 adds no fresh noise, 1 is ancestral sampling. Fresh noise on speeds
+    and activities includes the variance of the clean state about its prediction, without
+    which large steps spread them too little. With 0, errors of early steps remain."""
     fit_density: float = 0.72
     """Factor of the numbers of training squares where the model samples the number of
     agents; 1 for networks that are trained on recordings."""
@@ -122,7 +120,7 @@ def _step_settings(
 ) -> SamplerConfig:
     """Poses are predicted in the first order, speeds and activities in the second."""
     missing = None
-    if config.adds_missing_noise:
+    if config.eta:
         missing = clean_variance_at(model, levels)
         # On poses this noise would move agents off their lanes.
         missing[:, :NUM_POSE_PARTS] = 0

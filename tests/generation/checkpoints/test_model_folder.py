@@ -299,6 +299,19 @@ def test_a_former_switch_that_was_off_makes_its_number_zero(
     assert loaded.sampling["guidance"].last_step_share == share
 
 
+def test_noise_that_was_switched_off_opens_without_stochasticity(shipped_copy):
+    def change(content, eta):
+        sampler = content["stages"]["init"]["sampling"]["sampler"]
+        sampler.update(adds_missing_noise=False, eta=eta)
+
+    changed(shipped_copy, lambda c: change(c, 0.0))
+    loaded = load_model(shipped_copy, STAGE_KINDS).stage("init")
+    assert loaded.sampling["sampler"].eta == 0.0
+    changed(shipped_copy, lambda c: change(c, 1.0))
+    with pytest.raises(ModelError, match="adds_missing_noise can no longer be set"):
+        load_model(shipped_copy, STAGE_KINDS)
+
+
 @pytest.mark.parametrize(
     ("sampling", "message"),
     [

@@ -37,6 +37,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.paths.car_following import HARDEST_BRAKING_MPS2
+from pd_editor.scene.paths.suggested_state import SIDE_GAP_M
 
 _SHARE_OF_GAP: Final = 0.8
 """Where agents are nearer now than the wanted margin, this share of their gap is kept."""
@@ -141,13 +142,12 @@ class AvoidTerm:
         self, apart_m: Float[Tensor, "P"]
     ) -> tuple[Float[Tensor, "P"], Float[Tensor, "P"]]:
         """Wanted gaps to the side and ahead: no more than there is now."""
-        config = self.context.config
         now = (_SHARE_OF_GAP * apart_m).clamp_min(_LEAST_MARGIN_M)
         # Of boxes that touch now, none comes closer.
         now = torch.where(apart_m > 0, now, apart_m - _LEAST_MARGIN_M)
         return (
-            now.clamp_max(config.avoided_aside_m),
-            now.clamp_max(2 * config.avoided_aside_m),
+            now.clamp_max(SIDE_GAP_M),
+            now.clamp_max(2 * SIDE_GAP_M),
         )
 
     def _resolved(
@@ -352,7 +352,7 @@ class YieldTerm:
             torch.full_like(own, self.other),
             (
                 like.new_full((size,), GAP_M),
-                like.new_full((size,), config.avoided_aside_m),
+                like.new_full((size,), SIDE_GAP_M),
             ),
         )
         last = last_places(blocked)

@@ -37,6 +37,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     TermMakers,
     together,
 )
+from pd_editor.scene.paths.car_following import ACCELERATION_MPS2
 from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_follow
 from pd_editor.scene.paths.driving_paths import DrivingPaths
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
@@ -127,7 +128,7 @@ class PathTerm(AgentsTerm):
         return [
             *rows,
             *target.rows(
-                along_m=self.config.speed_m,
+                along_m=self.config.speed_mps,
                 speed_mps=self.config.speed_mps,
                 across_m=self.config.path_m,
                 strength=self.guided.weight,
@@ -175,9 +176,8 @@ class PathTerm(AgentsTerm):
         return along
 
     def _rates(self, plan: WayPlan) -> Rates:
-        config = self.config
         return Rates(
-            up=config.acceleration_mps2,
+            up=ACCELERATION_MPS2,
             down=LIMIT_BRAKING_MPS2,
             hardest_up=FIRM_ACCELERATION_MPS2,
             hardest_down=MAX_BRAKING_MPS2,

@@ -20,6 +20,7 @@ from pd_editor.analysis.guidance.limits import (
     MAX_BRAKING_MPS2,
 )
 from pd_editor.analysis.guidance.stop_line import LINE_MARGIN_M
+from pd_editor.analysis.repair.braking_speeds import STANDING_GAP_M
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.target_motion import (
     Curves,
@@ -37,7 +38,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
     together,
 )
 from pd_editor.generation.trajectory.network.decoding import STAYS_M
-from pd_editor.scene.paths.car_following import HARDEST_BRAKING_MPS2
+from pd_editor.scene.paths.car_following import ACCELERATION_MPS2, HARDEST_BRAKING_MPS2
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 _RAMP_SHARE: Final = 0.6
@@ -91,13 +92,13 @@ class SpeedTerm(AgentsTerm):
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a ramp to the speed along the predicted or planned path."""
-        config, pace = self.config, _Pace.of(motion, self.agents)
+        pace = _Pace.of(motion, self.agents)
         first = pace.speed_mps[..., :1]
         change = self.guided.of_each("speed_mps") - first
         needed = change.abs() / (_RAMP_SHARE * motion.time_s[-1])
         rate = torch.where(
             change > 0,
-            needed.clamp(config.acceleration_mps2, FIRM_ACCELERATION_MPS2),
+            needed.clamp(ACCELERATION_MPS2, FIRM_ACCELERATION_MPS2),
             needed.clamp(LIMIT_BRAKING_MPS2, MAX_BRAKING_MPS2),
         )
         done = (rate * motion.time_s).minimum(change.abs())
@@ -105,13 +106,7 @@ class SpeedTerm(AgentsTerm):
         stays = self._may_stay & (pace.along_m[..., -1:] < STAYS_M)
         wanted = pace.changed(along) & ~stays
         curves = extended(pace.curves, self.guided)
-        return TargetMotion.along(self.agents, curves, along, motion.step_s).rows(
-            along_m=config.speed_m,
-            speed_mps=config.speed_mps,
-            across_m=2 * config.path_m,
-            strength=self.guided.weight,
-            is_wanted=wanted,
-        )
+        return _retimed(self, curves, along, motion, self.config.speed_mps, wanted)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,7 +116,7 @@ class LimitTerm(AgentsTerm):
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals of the agents that are predicted to exceed the limit."""
         config, pace = self.config, _Pace.of(motion, self.agents)
-        limit = self.guided.of_each("speed_mps") - config.limit_margin_mps
+        limit = self.guided.of_each("speed_mps") - config.speed_mps
         limit = limit.clamp_min(0.0)
         # The current speed is given, and may be above the limit.
         lost = LIMIT_BRAKING_MPS2 * motion.time_s
@@ -129,13 +124,8 @@ class LimitTerm(AgentsTerm):
         kept = pace.speed_mps.minimum(cap)
         along = distances(kept, motion.step_s)
         is_over = (pace.speed_mps[..., 1:] > limit).any(dim=-1, keepdim=True)
-        return TargetMotion.along(self.agents, pace.curves, along, motion.step_s).rows(
-            along_m=config.speed_m,
-            speed_mps=config.speed_mps,
-            across_m=2 * config.path_m,
-            strength=self.guided.weight,
-            is_wanted=is_over & pace.changed(along),
-        )
+        wanted = is_over & pace.changed(along)
+        return _retimed(self, pace.curves, along, motion, config.speed_mps, wanted)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -183,7 +173,7 @@ class StopTerm(AgentsTerm):
 
     def rows(self, motion: PredictedMotion) -> Sequence[ResidualRows]:
         """Residuals to a stop with constant braking."""
-        config, pace = self.config, _Pace.of(motion, self.agents)
+        pace = _Pace.of(motion, self.agents)
         curves = extended(pace.curves, self.guided)
         stop_m, exists = self._place(curves, motion)
         stopped, crosses = self._stopped(pace, stop_m, motion.time_s, 0)
@@ -193,13 +183,8 @@ class StopTerm(AgentsTerm):
             stands = stopped[..., -_STANDS_STEPS:].diff(dim=-1).amax(dim=-1) < 0.01
             stopped = torch.where(stands[..., None], stopped, later)
         crosses = crosses & exists
-        return TargetMotion.along(self.agents, curves, stopped, motion.step_s).rows(
-            along_m=config.stop_m,
-            speed_mps=config.stop_m,
-            across_m=2 * config.path_m,
-            strength=self.guided.weight,
-            is_wanted=crosses & pace.changed(stopped),
-        )
+        wanted = crosses & pace.changed(stopped)
+        return _retimed(self, curves, stopped, motion, self.config.stop_m, wanted)
 
     def _stopped(
         self,
@@ -251,8 +236,26 @@ class StopTerm(AgentsTerm):
         half = motion.size_m[self.agents] / 2
         beside = (course * across).sum(-1).abs()
         reach = half[:, :1] + half[:, 1:] * beside / ahead
-        front = reach + self.config.stop_gap_m / ahead
+        front = reach + STANDING_GAP_M / ahead
         return along - front, crosses.any(dim=-1, keepdim=True)
+
+
+def _retimed(
+    term: AgentsTerm,
+    curves: Curves,
+    along_m: Float[Tensor, "S G T"],
+    motion: PredictedMotion,
+    accepted: float,
+    is_wanted: Bool[Tensor, "S G #T"],
+) -> Sequence[ResidualRows]:
+    """Residuals to other times on the same path, accepted in m and m/s alike."""
+    return TargetMotion.along(term.agents, curves, along_m, motion.step_s).rows(
+        along_m=accepted,
+        speed_mps=accepted,
+        across_m=2 * term.config.path_m,
+        strength=term.guided.weight,
+        is_wanted=is_wanted,
+    )
 
 
 MAKERS: Final[TermMakers] = {

@@ -22,25 +22,16 @@ class TermGuidance:
     path_m: float = 0.3
     """Accepted distance to the side of a path; of a prediction that is retimed, twice as
     much."""
-    speed_m: float = 0.4
-    """Accepted deviation along a path in the time that speeds are asked for."""
     speed_mps: float = 0.3
-    """Accepted deviation of these speeds."""
+    """Accepted deviation of speeds, and along a path in their time in m; agents are asked
+    to stay below a speed limit by as much."""
     stop_m: float = 0.1
     """Accepted deviation from a stopping trajectory, in m and m/s, and from the gap to the
     agent ahead."""
-    stop_gap_m: float = 0.4
-    """Gap between the front of a stopped agent and the line."""
-    acceleration_mps2: float = 1.5
-    """Acceleration towards a target speed, if that is enough."""
-    limit_margin_mps: float = 0.2
-    """How far below a speed limit agents are asked to stay."""
     box_m: float = 0.05
     """Accepted deviation from what is not to be crossed: m from where boxes are apart, or
     meet; m/s2 from limits of accelerations, below which agents are asked to stay by twice
     as much."""
-    avoided_aside_m: float = 0.3
-    """Gap to the side that is asked for between boxes; ahead, twice as much."""
     led_weight: float = 0.1
     """Weight of avoiding collisions of agents that are led to a goal or along a path.
     Without it, they drive through agents that stand in the way."""
