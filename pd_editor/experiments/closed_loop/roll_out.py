@@ -214,7 +214,7 @@ class Rolling:
             sample = self.entrances.entering(world.with_fresh_ids(sample), world)
             known = world.scenario.agents.row_of
             self.num_entered += sum(name not in known for name in sample.ids)
-            self.world = world.planned(sample)
+            self.world = world.planned(world.turning_on(sample))
 
     def result(self) -> RollOut:
         """What has happened up to now."""

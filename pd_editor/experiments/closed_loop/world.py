@@ -20,7 +20,7 @@ from pd_editor.scene.agent_kind import (
     ROAD_USER_KINDS,
     AgentKind,
 )
-from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.junction_phases import continued_signals
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import Scenario
@@ -36,6 +36,10 @@ _BEYOND_M: Final = 15.0
 """An agent leaves this far outside of the mapped road's bounding box."""
 _OFF_ROAD_M: Final = 8.0
 """Pedestrians leave this far from the drivable area: 99 % of recorded ones are nearer."""
+
+_TURNS_ON_S: Final = 1.0
+"""Time in which headings become those of a new path, at the speed of now."""
+_WALKING_MPS: Final = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,6 +150,30 @@ class World:
         fresh = iter(new_agent_ids(self.scenario, count, NEW_PREFIX))
         ids = (name if name in present else next(fresh) for name in sample.ids)
         return replace(sample, ids=tuple(ids))
+
+    def turning_on(self, sample: TrafficSample) -> TrafficSample:
+        """The sample, whose agents turn on as they do now, then along their new paths.
+
+        Its headings follow its paths alone, and leap where a path begins.
+        """
+        agents, now = self.scenario.agents, self.step
+        known = np.isin(sample.ids, agents.ids)
+        rows = agents.rows(np.array(sample.ids)[known])
+        turn = np.zeros(len(sample.ids))
+        last = agents.heading_rad[rows, now] - agents.heading_rad[rows, max(now - 1, 0)]
+        turn[known] = np.where(agents.is_valid[rows, max(now - 1, 0)], last, 0.0)
+        heading = sample.heading_rad
+        leap = wrap_angle(heading[:, 1] - heading[:, 0] - turn)
+        kept = self.scenario.kept_steps()[rows, now + 1]
+        leap[np.flatnonzero(known)[kept]] = 0.0
+        step_m = np.linalg.norm(np.diff(sample.position_m, axis=1), axis=-1)
+        speed = np.maximum(step_m[:, :1] / self.scenario.time_axis.step_s, _WALKING_MPS)
+        way = np.cumsum(step_m, axis=1) - step_m[:, :1]
+        share = np.maximum(1 - way / (speed * _TURNS_ON_S), 0.0)
+        later = wrap_angle(heading[:, 1:] - leap[:, None] * share)
+        return replace(
+            sample, heading_rad=np.concatenate([heading[:, :1], later], axis=1)
+        )
 
     def planned(self, sample: TrafficSample) -> "World":
         """With a sample as the plan of its agents, of which some may be new."""

@@ -6,7 +6,7 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from benchmarks.roll_outs import obedience
+from benchmarks.roll_outs import obedience, seams
 from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import SampleSignals, SetLocks
 from pd_editor.editor.recipe import Recipe, replay
@@ -120,6 +120,15 @@ def test_queues_wait_for_green_and_go_then(junction):
     assert started >= 0.6 * waited > 2
     states = [one.states[scene.current_step :] for one in found.signals]
     assert sum(((own[:-1] == 1) & (own[1:] == 3)).sum() for own in states) >= 2
+
+
+@pytest.mark.slow
+def test_headings_do_not_leap_where_a_window_begins(junction):
+    """They leapt by up to 13 degrees, as paths do."""
+    found = rolled(junction, model="path-diffuser", duration_s=10.0).scenario
+    _, bend = seams(found, 10)
+    assert len(bend) > 100
+    assert bend.max() < 0.01
 
 
 class Brakes:
