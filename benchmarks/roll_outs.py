@@ -21,7 +21,11 @@ from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.metrics.road.off_road import departures
 from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.experiments.closed_loop.roll_out import RollOutRequest, roll_out
+from pd_editor.experiments.closed_loop.roll_out import (
+    RollOut,
+    RollOutRequest,
+    roll_out,
+)
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
@@ -51,7 +55,7 @@ class Brakes:
         return Controls(acceleration_mps2=np.full(30, -4.0), curvature_1pm=np.zeros(30))
 
 
-def run(request: RollOutRequest, generator) -> tuple[object, float, list[float]]:
+def run(request: RollOutRequest, generator) -> tuple[RollOut, float, list[float]]:
     """The roll-out, its processor time, and that of each window."""
     steps, began, marks = roll_out(request, generator), time.process_time(), []
     last, message = began, ""
