@@ -1,4 +1,4 @@
-"""Switches of branches by real clicks, on a real scene with 100 agents.
+"""Switches of branches by real clicks, and frames played, of a real scene with 100 agents.
 
 Needs PD_EDITOR_AV2 and Chromium. Run as ``python -m benchmarks.branches``. One branch
 moves 100 agents, the other bends the road. A switch takes from the click until the page
@@ -38,9 +38,16 @@ SWITCH = """async ([selector, index]) => {
   return performance.now() - begun;
 }"""
 
+PLAY = """async () => {
+  const drawn = () => __viserTestpoints.rendererInfo.render.frame;
+  const [first, begun] = [drawn(), performance.now()];
+  await new Promise((done) => setTimeout(done, 8000));
+  return (1000 * (drawn() - first)) / (performance.now() - begun);
+}"""
+
 
 def main() -> None:
-    """Switch to and fro, and print the medians."""
+    """Switch to and fro, play, and print the medians."""
     folder = Path(os.environ["PD_EDITOR_AV2"]) / "train" / SCENARIO_ID
     in_page: dict[int, list[float]] = {0: [], 1: [], 2: []}
     on_server: dict[int, list[float]] = {0: [], 1: [], 2: []}
@@ -94,6 +101,10 @@ def main() -> None:
                 editor.until(lambda done=done: done, "a switch")
                 on_server[number % 3].extend(done)
                 editor.page.wait_for_timeout(300)
+            editor.select(())
+            editor.key("u")
+            editor.key("Space")
+            print(f"{editor.page.evaluate(PLAY):.1f} frames a second while playing")
         finally:
             app.stop()
     for index, name in enumerate(("the recording", "100 moved", "bent")):

@@ -199,6 +199,7 @@ export function showBox(isShown: boolean): void {
 // Parts of viser's panel.
 export const TAB = "[role=tab]";
 export const SCROLLED = "[data-scrollarea-viewport]";
+export const LIST = "input.mantine-Select-input";
 export const SLIDER = "[class*=Slider-root]";
 export const FIELD = ".mantine-NumberInput-root, .mantine-TextInput-root";
 export const NUMBER = "input.mantine-NumberInput-input";

@@ -189,6 +189,7 @@ def test_place_duplicate_turn_and_delete(editor):
 def test_a_dragged_anchor_friction_and_writing_to_a_folder(editor, tmp_path):
     session = editor.session
     editor.open_tab("Road")
+    editor.open_folder("Where it bends")
     editor.choose("Anchor", "A point that I drag")
     editor.fill("Bend", 8)
     editor.until(lambda: len(labels(editor)) == 1, "a warp")

@@ -76,6 +76,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     # New agents take the place of all but the locked one, focal or not.
     editor.open_folder("More settings")
     editor.tick("Keep focal agent")
+    editor.open_folder("How many")
     for kind in ("Buses", "Motorcyclists", "Cyclists", "Pedestrians"):
         editor.fill(kind, 0)
     editor.fill("Vehicles", 3)

@@ -26,12 +26,13 @@ def test_a_bare_road_gets_agents_and_trajectories(editor):
     editor.until(lambda: len(session.scenario.agents) == 0, "a bare road")
     editor.page.wait_for_timeout(800)
     assert editor.page.get_by_text("A bug in the editor").count() == 0
+    editor.open_folder("How many")
     editor.fill("Vehicles", 9)
     editor.fill("Pedestrians", 2)
     for label in ("Buses", "Cyclists", "Motorcyclists"):
         editor.fill(label, 0)
     editor.set_number("Samples", 2)
-    editor.run("Resample", "everybody")
+    editor.run("Fill", "road")
     editor.until(lambda: len(session.scenario.agents) == 11, "agents", 120)
     editor.screenshot("30_resampled")
     drawn = session.scenario
@@ -68,7 +69,7 @@ def test_as_many_as_suit_the_road_on_the_road_only(editor):
     editor.open_tab("Generate")
     editor.tick("As many as fit")
     editor.open_folder("More settings")
-    editor.choose("Share that moves", "Half")
+    editor.choose("Moving agents", "Half")
     editor.run("Resample", "everybody")
     editor.until(lambda: len(session.entries) == 1, "agents", 120)
     editor.page.get_by_text("50% were asked for").wait_for()

@@ -226,6 +226,7 @@ def test_shape_and_anchors_of_the_road_panel(editor):
     expect(reset).to_be_disabled()
     bend = editor.row("Bend")
     start = top_of(reset) - top_of(bend)
+    editor.open_folder("Where it bends")
     editor.row("Anchor").locator("input").first.click()
     options = editor.page.get_by_role("option").all_inner_texts()
     assert "Selected agent" not in options
@@ -380,6 +381,7 @@ def test_a_slider_dragged_with_a_rest_is_one_edit_and_the_tabs_stay_in_sight(edi
     """
     page, session = editor.page, editor.session
     editor.open_tab("Road")
+    editor.open_folder("Where it bends")
     tab_bar = page.get_by_role("tab", name="Road", exact=True)
     top = top_of(tab_bar)
     thumb = editor.row("Bend").get_by_role("slider")

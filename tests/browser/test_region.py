@@ -63,6 +63,7 @@ def test_a_region_is_drawn_cleared_and_filled(editor, view):
 
     before = session.scenario
     inside = set(region.held(before, before.agents.ids)) - {before.focal_id, "AV"}
+    editor.open_folder("How many")
     editor.fill("Vehicles", 2)
     for other in ("Buses", "Motorcyclists", "Cyclists", "Pedestrians"):
         editor.fill(other, 0)

@@ -33,6 +33,7 @@ def until_shown(editor, scenario, what: str) -> None:
 
 
 def test_roll_out_cancel_undo_and_redo(editor, monkeypatch):
+    editor.open_folder("Roll out in closed loop")
     opened, playback = editor.session.scenario, editor.workspace.playback
     roll_out = editor.page.get_by_role("button", name="Roll out", exact=True)
 

@@ -169,6 +169,7 @@ def test_resampled_agents_are_offered_as_samples(editor):
     session = editor.session
     editor.set_number("Samples", 2)
     editor.choose("Where", "In the middle of my view (125 m square)")
+    editor.open_folder("How many")
     editor.fill("Vehicles", 3)
     for label in ("Pedestrians", "Buses", "Cyclists", "Motorcyclists"):
         editor.fill(label, 0)

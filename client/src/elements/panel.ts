@@ -55,6 +55,17 @@ define("panel", (api) => {
     { capture: true },
   );
 
+  // A list that opened as the focus came by would cover what comes after it.
+  let pressed = "";
+  const note = (event: Event) => {
+    pressed = event instanceof KeyboardEvent ? event.key : "";
+  };
+  for (const type of ["keydown", "pointerdown"] as const) listen(document, type, note, { capture: true });
+  const leaveShut = (event: FocusEvent) => {
+    if (pressed === "Tab" && within(event, viser.LIST)) event.stopPropagation();
+  };
+  listen(document, "focusin", leaveShut, { capture: true });
+
   // viser tells a slider's values, not that the pointer has let go of it. Outside of the
   // window no pointer tells either: a slider is let go when the window is left.
   let isHeld = false;

@@ -164,7 +164,7 @@ class GenerationPanel:
                 "Denoising steps", 1, MAX_STEPS, 1, 4, hint="More are slower"
             )
             self._guidance = gui.add_slider(
-                "Keep to lanes",
+                "Lane guidance",
                 0.0,
                 1.0,
                 0.05,
@@ -202,14 +202,17 @@ class GenerationPanel:
             self._fits = gui.add_checkbox(
                 "As many as fit", False, hint="The model chooses how many suit the road"
             )
-            self._counts = {
-                kind: gui.add_number(label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1)
-                for kind, label in KIND_LABELS.items()
-            }
+            with gui.add_folder("How many", expand_by_default=False):
+                self._counts = {
+                    kind: gui.add_number(
+                        label, 0, min=0, max=MAX_AGENTS_OF_A_KIND, step=1
+                    )
+                    for kind, label in KIND_LABELS.items()
+                }
             clear = gui.add_button("Clear the road", color="gray")
             with gui.add_folder(RESAMPLING_SETTINGS, expand_by_default=False):
                 self._moving = gui.add_dropdown(
-                    "Share that moves",
+                    "Moving agents",
                     tuple(MOVING_SHARES),
                     hint="Of the agents placed",
                 )

@@ -56,7 +56,7 @@ class LiveSwitch:
         gui, view = ui.client.gui, ui.workspace.view
         scope = next(name for name, kept in _SCOPES.items() if kept == view.live_agents)
         self._scope = gui.add_dropdown(
-            "Live: agents",
+            "React live",
             tuple(_SCOPES),
             initial_value=scope,
             hint="That follow while you drag an agent, a slider or a goal (Shift+R)",

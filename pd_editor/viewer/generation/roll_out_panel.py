@@ -106,7 +106,7 @@ class RollOutInput(RunInput):
 
 
 class RollOutPanel:
-    """The folder "Roll out": how long, which policy, and whom it drives."""
+    """The folder of roll-outs: how long, which policy, and whom it drives."""
 
     def __init__(self, ui: UiContext, start: Callable[[float, str], None]) -> None:
         """Build it; ``start`` is called with the seconds and the name of the policy."""
@@ -115,7 +115,7 @@ class RollOutPanel:
         gui = ui.client.gui
         shipped = (IdmOnRoute, LogReplay, ConstantVelocity)
         names = dict.fromkeys([*(one.name for one in shipped), *installed_policies()])
-        with gui.add_folder("Roll out"):
+        with gui.add_folder("Roll out in closed loop", expand_by_default=False):
             self._length = gui.add_dropdown(
                 "Duration", LENGTHS, hint="The scene goes on for so long"
             )

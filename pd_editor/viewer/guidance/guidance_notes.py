@@ -229,7 +229,7 @@ def report_of(report: GuidanceReport) -> RunReport:
         left = len(report.outcomes) - count
         tone: Tone = "good" if obeyed == count else "bad"
         more = f"; {left} had no effect" if left else ""
-        lines.append(Line(tone=tone, text=f"Terms obeyed: {obeyed} of {count}{more}"))
+        lines.append(Line(tone=tone, text=f"Guidance met: {obeyed} of {count}{more}"))
     cost = report.cost
     worse = () if cost is None else cost.worse()
     if worse:

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (c81b54001fddb1bf); not to be edited. */
+/* Built by .ci/client.py from client/ (2ab7c113175866bf); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -101,6 +101,7 @@
   }
   var TAB = "[role=tab]";
   var SCROLLED = "[data-scrollarea-viewport]";
+  var LIST = "input.mantine-Select-input";
   var SLIDER = "[class*=Slider-root]";
   var FIELD = ".mantine-NumberInput-root, .mantine-TextInput-root";
   var NUMBER = "input.mantine-NumberInput-input";
@@ -2443,6 +2444,15 @@
       },
       { capture: true }
     );
+    let pressed = "";
+    const note = (event) => {
+      pressed = event instanceof KeyboardEvent ? event.key : "";
+    };
+    for (const type of ["keydown", "pointerdown"]) listen(document, type, note, { capture: true });
+    const leaveShut = (event) => {
+      if (pressed === "Tab" && within(event, LIST)) event.stopPropagation();
+    };
+    listen(document, "focusin", leaveShut, { capture: true });
     let isHeld = false;
     function release() {
       if (!isHeld) return;

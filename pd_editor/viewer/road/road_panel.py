@@ -133,7 +133,7 @@ class RoadPanel:
         self._reset = gui.add_button(
             "Reset road", icon=viser.Icon.ARROW_BACK_UP, color="gray", disabled=True
         )
-        with gui.add_folder("Where it bends"):
+        with gui.add_folder("Where it bends", expand_by_default=False):
             self._build_anchor(gui)
         with gui.add_folder("Shape", expand_by_default=False):
             self._build_shape(gui)

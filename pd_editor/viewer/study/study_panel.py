@@ -134,7 +134,7 @@ class StudyPanel:
             }
             self._powers = gui.add_dropdown("Powers", tuple(POWERS))
             self._anchors = gui.add_dropdown(
-                "Warps ahead of", tuple(ANCHOR_CHOICES), hint="Where the warps begin"
+                "Warp anchor", tuple(ANCHOR_CHOICES), hint="Where the warps begin"
             )
             self._sums = gui.add_text(
                 "Sums of warps",

@@ -95,7 +95,7 @@ def labels(tab: FakeTab) -> list[str]:
 
 def test_options_reach_the_request(tab, placing):
     tab.type("Denoising steps", 9)
-    tab.type("Keep to lanes", 0.7)
+    tab.type("Lane guidance", 0.7)
     tab.hear("run", kind="samples", value=3)
     run_to_end(tab, "regenerate")
     (request,) = placing.requests
@@ -114,7 +114,7 @@ def test_untouched_guidance_is_the_models_own_choice(tab, placing):
 
 
 def test_a_plain_generator_is_offered_without_what_it_does_not_know(tab, placing):
-    options = [tab.field(label) for label in ("Denoising steps", "Keep to lanes")]
+    options = [tab.field(label) for label in ("Denoising steps", "Lane guidance")]
     assert [handle.value for handle in options] == [6, 0.4]
     tab.type("Model", "plain")
     assert all(handle.disabled for handle in (*options, tab.field("Replace")))
@@ -193,7 +193,7 @@ def test_a_road_that_was_never_full_is_filled_by_one_click(tmp_path, placing):
 def test_the_model_may_choose_how_many(tab, placing):
     assert tab.offers("Vehicles")
     tab.type("As many as fit", True)
-    tab.type("Share that moves", "A quarter")
+    tab.type("Moving agents", "A quarter")
     assert tab.field("Only on the road").value
     assert not tab.offers("Vehicles")
     run_to_end(tab, "resample")

@@ -65,7 +65,7 @@ def reacting(tab: FakeTab) -> tuple[str, ...]:
 
 
 def choose(tab: FakeTab, scope: str) -> None:
-    tab.type("Live: agents", scope)
+    tab.type("React live", scope)
 
 
 def move(tab: FakeTab, agent_id: str, dx_m: float) -> None:

@@ -117,7 +117,7 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
         }
     ]
     tones = {line["text"]: line["tone"] for line in state["report"]}
-    assert tones["Terms obeyed: 1 of 1"] == "good"
+    assert tones["Guidance met: 1 of 1"] == "good"
     assert tones["Agent 100 brakes with 9.1 m/s2."] == "warn"
     (worse,) = (text for text in tones if text.startswith("Guidance made the scene"))
     assert "2 instead of 0 agents collide" in worse
@@ -156,12 +156,12 @@ def test_a_term_that_changes_after_the_run_has_no_outcome(guided: FakeTab):
     state = panel(guided)
     assert state["rows"][0]["notes"] == [{"tone": "warn", "text": NOT_RUN}]
     assert state["action"] == TAKE_UNGUIDED
-    # (W20) "Terms obeyed: 1 of 1" stood there as if it were of the present terms.
+    # (W20) "Guidance met: 1 of 1" stood there as if it were of the present terms.
     head, *former = state["report"]
     assert head["text"].startswith("1 of 1 terms not run yet.")
-    assert {"tone": "plain", "text": "Terms obeyed: 1 of 1"} in former
+    assert {"tone": "plain", "text": "Guidance met: 1 of 1"} in former
     guided.run(guided.session.undo)
-    assert panel(guided)["report"][0]["text"] == "Terms obeyed: 1 of 1"
+    assert panel(guided)["report"][0]["text"] == "Guidance met: 1 of 1"
 
 
 def test_contradictions_are_told_beside_the_terms_and_before_a_run(
@@ -254,7 +254,7 @@ def test_a_run_is_told_again_after_its_work_was_continued(tmp_path: Path):
         state = panel(tab)
         (note,) = state["rows"][0]["notes"]
         assert note["text"].startswith("Asked: 5.0 m/s")
-        assert [line["text"] for line in state["report"]] == ["Terms obeyed: 1 of 1"]
+        assert [line["text"] for line in state["report"]] == ["Guidance met: 1 of 1"]
         # Nothing is known of the unguided sample.
         assert state["figures"] == []
         assert state["action"] is None

@@ -1,0 +1,53 @@
+"""How many controls the panel and the run bar show at once."""
+
+import pytest
+
+from tests.browser.editor_page import PAUSE_MS
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+MOST = {"Road": 12, "Generate": 12, "View": 13, "Scene": 19, "Study": 20, "Agents": 21}
+"""By tab; the goal is 14."""
+COUNT = """() => {
+  const seen = [...document.querySelectorAll('input:not([type=hidden]), button, select')]
+    .filter((one) => {
+      const place = one.closest('[data-scrollarea-viewport], [role=group][aria-label=Run]');
+      const { top, height } = one.getBoundingClientRect();
+      const isThere = one.checkVisibility({ checkVisibilityCSS: true }) && height > 0;
+      const isInSight = isThere && top + height / 2 < innerHeight && !one.closest('[inert]');
+      const isPart = one.matches('.mantine-NumberInput-control');
+      const isOffered = !one.disabled && !one.matches('[data-disabled]');
+      return place && isInSight && isOffered && !isPart;
+    });
+  return seen.map((one) => one.ariaLabel || one.labels?.[0]?.textContent
+    || one.textContent.trim());
+}"""
+
+
+def test_few_controls_are_seen_at_once(open_editor):
+    editor = open_editor()
+    editor.page.set_viewport_size({"width": 1280, "height": 720})
+    editor.go_to_now()
+    for tab, most in MOST.items():
+        editor.open_tab(tab)
+        if tab == "Agents":
+            editor.select((editor.session.scenario.focal_id,))
+        editor.page.wait_for_timeout(4 * PAUSE_MS)
+        shown = editor.page.evaluate(COUNT)
+        assert 5 < len(shown) <= most, (tab, shown)
+
+
+def test_tab_passes_lists_without_opening_them(open_editor):
+    """A list that opened lay on the fields below."""
+    editor = open_editor()
+    editor.go_to_now()
+    editor.select((editor.session.scenario.focal_id,))
+    editor.open_tab("Agents")
+    page = editor.page
+    editor.row("Heading (deg)").locator("input:not([type=hidden])").first.click()
+    page.keyboard.press("Tab")
+    assert page.locator("input.mantine-Select-input:focus").count() == 1
+    page.wait_for_timeout(4 * PAUSE_MS)
+    assert page.locator("[role=listbox]:visible").count() == 0
+    page.keyboard.press("ArrowDown")
+    page.locator("[role=option]:visible").first.wait_for()
