@@ -342,6 +342,13 @@ export interface SceneFacet {
   readonly choices: readonly (Choice)[];
 }
 
+export interface BulkButton {
+  readonly name: string;
+  readonly text: string;
+  readonly hint: string;
+  readonly isOn: boolean;
+}
+
 export interface StartPageState {
   readonly isOpen: boolean;
   readonly source: string;
@@ -353,6 +360,7 @@ export interface StartPageState {
   readonly facets: readonly (SceneFacet)[];
   readonly index: string;
   readonly isIndexing: boolean;
+  readonly bulk: readonly (BulkButton)[];
   readonly tiles: readonly (SceneTile)[];
   readonly first: number;
   readonly total: number;
@@ -364,7 +372,7 @@ export interface ScenePictureState {
 }
 
 export interface StartPageEvent {
-  readonly kind: "close" | "common" | "draw" | "facet" | "index" | "line" | "open" | "page" | "reject" | "save" | "source" | "tick";
+  readonly kind: "bulk" | "close" | "common" | "draw" | "facet" | "index" | "line" | "open" | "page" | "reject" | "save" | "source" | "tick";
   readonly value?: string;
   readonly name?: string;
   readonly first?: number;

@@ -248,14 +248,18 @@ def test_a_library_is_opened_again_as_a_list(open_editor, tmp_path):
     with editor.page.expect_file_chooser() as chooser:
         editor.press("Upload files")
     chooser.value.set_files(upload)
-    dialog = editor.page.get_by_role("dialog")
-    expect(dialog.get_by_role("button", name=first, exact=True)).to_be_visible()
+    page = editor.page
+    expect(page.get_by_role("tab", name="Zip 2")).to_have_attribute(
+        "aria-selected", "true"
+    )
+    tile = page.locator(".pd-start-tile.pd-start-drawn")
+    expect(tile).to_have_count(2)
     editor.screenshot("41_zip")
-    dialog.get_by_role("button", name=second, exact=True).click()
+    tile.filter(has_text=second).click()
     editor.until(lambda: session.base.scenario_id == second, "the second one")
     editor.press("Continue with its 2 edits")
     editor.until(lambda: session.state.position == 2, "its edits")
     editor.until(lambda: workspace.is_exported, "what the zip holds")
-    editor.press("Scenarios of library.zip")
-    dialog.get_by_role("button", name=first, exact=True).click()
+    editor.key("n")
+    tile.filter(has=page.get_by_text(first, exact=True)).click()
     editor.until(lambda: session.base.scenario_id == first, "the first one")

@@ -23,6 +23,7 @@ define("startPage", (api) => {
   let cursor = 0; // index in the whole list
   let takesFocus = false;
   let asked = new Set<string>();
+  let drawn: StartPageState["bulk"] = [];
 
   const page = make("section", "pd-start-page", { "aria-label": "All scenarios" });
   const sources = make("div", "pd-start-sources", { role: "tablist", "aria-label": "Sources" });
@@ -49,6 +50,18 @@ define("startPage", (api) => {
   );
   const range = make("span");
   pages.append(before, range, after);
+  const bulk = make("div", "pd-start-bulk", { role: "toolbar", "aria-label": "For several scenarios" });
+  const tags = make("input", "pd-start-line", {
+    type: "text",
+    placeholder: "Tags, with commas",
+    "aria-label": "Tags of these",
+    maxlength: 500,
+    spellcheck: "false",
+  });
+  const doBulk = (name: string) => tell({ kind: "bulk", name, value: tags.value });
+  tags.addEventListener("keydown", (event) => {
+    if (event.key === "Enter") doBulk("tag");
+  });
   const keys = make(
     "p",
     "pd-start-keys",
@@ -57,7 +70,7 @@ define("startPage", (api) => {
   );
   const foot = make("footer", "pd-start-foot");
   foot.append(keys, pages);
-  page.append(head, common, row, list, foot);
+  page.append(head, common, row, list, bulk, foot);
   page.hidden = true;
   api.box.append(page);
 
@@ -227,6 +240,22 @@ define("startPage", (api) => {
     );
   }
 
+  function showBulk(next: StartPageState) {
+    bulk.hidden = !next.bulk.length;
+    if (JSON.stringify(next.bulk) === JSON.stringify(drawn)) return;
+    drawn = next.bulk;
+    const held = bulk.contains(document.activeElement) ? (document.activeElement as HTMLElement) : null;
+    const made = next.bulk.map(({ name, text, hint, isOn }) => {
+      const one = button("", text, () => doBulk(name), { title: hint });
+      one.dataset.name = name;
+      one.disabled = !isOn;
+      return one;
+    });
+    const [tick, ...others] = made;
+    bulk.replaceChildren(...(tick ? [tick] : []), tags, ...others);
+    (held === tags ? tags : made.find((one) => one.dataset.name === held?.dataset.name))?.focus();
+  }
+
   let late: ReturnType<typeof setTimeout> | undefined;
   line.addEventListener("input", () => {
     clearTimeout(late);
@@ -291,6 +320,7 @@ define("startPage", (api) => {
     told.classList.toggle("pd-bad", next.isWrong);
     index.hidden = !next.index;
     index.textContent = next.index;
+    showBulk(next);
     const isSame = former?.isOpen && JSON.stringify(former.tiles) === JSON.stringify(next.tiles);
     const isOther = former?.source !== next.source || former.line !== next.line || former.first !== next.first;
     if (opens) takesFocus = true;

@@ -14,7 +14,7 @@ from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, STUDY, Hints, Sid
 from pd_editor.viewer.controls.view_panel import ViewPanel
 from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.files.family_panel import FamilyPanel
-from pd_editor.viewer.files.library_panel import LibraryPanel
+from pd_editor.viewer.files.library_actions import LibraryActions
 from pd_editor.viewer.files.scenario_panel import ScenarioPanel
 from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.findings.scorecard_drawer import ScorecardDrawer
@@ -93,7 +93,7 @@ class TabElements:
         with tabs.add_tab(SCENE):
             self.scenario = ScenarioPanel(ui, self.start)
             self.export = ExportPanel(ui)
-            self.library = LibraryPanel(ui, self.export, self.start)
+            self.library = LibraryActions(ui, self.export, self.start)
         with tabs.add_tab("Road"):
             self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
             self.bending = Bending(ui, self.road)

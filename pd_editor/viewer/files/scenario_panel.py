@@ -1,22 +1,15 @@
 """The scenario panel: shows the open scenario, and opens demos, folders and uploads."""
 
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import viser
 
 from pd_editor.base.errors import ArchiveError, InputError
-from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.editor.scenario_store import is_foreign
-from pd_editor.scene.av2_io.upload import (
-    MAX_UPLOAD_BYTES,
-    scenario_from_upload,
-    scenario_of_upload,
-    scenarios_in_upload,
-)
+from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES, scenarios_in_upload
 from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
@@ -24,7 +17,8 @@ from pd_editor.viewer.files.map_window import MapWindowCard
 from pd_editor.viewer.files.moment_dialog import MomentDialog
 from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.server.server_guard import limit_uploads
-from pd_editor.viewer.tab.panel_style import FixedText, PictureRows, plain
+from pd_editor.viewer.state.workspace import UploadedZip
+from pd_editor.viewer.tab.panel_style import FixedText, plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
 CARD_LINES: Final = 4
@@ -39,15 +33,12 @@ class ScenarioPanel:
 
     def __init__(self, ui: UiContext, start: StartPage) -> None:
         """Build it into the current tab."""
-        self._ui = ui
+        self._ui, self._start = ui, start
         self._workspace = ui.workspace
         self._uploads: dict[str, bytes] = {}
         self._base: Scenario | None = None
         self._dialog: Any = None
-        self._zip: tuple[str, Mapping[str, bytes], tuple[str, ...]] | None = None
-        """Name, files and scenarios of the last upload with several scenarios."""
         gui = ui.client.gui
-        self._rows = PictureRows(gui)
         self._card = FixedText(gui, CARD_LINES)
         self._cut = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._cut, self._workspace.open_cut)
@@ -74,9 +65,7 @@ class ScenarioPanel:
                 hint="A zip, or a parquet with its map; OpenDRIVE, Lanelet2, SUMO, CommonRoad, "
                 "ScenarioNet and GPUDrive files; downloaded edits (.recipe.json)",
             )
-            self._of_zip = gui.add_button("", color="gray", visible=False)
         ui.model.shown.subscribe(self.show)
-        ui.on_click(self._of_zip, self._choose_scenario)
         ui.on_click(show_all, start.toggle)
         ui.on_click(open_folder, self._open_folder)
 
@@ -203,53 +192,16 @@ class ScenarioPanel:
         self._uploads = {}
         several = scenarios_in_upload(files)
         if several:
-            self._zip = name, files, several
-            self._choose_scenario()
+            self._workspace.uploaded_zip = UploadedZip(files=files, names=several)
+            self._start.open("zip")
             return
         self._ui.commit_gesture()
         self._workspace.open_upload(files)
 
-    def _choose_scenario(self) -> None:
-        """Let the user choose among the scenarios of the zip that was uploaded last."""
-        if self._zip is None:
-            return
-        name, files, several = self._zip
-        self._close_dialog()
-        label = f"Scenarios of {name[:40]}"
-        set_property(self._of_zip, "label", label)
-        set_property(self._of_zip, "visible", True)
-        gui = self._ui.client.gui
-        self._dialog = gui.add_modal(label)
-        with self._dialog:
-            rows = self._rows = PictureRows(gui)
-            buttons = [rows.add(one) for one in several]
-            cancel = gui.add_button("Cancel", color="gray")
-        for button, one in zip(buttons, several, strict=True):
-            self._ui.on_click(
-                button, lambda one=one: self._answered(lambda: self._open_one(one))
-            )
-        self._ui.on_click(cancel, self._close_dialog)
-
-        def picture(one: str) -> str:
-            return thumbnail(scenario_from_upload(scenario_of_upload(files, one)))
-
-        rows.draw_later(
-            self._ui.post,
-            [
-                (button, partial(picture, one))
-                for button, one in zip(buttons, several, strict=True)
-            ],
-        )
-
-    def _open_one(self, name: str) -> None:
-        assert self._zip is not None
-        self._ui.commit_gesture()
-        self._workspace.open_upload(scenario_of_upload(self._zip[1], name))
-
     def _close_dialog(self) -> None:
         if self._dialog is not None:
             self._dialog.close()
-            self._rows.is_closed, self._dialog = True, None
+            self._dialog = None
 
     def _upload_refused(self, name: str, size_bytes: int) -> None:
         limit, size = MAX_UPLOAD_BYTES >> 20, size_bytes / 2**20

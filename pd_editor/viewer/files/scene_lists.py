@@ -24,8 +24,9 @@ from pd_editor.experiments.scene_index.find import (
     find_scenes,
 )
 from pd_editor.experiments.scene_index.index_file import SceneIndex
+from pd_editor.scene.av2_io.upload import scenario_from_upload, scenario_of_upload
 from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
-from pd_editor.viewer.overlay.messages import Choice, SceneFacet, SceneTile
+from pd_editor.viewer.overlay.messages import BulkButton, Choice, SceneFacet, SceneTile
 from pd_editor.viewer.scene.timeline import in_seconds
 from pd_editor.viewer.state.index_run import IndexRun
 from pd_editor.viewer.state.session_shelf import KeptWork
@@ -50,6 +51,7 @@ _ORDERS: Final = {
     "problems": "Most problems",
     "agents": "Most agents",
 }
+_ZIP: Final = "One zip in the format under Scene, Export: a folder each, and index.csv"
 _WITH_FUTURE: Final = "With a logged future"
 
 
@@ -64,7 +66,8 @@ class SceneList(ABC, Generic[Item]):
         self._ui, self._workspace = ui, ui.workspace
         self.items: Sequence[Item] = ()
         self.wrong = ""
-        """Why the line is no query, if that is why nothing is found."""
+        """Why the line is no query, if no scene has its words either; what was found before
+        then stays."""
 
     @property
     def told(self) -> str:
@@ -94,6 +97,10 @@ class SceneList(ABC, Generic[Item]):
 
     def facets(self) -> tuple[SceneFacet, ...]:
         """Menus that filter or sort."""
+        return ()
+
+    def bulk(self) -> tuple[BulkButton, ...]:
+        """Buttons for several at once."""
         return ()
 
     def place(self, _item: Item) -> str:
@@ -162,12 +169,53 @@ class DemoList(SceneList[str]):
         self._workspace.open_reference(item)
 
 
+class ZipList(SceneList[str]):
+    """Scenes of the zip that was uploaded last."""
+
+    def look(self) -> None:
+        """Find words of the line in names."""
+        uploaded = self._workspace.uploaded_zip
+        names = () if uploaded is None else uploaded.names
+        self.items = [one for one in names if self._has_words(one)]
+
+    @property
+    def told(self) -> str:
+        """Name of the zip."""
+        uploaded = self._workspace.uploaded_zip
+        return "" if uploaded is None else next(iter(uploaded.files))
+
+    def tile(self, item: str) -> SceneTile:
+        """Its name."""
+        return SceneTile(
+            key=item,
+            title=item,
+            lines=(),
+            picture=f"{self.told} {item}",
+            is_open=self._workspace.session.base.scenario_id == item,
+        )
+
+    def picture(self, item: str) -> str:
+        """The scene at t = 0."""
+        return thumbnail(scenario_from_upload(self._files(item)))
+
+    def open(self, item: str) -> None:
+        """Open it as if it had been uploaded alone."""
+        self._workspace.open_upload(self._files(item))
+
+    def _files(self, item: str) -> dict[str, bytes]:
+        uploaded = self._workspace.uploaded_zip
+        assert uploaded is not None
+        return scenario_of_upload(uploaded.files, item)
+
+
 class DatasetList(SceneList[ScenarioCard]):
     """Scenes of the dataset, as far as the search has come."""
 
     def __init__(self, ui: UiContext) -> None:
         """Look at the index."""
         super().__init__(ui)
+        self._fault = ""
+        """Why the line is no query."""
         self.run = ui.workspace.index_run
         if self.run is not None:
             self.run.look()
@@ -181,13 +229,13 @@ class DatasetList(SceneList[ScenarioCard]):
         dataset, found = workspace.dataset, None
         if dataset is None or self.run is None:
             return
-        self.wrong = ""
+        self._fault = ""
         if start.line.strip():
             found = dict[Path, FoundScene]()
             try:
                 scenes = find_scenes(self.run.index, start.line)
             except InputError as error:
-                self.wrong = str(error)
+                self._fault = str(error)
             else:
                 root = dataset.root
                 found = {root / os.path.relpath(one.path, root): one for one in scenes}
@@ -209,7 +257,10 @@ class DatasetList(SceneList[ScenarioCard]):
     def follow(self) -> None:
         """Take what the search has found by now."""
         search = self._workspace.search
-        self.items = () if search is None else search.cards
+        cards = () if search is None else search.cards
+        self.wrong = "" if cards else self._fault
+        if not self.wrong:
+            self.items = cards
 
     @property
     def told(self) -> str:
@@ -325,7 +376,13 @@ class LibraryList(SceneList[LibraryCard]):
             except InputError as error:
                 self.wrong = str(error)
             words = line.split()
-            cards = [card for card in cards if card.name in found or card.has(words)]
+            wanted = [card for card in cards if card.name in found or card.has(words)]
+            if wanted:
+                self.wrong = ""
+            elif self.wrong:
+                former = set(self.listed)
+                wanted = [card for card in cards if card.name in former]
+            cards = wanted
         self.items = sorted(cards, key=SORTS[self._workspace.start.sort])
 
     @property
@@ -336,6 +393,8 @@ class LibraryList(SceneList[LibraryCard]):
             empty = "Empty: S saves the scenario at hand here."
             return "" if self._workspace.start.line else empty
         marked = f"{ticked} ticked" if ticked else "buttons are for all of them"
+        if self._workspace.folders.is_local:
+            marked += f"; in {self._library.root}"
         indexed = run.words if run is not None and self._workspace.start.line else ""
         return f"{scenarios(len(self.items))}; {marked}. {indexed}".strip()
 
@@ -359,6 +418,30 @@ class LibraryList(SceneList[LibraryCard]):
         choices = tuple(Choice(value=one, text=text) for one, text in _ORDERS.items())
         value = self._workspace.start.sort
         return (SceneFacet(name="sort", label="Sort", value=value, choices=choices),)
+
+    def bulk(self) -> tuple[BulkButton, ...]:
+        """Buttons for what is ticked, or for all that is found."""
+        found, ticked = len(self.items), len(self.ticked)
+        removed, count = len(self._workspace.removed), ticked or found
+        if not found and not removed:
+            return ()
+        is_all = 0 < found == ticked
+        buttons = [
+            ("tick", "Tick none" if is_all else "Tick all", "", found > 0),
+            ("tag", f"Tag {count}", "Add these tags", found > 0),
+            ("untag", f"Untag {count}", "Take these tags away", found > 0),
+            ("compare", "Compare two", "The two ticked side by side", ticked == 2),
+            ("download", f"Download {count}", _ZIP, found > 0),
+            ("remove", f"Remove {ticked}", "Those that are ticked", ticked > 0),
+        ]
+        if removed:
+            buttons.append(
+                ("put-back", f"Put back {removed}", "All removed here", True)
+            )
+        return tuple(
+            BulkButton(name=name, text=text, hint=hint, is_on=is_on)
+            for name, text, hint, is_on in buttons
+        )
 
     def tile(self, item: LibraryCard) -> SceneTile:
         """Its problems, tags, descent, note and edits."""
@@ -401,8 +484,7 @@ class LibraryList(SceneList[LibraryCard]):
         self._workspace.removed = tuple(removed)
         self._ui.notify(
             f"{scenarios(len(names))} removed",
-            f"Put back {scenarios(len(removed))}, in the library, brings back what was"
-            " removed.",
+            f"Put back {len(removed)}, under the library, brings back what was removed.",
         )
 
     def _index(self) -> None:

@@ -17,6 +17,7 @@ from pd_editor.viewer.files.scene_lists import (
     RejectedList,
     SceneList,
     UnfinishedList,
+    ZipList,
     scenes,
 )
 from pd_editor.viewer.overlay.messages import Choice, ScenePictureState, StartPageState
@@ -44,12 +45,15 @@ class StartPage:
         self._lists: dict[Source, SceneList[Any]] = {
             "dataset": self.dataset,
             "demos": DemoList(ui),
+            "zip": ZipList(ui),
             "library": self.library,
             "unfinished": self._unfinished,
             "rejected": RejectedList(ui),
         }
         self.listed = Signal[()]()
         """Lists are shown again."""
+        self.acted = Signal[str, str]()
+        """A button for several scenarios was pressed: its name, and the tags beside it."""
         self._shown: dict[str, Any] = {}
         """What the page shows, by keys."""
         self._wanted: list[str] = []
@@ -143,7 +147,7 @@ class StartPage:
             index = "Cancel the indexing"
         elif source is self.dataset and run is not None and run.num_missing:
             index = f"Index {scenes(run.num_missing)}"
-        wrong = source.wrong if not total else ""
+        wrong = source.wrong
         self._ui.overlay.show(
             StartPageState(
                 is_open=start.is_open,
@@ -151,11 +155,14 @@ class StartPage:
                 sources=self._sources(),
                 line=start.line,
                 is_wrong=bool(wrong),
-                told=wrong or source.told or ("" if total else "Nothing found."),
+                told=f"{wrong} The list stays as it was."
+                if wrong
+                else source.told or ("" if total else "Nothing found."),
                 common=COMMON if run is not None else (),
                 facets=source.facets(),
                 index=index,
                 is_indexing=is_indexing,
+                bulk=source.bulk(),
                 tiles=tiles,
                 first=first,
                 total=total,
@@ -205,6 +212,10 @@ class StartPage:
             self._set_facet(event.get("name", ""), value)
         elif kind == "page":
             self._change(first=max(event.get("first", 0), 0))
+        elif kind == "bulk" and event.get("name") in [
+            one.name for one in self._list.bulk() if one.is_on
+        ]:
+            self.acted.emit(event["name"], value)
         elif kind == "index" and (run := self._list.run) is not None:
             (run.start if run.fraction is None else run.cancel)()
             self.follow()

@@ -431,6 +431,15 @@ class SceneFacet(Message, frozen=True):
     choices: tuple[Choice, ...]
 
 
+class BulkButton(Message, frozen=True):
+    """A button for several scenarios at once."""
+
+    name: str
+    text: str
+    hint: str
+    is_on: bool = True
+
+
 class StartPageState(Message, frozen=True):
     """A page of the scenarios of one source that pass the filter."""
 
@@ -446,6 +455,8 @@ class StartPageState(Message, frozen=True):
     index: str
     """Label of the button that indexes or cancels that; empty: there is none."""
     is_indexing: bool
+    bulk: tuple[BulkButton, ...]
+    """Those under the list; empty: there is no bar of them."""
     tiles: tuple[SceneTile, ...]
     first: int
     total: int
@@ -459,7 +470,7 @@ class ScenePictureState(Message, frozen=True):
 class StartPageEvent(Message, frozen=True):
     kind: Literal[
         "close", "source", "line", "common", "facet", "index", "page",
-        "draw", "open", "save", "reject", "tick",
+        "draw", "open", "save", "reject", "tick", "bulk",
     ]  # fmt: skip
     value: str = ""
     name: str = ""

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (2ab7c113175866bf); not to be edited. */
+/* Built by .ci/client.py from client/ (edefe4d9f3c87693); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2906,6 +2906,7 @@
     let cursor = 0;
     let takesFocus = false;
     let asked = /* @__PURE__ */ new Set();
+    let drawn = [];
     const page = make("section", "pd-start-page", { "aria-label": "All scenarios" });
     const sources = make("div", "pd-start-sources", { role: "tablist", "aria-label": "Sources" });
     const line = make("input", "pd-start-line", {
@@ -2931,6 +2932,18 @@
     );
     const range = make("span");
     pages.append(before, range, after);
+    const bulk = make("div", "pd-start-bulk", { role: "toolbar", "aria-label": "For several scenarios" });
+    const tags = make("input", "pd-start-line", {
+      type: "text",
+      placeholder: "Tags, with commas",
+      "aria-label": "Tags of these",
+      maxlength: 500,
+      spellcheck: "false"
+    });
+    const doBulk = (name) => tell({ kind: "bulk", name, value: tags.value });
+    tags.addEventListener("keydown", (event) => {
+      if (event.key === "Enter") doBulk("tag");
+    });
     const keys = make(
       "p",
       "pd-start-keys",
@@ -2939,7 +2952,7 @@
     );
     const foot = make("footer", "pd-start-foot");
     foot.append(keys, pages);
-    page.append(head3, common, row, list, foot);
+    page.append(head3, common, row, list, bulk, foot);
     page.hidden = true;
     api.box.append(page);
     function tell(event) {
@@ -3098,6 +3111,21 @@
         })
       );
     }
+    function showBulk(next) {
+      bulk.hidden = !next.bulk.length;
+      if (JSON.stringify(next.bulk) === JSON.stringify(drawn)) return;
+      drawn = next.bulk;
+      const held = bulk.contains(document.activeElement) ? document.activeElement : null;
+      const made = next.bulk.map(({ name, text, hint, isOn }) => {
+        const one = button("", text, () => doBulk(name), { title: hint });
+        one.dataset.name = name;
+        one.disabled = !isOn;
+        return one;
+      });
+      const [tick, ...others] = made;
+      bulk.replaceChildren(...tick ? [tick] : [], tags, ...others);
+      (held === tags ? tags : made.find((one) => one.dataset.name === held?.dataset.name))?.focus();
+    }
     let late;
     line.addEventListener("input", () => {
       clearTimeout(late);
@@ -3159,6 +3187,7 @@
       told.classList.toggle("pd-bad", next.isWrong);
       index.hidden = !next.index;
       index.textContent = next.index;
+      showBulk(next);
       const isSame = former2?.isOpen && JSON.stringify(former2.tiles) === JSON.stringify(next.tiles);
       const isOther = former2?.source !== next.source || former2.line !== next.line || former2.first !== next.first;
       if (opens) takesFocus = true;

@@ -67,7 +67,7 @@ class ViewMemory:
     """Title of the open tab of the panel; None for the first one."""
 
 
-Source = Literal["dataset", "demos", "library", "unfinished", "rejected"]
+Source = Literal["dataset", "demos", "zip", "library", "unfinished", "rejected"]
 
 
 @dataclass(frozen=True, kw_only=True)

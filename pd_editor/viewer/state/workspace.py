@@ -109,6 +109,15 @@ class OpenedEdits:
     source: str
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UploadedZip:
+    """The last upload with several scenarios."""
+
+    files: Mapping[str, bytes]
+    names: tuple[str, ...]
+    """Names of the scenarios."""
+
+
 class Workspace:
     """An editing session with playhead, dataset, library and exports."""
 
@@ -141,6 +150,7 @@ class Workspace:
         """What policies planned in roll-outs, with the edits that applied these."""
         self.removed: tuple[str, ...] = ()
         """Scenarios that were removed from the library, and can be put back."""
+        self.uploaded_zip: UploadedZip | None = None
         self.continuation: OpenedEdits | None = None
         """Edits that can be continued, if the open scenario is an export of the editor."""
         self.session = EditorSession(scenario, journal=shelf.new_journal())

@@ -1,21 +1,15 @@
 """Looks of single inputs that viser's own options do not reach."""
 
-import base64
 import html
-import logging
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import viser
 
-from pd_editor.base.errors import PdEditorError
-from pd_editor.editor.library.thumbnail import STANDS
 from pd_editor.viewer.tab.ui_context import set_property, set_value
 
-_LOG: Final = logging.getLogger(__name__)
 LINE_PX: Final = 20
-ROW_PX: Final = 72
 WITH_PAST: Final = "With a made-up past (5 s)"
 
 
@@ -61,81 +55,6 @@ class PanelStyle:
         for handle in handles:
             self._rules += [f'[id="{handle._impl.uuid}"]{rule}' for rule in rules]
         self._element.content = f"<style>{''.join(self._rules)}</style>"
-
-
-def _image(picture: str) -> str:
-    """SVG as a value of CSS."""
-    content = base64.b64encode(picture.encode()).decode()
-    return f'url("data:image/svg+xml;base64,{content}")' if picture else "none"
-
-
-class PictureRows:
-    """A list of buttons with a small picture at the left of each, and its text beside it."""
-
-    def __init__(self, gui: viser.GuiApi) -> None:
-        """Begin an empty list in the current container."""
-        self._gui = gui
-        self.is_closed = False
-        """Whether the list is gone, so that no picture is needed any more."""
-        self._rules: dict[str, str] = {}
-        self._element = gui.add_html("")
-
-    def add(
-        self,
-        label: str,
-        picture: str = "",
-        *,
-        hint: str = "",
-    ) -> viser.GuiButtonHandle:
-        """Add a row to the current container; ``picture`` is SVG."""
-        row = self._gui.add_button(label, color="gray", hint=hint or None)
-        self.draw(row, picture)
-        return row
-
-    def draw(self, row: viser.GuiButtonHandle, picture: str) -> None:
-        """Show another picture in a row."""
-        uuid = row._impl.uuid
-        image, moves = (_image(one) for one in (picture, picture.replace(STANDS, "")))
-        name = f'[id="{uuid}"]'
-        size = f"{ROW_PX * 3 // 2}px {ROW_PX - 2}px"
-        place = f"var(--picture) no-repeat left center/{size}"
-        self._rules[uuid] = (
-            f"{name}{{height:{ROW_PX}px !important;"
-            f"padding:0 0.6em 0 {ROW_PX * 3 // 2 + 8}px;"
-            "font-weight:500;color:var(--mantine-color-text);border-radius:3px;"
-            "border:1px solid rgba(128,144,160,0.4);"
-            f"--picture:{image};background:{place},rgba(128,144,160,0.1)}}"
-            # viser's own background of a button under the mouse is dark.
-            f"{name}:hover:not([data-disabled]){{color:var(--mantine-color-text);"
-            f"background:{place},rgba(128,144,160,0.22)}}"
-            f"@media (prefers-reduced-motion:no-preference)"
-            f"{{{name}:hover{{--picture:{moves}}}}}"
-            f"{name} .mantine-Button-inner{{justify-content:flex-start}}"
-            f"{name} .mantine-Button-section svg{{width:20px;height:20px}}"
-            f"{name} .mantine-Button-label{{display:block;height:auto;text-box:normal;"
-            "line-height:1.3;text-align:left;white-space:pre-line;overflow-wrap:anywhere;"
-            f"font-weight:400;max-height:{ROW_PX - 4}px;padding-left:8px}}"
-            f"{name} .mantine-Button-label::first-line{{font-weight:600}}"
-        )
-        self._show()
-
-    def draw_later(
-        self,
-        post: Callable[[Callable[[], None]], object],
-        pictures: Sequence[tuple[viser.GuiButtonHandle, Callable[[], str]]],
-    ) -> None:
-        """Make one picture after another, so that the page goes on meanwhile."""
-        if self.is_closed or not pictures:
-            return
-        (row, make), *others = pictures
-        try:
-            self.draw(row, make())
-        except PdEditorError as error:
-            _LOG.info("There is no picture of %s: %s", row.label, error)
-        post(lambda: self.draw_later(post, others))
-
-    def _show(self) -> None:
-        self._element.content = f"<style>{''.join(self._rules.values())}</style>"
 
 
 class FixedText:

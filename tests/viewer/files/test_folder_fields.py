@@ -23,7 +23,6 @@ OTHER_TEXT_FIELDS = {
     "Note",
     "Moments",
     "Sums of warps",
-    "Tags of these",
     "Vary",
     "overlay",
 }

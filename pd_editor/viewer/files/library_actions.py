@@ -1,9 +1,8 @@
-"""The library's panel: what is done with several kept scenarios together."""
+"""What is done with several kept scenarios together, from the bar of the start page."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
-
-import viser
+from typing import Final
 
 from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.base.errors import ExportError, InputError
@@ -14,77 +13,35 @@ from pd_editor.scene.formats.player import player_page
 from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.files.scene_lists import scenarios
 from pd_editor.viewer.files.start_page import StartPage
-from pd_editor.viewer.tab.panel_style import FixedText
-from pd_editor.viewer.tab.ui_context import UiContext, set_property
+from pd_editor.viewer.tab.ui_context import UiContext
 
-ZIP_NAME = "scenarios.zip"
-_ALL, _NONE = "All found", "Nothing"
+ZIP_NAME: Final = "scenarios.zip"
 
 
-class LibraryPanel:
-    """Buttons for what the list of the library shows, or for what of it is ticked."""
+class LibraryActions:
+    """Acts on what the library's list shows, or on what of it is ticked."""
 
     def __init__(self, ui: UiContext, export: ExportPanel, start: StartPage) -> None:
-        """Build it into the current container, as the last thing in it.
-
-        Scenarios are downloaded in the format that is chosen for exports.
-        """
+        """Scenarios are downloaded in the format that is chosen for exports."""
         self._export, self._start = export, start
         self._ui = ui
         self._workspace = ui.workspace
         self._library, self._scenes = ui.workspace.library, start.library
         self._followed: LibraryCard | None = None
         """Card of the current state when it was looked at last."""
-        gui = ui.client.gui
-        with gui.add_folder("Library"):
-            place = str(self._library.root) if self._workspace.folders.is_local else ""
-            FixedText(gui, 1).show("", place or "Of this browser.")
-            self._show_all = gui.add_button(
-                "Show library", icon=viser.Icon.LAYOUT_GRID, hint="Space ticks there"
-            )
-            self._count = FixedText(gui, 2)
-            self._tick = gui.add_button_group("Tick", (_ALL, _NONE))
-            self._add_buttons()
-        self._connect()
-        self._follow()
-
-    def _add_buttons(self) -> None:
-        gui = self._ui.client.gui
-        self._compare = gui.add_button(
-            "Compare two",
-            color="gray",
-            hint="A page that plays the two that are ticked side by side, on one clock",
-        )
-        self._download = gui.add_button(
-            "Download 0 scenarios",
-            icon=viser.Icon.DOWNLOAD,
-            hint="One zip, in the format above: a folder for each scenario, and index.csv",
-        )
-        self._tags = gui.add_text("Tags of these", "", hint="Separated by commas")
-        self._tag = gui.add_button("Tag 0 scenarios", color="gray")
-        self._untag = gui.add_button("Untag 0 scenarios", color="gray")
-        self._remove = gui.add_button(
-            "Remove 0 scenarios", color="gray", hint="Those that are ticked"
-        )
-        self._put_back = gui.add_button(
-            "Put back",
-            color="gray",
-            hint="All that was removed here",
-            visible=False,
-        )
-
-    def _connect(self) -> None:
-        ui = self._ui
-        ui.on_click(self._show_all, lambda: self._start.open("library"))
-        ui.on_option(self._tick, self._tick_found)
-        ui.on_click(self._compare, self._compare_ticked)
-        ui.on_click(self._download, self.download)
-        ui.on_click(self._tag, partial(self._change_tags, is_added=True))
-        ui.on_click(self._untag, partial(self._change_tags, is_added=False))
-        ui.on_click(self._remove, self._remove_chosen)
-        ui.on_click(self._put_back, self._put_removed_back)
+        self._actions: Mapping[str, Callable[[str], None]] = {
+            "tick": lambda _tags: self._tick_found(),
+            "tag": lambda tags: self._change_tags(tags, is_added=True),
+            "untag": lambda tags: self._change_tags(tags, is_added=False),
+            "compare": lambda _tags: self._compare_ticked(),
+            "download": lambda _tags: self._download(),
+            "remove": lambda _tags: self._remove_ticked(),
+            "put-back": lambda _tags: self._put_removed_back(),
+        }
         ui.model.save_requested.subscribe(self.save)
-        self._start.listed.subscribe(self._follow)
+        start.acted.subscribe(lambda name, tags: self._actions[name](tags))
+        start.listed.subscribe(self._follow_card)
+        self._follow_card()
 
     def save(self) -> None:
         """Save the current state to the library, or tell that it is there already.
@@ -104,7 +61,7 @@ class LibraryPanel:
             "warning" if card.row.problems else "success",
         )
 
-    def download(self) -> None:
+    def _download(self) -> None:
         """Hand the chosen scenarios to the browser as one zip.
 
         Raises:
@@ -134,29 +91,10 @@ class LibraryPanel:
         if (row.tags, row.note) != (old.tags, old.note) == (about.tags, about.note):
             session.describe(replace(about, tags=row.tags, note=row.note))
 
-    def _follow(self) -> None:
-        """Show what is in the library by now."""
-        self._follow_card()
-        chosen, ticked = scenarios(len(self._scenes.chosen)), len(self._scenes.ticked)
-        self._count.show("", self._scenes.told)
-        set_property(self._download, "label", f"Download {chosen}")
-        set_property(self._tag, "label", f"Tag {chosen}")
-        set_property(self._untag, "label", f"Untag {chosen}")
-        set_property(self._remove, "label", f"Remove {scenarios(ticked)}")
-        for button in (self._download, self._tag, self._untag):
-            set_property(button, "disabled", not self._scenes.items)
-        set_property(self._remove, "disabled", not ticked)
-        set_property(self._compare, "disabled", ticked != 2)
-        removed = self._workspace.removed
-        set_property(self._put_back, "label", f"Put back {scenarios(len(removed))}")
-        set_property(self._put_back, "visible", bool(removed))
-
-    def _tick_found(self, option: str) -> None:
-        """Tick all that is found, or none at all."""
-        if option == _ALL:
-            self._workspace.ticked |= set(self._scenes.listed)
-        else:
-            self._workspace.ticked.clear()
+    def _tick_found(self) -> None:
+        """Tick all that is found, or none at all if that is so."""
+        ticked, found = self._workspace.ticked, set(self._scenes.listed)
+        self._workspace.ticked = ticked - found if ticked >= found else ticked | found
         self._start.look()
 
     def _compare_ticked(self) -> None:
@@ -170,8 +108,8 @@ class LibraryPanel:
             f"{name}.html", content, save_immediately=True
         )
 
-    def _change_tags(self, *, is_added: bool) -> None:
-        tags = tags_from_text(str(self._tags.value))
+    def _change_tags(self, text: str, *, is_added: bool) -> None:
+        tags = tags_from_text(text)
         if not tags:
             raise InputError("Enter tags first, separated by commas.")
         given, taken = (tags, ()) if is_added else ((), tags)
@@ -181,7 +119,7 @@ class LibraryPanel:
         self._start.look()
         self._ui.notify(f"{scenarios(count)} {'' if is_added else 'un'}tagged")
 
-    def _remove_chosen(self) -> None:
+    def _remove_ticked(self) -> None:
         names = self._scenes.ticked
         if not names:
             raise InputError("Tick what to remove from the library first.")

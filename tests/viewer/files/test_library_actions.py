@@ -1,4 +1,4 @@
-"""The library in its panel: stars that are described anew, and tabs that share it."""
+"""The library and its bar: stars that are described anew, and tabs that share it."""
 
 import csv
 import io
@@ -58,9 +58,25 @@ def lines(tab: FakeTab, name: str) -> list[str]:
     return tab.tiles("library")[name]["lines"]
 
 
-def downloaded(tab: FakeTab, label: str) -> zipfile.ZipFile:
+def bar(tab: FakeTab) -> dict[str, str]:
+    """Texts of the buttons for several that can be pressed, by their names."""
+    tab.run(lambda: tab.elements.start.open("library"))
+    return {
+        one["name"]: one["text"]
+        for one in tab.shown("startPage")["bulk"]
+        if one["isOn"]
+    }
+
+
+def act(tab: FakeTab, name: str, tags: str = "") -> None:
+    if tab.shown("startPage")["source"] != "library":
+        tab.run(lambda: tab.elements.start.open("library"))
+    tab.hear("startPage", kind="bulk", name=name, value=tags)
+
+
+def downloaded(tab: FakeTab) -> zipfile.ZipFile:
     with mock.patch.object(tab.ui.client, "send_file_download") as send:
-        tab.press(label)
+        act(tab, "download")
     return zipfile.ZipFile(io.BytesIO(send.call_args.args[1]))
 
 
@@ -78,7 +94,7 @@ def test_a_star_takes_the_name_tags_and_note_that_were_typed_after_it(tabs):
     star(tab, name="near-miss", tags=("cut-in",))
     assert tab.notices[-1] == IS_KEPT
     assert listed(tab) == ["near-miss"]
-    archive = downloaded(tab, "Download 1 scenario")
+    archive = downloaded(tab)
     (row,) = csv.DictReader(io.StringIO(archive.read("index.csv").decode()))
     assert (row["id"], row["tags"], row["note"]) == ("near-miss", "cut-in", "")
     assert "near-miss/scenario_near-miss.parquet" in archive.namelist()
@@ -127,11 +143,11 @@ def test_the_list_follows_what_other_tabs_do(tabs):
     until(lambda: listed(other) == listed(one))
     assert len(listed(other)) == 2
     tick(one, listed(one)[0])
-    one.press("Remove 1 scenario")
+    act(one, "remove")
     until(lambda: len(listed(one)) == 1)
     assert len(listed(one)) == 1
     until(lambda: listed(other) == listed(one))
-    until(lambda: "Download 1 scenario" in other.inputs())
+    until(lambda: bar(other)["download"] == "Download 1")
 
 
 def test_a_download_tells_what_another_tab_has_removed(tabs):
@@ -140,11 +156,11 @@ def test_a_download_tells_what_another_tab_has_removed(tabs):
     for name, speed in (("kept", 3.0), ("gone", 6.0)):
         drive(one, speed)
         star(one, name=name)
-    until(lambda: "Download 2 scenarios" in other.inputs())
+    until(lambda: bar(other)["download"] == "Download 2")
     # Before the list of the other tab follows.
     with mock.patch.object(other.elements.start, "follow"):
         one.tab.workspace.library.remove("gone")
-        archive = downloaded(other, "Download 2 scenarios")
+        archive = downloaded(other)
     title, text = other.notices[-1]
     assert title == "1 scenario not in the zip"
     assert "removed gone from" in text
@@ -158,20 +174,19 @@ def test_what_was_removed_can_be_put_back(tabs):
         drive(tab, speed)
         star(tab)
     before = tab.tab.workspace.library.cards()
-    assert not tab.field("Put back 0 scenarios").visible
     # A second press on the same button must not remove all that is left.
-    assert tab.field("Remove 0 scenarios").disabled
+    assert not {"remove", "put-back"} & set(bar(tab))
     tick(tab, listed(tab)[0])
-    tab.press("Remove 1 scenario")
-    until(lambda: tab.field("Remove 0 scenarios").disabled)
-    assert "Put back 1 scenario" in tab.inputs()
+    act(tab, "remove")
+    assert bar(tab)["put-back"] == "Put back 1"
+    act(tab, "remove")
+    assert len(listed(tab)) == 1
     tab.choose("library", listed(tab)[0], "reject")
-    until(lambda: "Put back 2 scenarios" in tab.inputs())
-    assert (listed(tab), tab.field("Download 0 scenarios").disabled) == ([], True)
-    tab.press("Put back 2 scenarios")
-    until(lambda: len(listed(tab)) == 2)
+    assert (listed(tab), bar(tab)) == ([], {"put-back": "Put back 2"})
+    act(tab, "put-back")
+    assert len(listed(tab)) == 2
     assert tab.tab.workspace.library.cards() == before
-    assert not tab.field("Put back 0 scenarios").visible
+    assert "put-back" not in bar(tab)
     tab.press("Save to library")
     assert tab.notices[-1] == IS_KEPT
 
@@ -180,7 +195,7 @@ def test_the_library_is_downloaded_in_the_chosen_format(tabs):
     tab, _ = tabs
     star(tab, name="near_miss")
     tab.type("Format", "CommonRoad")
-    names = downloaded(tab, "Download 1 scenario").namelist()
+    names = downloaded(tab).namelist()
     assert {"index.csv", "near_miss/near_miss.xml", "near_miss/recipe.json"} <= set(
         names
     )
@@ -204,9 +219,15 @@ def test_one_line_finds_words_and_what_happens(tabs):
     # What happens is read in the background first.
     until(lambda: found("agents > 0 and not city = miami") == ["fast", "quiet"])
     until(lambda: found("agents < 0") == [])
-    until(lambda: found("agnts > 0") == [])
+    assert found("calm") == ["fast", "quiet"]
+    # A wrong word leaves the list as it was, and is told.
+    assert found("agnts > 0") == ["fast", "quiet"]
     told = tab.shown("startPage")["told"]
     assert "'agnts': is not known; the nearest is agents" in told
+    assert tab.shown("startPage")["isWrong"]
+    tab.tab.workspace.library.remove("quiet")
+    until(lambda: listed(tab) == ["fast"])
+    tab.tab.workspace.library.put_back("quiet")
     find(tab, "")
     tab.hear("startPage", kind="facet", name="sort", value="name")
     assert listed(tab) == ["fast", "quiet"]
@@ -218,22 +239,18 @@ def test_what_is_found_is_tagged_at_once(tabs):
     star(tab, name="one", tags=("a",))
     drive(tab, 9.0)
     star(tab, name="two", note="the fast one")
-    tab.type("Tags of these", " b, c ")
-    until(lambda: "Tag 2 scenarios" in tab.inputs())
-    tab.press("Tag 2 scenarios")
+    assert bar(tab)["tag"] == "Tag 2"
+    act(tab, "tag", " b, c ")
     assert lines(tab, "one")[0] == "a · b · c"
     # The state at hand has them, too, so that saving it again loses none.
     assert tab.session.variant.tags == ("b", "c")
     until(lambda: lines(other, "one")[0] == "a · b · c")
     find(tab, "fast")
-    tab.type("Tags of these", "b")
-    tab.press("Untag 1 scenario")
+    act(tab, "untag", "b")
     assert lines(tab, "two")[:2] == ["c", "the fast one"]
     one, two = tab.tab.workspace.library.cards()
     assert (one.row.tags, two.row.tags) == (("a", "b", "c"), ("c",))
-    tab.type("Tags of these", " ,")
-    until(lambda: str(tab.field("Tags of these").value) == " ,")
-    tab.press("Tag 1 scenario")
+    act(tab, "tag", " ,")
     until(lambda: "Enter tags first" in str(tab.notices))
 
 
@@ -243,8 +260,9 @@ def test_a_shell_on_the_same_library_is_followed(tmp_path: Path):
         running_app(tmp_path / "state", "crosswalk", library=folder) as app,
         connected_tab(app) as tab,
     ):
-        assert str(folder) in tab.text()
         star(tab, name="mine", tags=("a",))
+        assert bar(tab)
+        assert str(folder) in tab.shown("startPage")["told"]
         pd_editor.library.add(folder, "merge")
         until(lambda: listed(tab) == ["merge", "mine"])
         pd_editor.library.tag(folder, "*", add=("b",), note="seen")
@@ -267,21 +285,23 @@ def test_all_that_is_found_is_ticked_at_once(tabs):
     star(tab, name="faster")
     find(tab, "fast")
     until(lambda: listed(tab) == ["faster", "fast"])
-    tab.type("Tick", "All found")
-    until(lambda: "Remove 2 scenarios" in tab.inputs())
+    assert bar(tab)["tick"] == "Tick all"
+    act(tab, "tick")
+    assert bar(tab)["remove"] == "Remove 2"
     find(tab, "")
     assert len(listed(tab)) == 3
     assert tab.elements.start.library.chosen == ["faster", "fast"]
     with mock.patch.object(tab.ui.client, "send_file_download") as send:
-        tab.press("Compare two")
+        act(tab, "compare")
     (name, content), _ = send.call_args
     assert name == "faster-beside-fast.html"
     assert [one["name"] for one in scenes_in(content)] == ["faster", "fast"]
     assert b"data-pair>" in content
-    tab.type("Tick", "Nothing")
-    until(lambda: "Remove 0 scenarios" in tab.inputs())
-    assert len(tab.elements.start.library.chosen) == 3
-    assert tab.field("Compare two").disabled
+    find(tab, "fast")
+    assert bar(tab)["tick"] == "Tick none"
+    act(tab, "tick")
+    assert len(tab.elements.start.library.chosen) == 2
+    assert not {"compare", "remove"} & set(bar(tab))
 
 
 def test_members_of_a_family_are_found_by_their_values(tmp_path: Path):
@@ -312,3 +332,28 @@ def test_members_of_a_family_are_found_by_their_values(tmp_path: Path):
         told = f"variant of bend: power {powers[large[0]]:.4g}"
         assert told in lines(tab, large[0])
         assert "kept" in lines(tab, large[0])
+
+
+def test_a_zip_of_several_is_a_source_of_the_start_page(tabs):
+    tab, _ = tabs
+    for speed in (3.0, 6.0):
+        drive(tab, speed)
+        star(tab)
+    first, second = sorted(listed(tab))
+    content = tab.tab.workspace.library.zipped({first, second})
+    tab.upload("Upload files", "kept.zip", content)
+    shown = tab.shown("startPage")
+    assert (shown["isOpen"], shown["source"], shown["told"]) == (
+        True,
+        "zip",
+        "kept.zip",
+    )
+    assert [one["title"] for one in shown["tiles"]] == [first, second]
+    tab.hear("startPage", kind="draw", keys=[second])
+    until(lambda: tab.shown("scene-picture"))
+    assert tab.shown("scene-picture")["picture"].startswith("<svg")
+    tab.choose("zip", second)
+    assert tab.session.base.scenario_id == second
+    assert [one["isOpen"] for one in tab.tiles("zip").values()] == [False, True]
+    find(tab, second)
+    assert list(tab.tiles("zip")) == [second]
