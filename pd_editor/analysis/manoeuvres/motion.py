@@ -95,8 +95,12 @@ class Motion:
 
     @cached_property
     def velocity_mps(self) -> Float[np.ndarray, "A S 2"]:
-        """Velocity of the way; that of tracks comes some tenths of a second late."""
-        return np.gradient(self.agents.position_m, self.step_s, axis=1)
+        """Velocity of the way; that of tracks comes some tenths of a second late.
+
+        Who never leaves its place has none: its track jitters.
+        """
+        velocity = np.gradient(self.agents.position_m, self.step_s, axis=1)
+        return np.where(self.has_moved[:, None, None], velocity, 0.0)
 
     @cached_property
     def _is_sound(self) -> Bool[np.ndarray, "A S"]:

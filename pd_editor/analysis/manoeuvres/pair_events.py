@@ -224,14 +224,13 @@ def passings(pairs: Pairs) -> Iterator[SceneEvent]:
 
 def near_misses(motion: Motion, met: Iterable[SceneEvent]) -> Iterator[SceneEvent]:
     """Pairs that need hard braking not to collide, or pass right after one another."""
-    moves = np.flatnonzero(motion.has_moved)
-    agents = replace(motion.agents, velocity_mps=motion.velocity_mps).taken(moves)
+    agents = replace(motion.agents, velocity_mps=motion.velocity_mps)
     a, b, at, time = times_to_touch(agents, LIMITS.near_ttc_s)
     apart = agents.position_m[b, at] - agents.position_m[a, at]
     velocity = agents.velocity_mps[b, at] - agents.velocity_mps[a, at]
     closing = np.linalg.norm(velocity, axis=-1)
     good = closing > 2 * LIMITS.near_braking_mps2 * time
-    good &= motion.is_tracked(moves[a], at) & motion.is_tracked(moves[b], at)
+    good &= motion.is_tracked(a, at) & motion.is_tracked(b, at)
     # Of two in one direction only the one behind can hit the other, not the one beside.
     ahead = unit_vector(agents.heading_rad[a, at])
     turn = agents.heading_rad[a, at] - agents.heading_rad[b, at]
@@ -244,10 +243,12 @@ def near_misses(motion: Motion, met: Iterable[SceneEvent]) -> Iterator[SceneEven
     soon = np.full((len(pairs), len(motion.time_s)), np.inf)
     np.minimum.at(soon, (index, at), time)
     for pair, first, last in motion.runs(soon < np.inf, LIMITS.near_s).tolist():
-        one, two = moves[list(divmod(int(pairs[pair]), len(agents)))].tolist()
+        one, two = divmod(int(pairs[pair]), len(agents))
         least = soon[pair, first : last + 1].min()
         gap = _gaps_m(motion, one, two)
-        if gap.min() > 0 and gap[first : last + after].min() < LIMITS.near_m:
+        # How it ended is not known of a track that ends meanwhile.
+        ends = np.isinf(gap[min(last + after, len(gap) - 1)])
+        if not ends and 0 < gap.min() < LIMITS.near_m > gap[first : last + after].min():
             yield event(motion, "near-miss", one, (first, last), least, two)
     for one in met:
         if one.kind == "crossing" and (one.value or 0.0) < LIMITS.near_pet_s:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pd_editor.analysis.manoeuvres import SceneEvent, scene_content
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import DEFAULT_SIZE_M, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap
@@ -180,6 +180,40 @@ def test_who_halts_hard_behind_one_that_stands_nearly_hits_it():
     assert one.value == pytest.approx(0.4, abs=0.3)
     gentle = driven([along(0, 3), along(12, 2.5)])
     assert not events(scenario_with(gentle, road(1)), "near-miss")
+
+
+@pytest.mark.parametrize("kind", [AgentKind.VEHICLE, AgentKind.PEDESTRIAN])
+def test_who_halts_hard_before_one_that_never_moves_nearly_hits_it(kind: AgentKind):
+    """Only agents that move were looked at."""
+    random = np.random.default_rng(0)
+
+    def standing(x: float, y: float = 0.0):
+        def path(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return x + random.normal(0, 0.03, len(time)), np.full_like(time, y)
+
+        return path
+
+    def near(*paths: Callable[..., tuple[np.ndarray, np.ndarray]]) -> list[SceneEvent]:
+        agents = driven(list(paths), (AgentKind.VEHICLE, kind))
+        heading = agents.heading_rad.copy()
+        heading[1] = 0.0
+        agents = replace(agents, heading_rad=heading)
+        return events(scenario_with(agents, road(1)), "near-miss")
+
+    half_m = DEFAULT_SIZE_M[kind][0] / 2 + DEFAULT_SIZE_M[AgentKind.VEHICLE][0] / 2
+    (one,) = near(braking(0.0, 0.0), standing(half_m + 0.6))
+    assert set(one.agent_ids) == {"100", "101"}
+    assert not near(braking(0.0, 0.0), standing(half_m + 12.0))
+    assert not near(along(0, 12), standing(10.0, 3.0))
+    assert not near(standing(half_m + 0.6), standing(0.0))
+
+
+def test_how_a_track_that_ends_would_have_met_another_is_not_known():
+    agents = driven([braking(0.0, 0.0), braking(5.2, -3.5)])
+    is_valid = agents.is_valid.copy()
+    is_valid[0, 66:] = False
+    agents = replace(agents, is_valid=is_valid)
+    assert not events(scenario_with(agents, road(1)), "near-miss")
 
 
 @pytest.mark.parametrize("slip_rad", [0.0, 0.12])
