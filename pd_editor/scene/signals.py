@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.road_map import RoadMap
 
@@ -75,15 +75,15 @@ def states_at(signals: Iterable[Signal], step: int) -> dict[int, SignalState]:
 
 
 def closed_lines(
-    signals: Sequence[Signal], road_map: RoadMap, step: int
-) -> Float[np.ndarray, "L 3 2"]:
-    """Stop lines at which all lanes that begin there have to stop, as ``stop_lines``."""
+    signals: Sequence[Signal], road_map: RoadMap
+) -> tuple[Float[np.ndarray, "L 3 2"], Bool[np.ndarray, "L T"]]:
+    """Stop lines, and when all lanes that begin there have to stop."""
     lines = stop_lines(signals, road_map)
-    states = list(states_at(signals, step).values())
+    states = np.array([one.states for one in signals for _ in one.lane_ids])
     stops = np.isin(states, [SignalState.STOP, SignalState.CAUTION])
     middle = lines[:, 1]
     apart = np.linalg.norm(middle[:, None] - middle, axis=-1) > _TOGETHER_M
-    return lines[(stops | apart).all(axis=1)]
+    return lines, (stops | apart[..., None]).all(axis=1)
 
 
 def stop_lines(

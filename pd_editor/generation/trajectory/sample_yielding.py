@@ -89,11 +89,14 @@ def with_yielding(
 
 
 def _barriers(scenario: Scenario, asked_m: Float[np.ndarray, "C H 2"]) -> AgentTracks:
-    """Objects on the stop lines at which all have to stop now, but for the ways given."""
-    lines = closed_lines(scenario.signals, scenario.road_map, scenario.current_step)
+    """Objects on stop lines while all have to stop from now on, but for the ways given."""
+    if not scenario.signals:
+        return scenario.agents.taken(np.zeros(0, int))
+    lines, is_closed = closed_lines(scenario.signals, scenario.road_map)
     ends = np.asarray(shapely.linestrings(lines[:, [0, 2]]))
-    ways = shapely.linestrings(asked_m)
-    lines = lines[~shapely.intersects(ends[:, None], ways).any(axis=1)]
+    crossed = shapely.intersects(ends[:, None], shapely.linestrings(asked_m))
+    counts = is_closed[:, scenario.current_step] & ~crossed.any(axis=1)
+    lines, is_closed = lines[counts], is_closed[counts]
     count, num_steps = len(lines), scenario.time_axis.num_steps
     across = lines[:, 2] - lines[:, 0]
     width = np.linalg.norm(across, axis=-1) * _BARRIER_SHARE
@@ -110,8 +113,8 @@ def _barriers(scenario: Scenario, asked_m: Float[np.ndarray, "C H 2"]) -> AgentT
         position_m=np.repeat(lines[:, 1, None], num_steps, axis=1),
         heading_rad=np.repeat(heading[:, None], num_steps, axis=1),
         velocity_mps=np.zeros((count, num_steps, 2)),
-        is_valid=np.ones((count, num_steps), bool),
-        observed=np.ones((count, num_steps), bool),
+        is_valid=is_closed,
+        observed=is_closed,
     )
 
 

@@ -62,20 +62,9 @@ def test_a_drawn_follower_waits_behind_a_recorded_standing_car():
 @settings(deadline=None)
 def test_who_can_stop_does_so_before_a_line_where_all_have_to(states, speed_mps):
     """Lanes that begin together have one line; who goes to a place beyond it goes on."""
-    lanes = [straight_lane(n, (50, 0), (90, 0)) for n in range(len(states))]
-    road_map = RoadMap(lanes=(straight_lane(9, (-50, 0), (50, 0)), *lanes))
     agents = straight_drivers([(22, 0, 0, speed_mps), (40, 8, 0, speed_mps)])
-    scenario = replace(
-        scenario_with(agents, road_map),
-        signals=tuple(
-            Signal(
-                signal_id=str(lane),
-                lane_ids=(lane,),
-                stop_share=np.zeros(1),
-                states=np.full(agents.num_steps, state, np.int8),
-            )
-            for lane, state in enumerate(states)
-        ),
+    scenario = before_lines(
+        agents, [np.full(agents.num_steps, state) for state in states]
     )
     rows = np.arange(2)
     drawn = straight_on(scenario, rows)
@@ -88,6 +77,42 @@ def test_who_can_stop_does_so_before_a_line_where_all_have_to(states, speed_mps)
     assert scenario.agents.ids[1] not in waiting  # beside the lane
     goal = GoalPoint(agent_id=scenario.agents.ids[0], point_m=(80.0, 0.0), at_s=6.0)
     assert with_yielding(scenario, rows, drawn, (goal,)) == (drawn, ())
+
+
+def before_lines(agents, states: list[np.ndarray]) -> Scenario:
+    """Agents before lanes that begin together, whose signals have some states."""
+    lanes = [straight_lane(n, (50, 0), (90, 0)) for n in range(len(states))]
+    road_map = RoadMap(lanes=(straight_lane(9, (-50, 0), (50, 0)), *lanes))
+    return replace(
+        scenario_with(agents, road_map),
+        signals=tuple(
+            Signal(
+                signal_id=str(lane),
+                lane_ids=(lane,),
+                stop_share=np.zeros(1),
+                states=state.astype(np.int8),
+            )
+            for lane, state in enumerate(states)
+        ),
+    )
+
+
+@given(opens_s=st.floats(0.2, 5.5))
+@settings(deadline=None)
+def test_a_line_that_opens_is_no_obstacle_any_more(opens_s):
+    agents = straight_drivers([(22, 0, 0, 10.0)])
+    reaches_s = (50 - 22 - agents.size_m[0, 0] / 2) / 10.0
+    states = np.full(agents.num_steps, SignalState.STOP)
+    states[NOW + round(opens_s / 0.1) :] = SignalState.GO
+    scenario, rows = before_lines(agents, [states]), np.arange(1)
+    drawn = straight_on(scenario, rows)
+    sample, waiting = with_yielding(scenario, rows, drawn)
+    if opens_s < reaches_s - 0.2:
+        assert (sample, waiting) == (drawn, ())
+    elif opens_s > reaches_s + 0.2:
+        front = sample.position_m[0, :, 0] + agents.size_m[0, 0] / 2
+        assert waiting
+        assert (front[: round(opens_s / 0.1)] < 50).all()
 
 
 def test_a_pedestrian_waits_as_well():
