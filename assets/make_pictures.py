@@ -102,8 +102,10 @@ def main() -> None:
                 app = ViewerApp(
                     ViewerOptions(reference=demo, port=0, state=Path(library))
                 )
+                # The page draws no smooth edges without a GPU.
                 page = browser.new_page(
-                    viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]}
+                    viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]},
+                    device_scale_factor=2,
                 )
                 page.goto(app.address)
                 _prepare(page)
@@ -157,7 +159,8 @@ def _quiet(page: Page) -> None:
 
 
 def _seen(page: Page) -> Image.Image:
-    return Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    return picture.resize(SIZE_PX, Image.Resampling.LANCZOS)
 
 
 def _row(page: Page, label: str) -> Any:
