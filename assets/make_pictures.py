@@ -65,8 +65,9 @@ def samples(page: Page) -> list[Image.Image]:
     cards = strip.get_by_role("listbox").get_by_role("option")
     cards.nth(3).wait_for(timeout=PATIENCE_MS)
     _quiet(page)
-    page.keyboard.press("v")
-    page.wait_for_timeout(4 * SETTLE_MS)
+    for key in ("v", "Home"):
+        page.keyboard.press(key)
+        page.wait_for_timeout(4 * SETTLE_MS)
     return [_seen(page)]
 
 
