@@ -3,26 +3,29 @@
 import datetime
 import re
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import viser
 
 from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.base.errors import ExportError, InputError
 from pd_editor.editor.variant import name_from_text, tags_from_text
+from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS
 from pd_editor.scene.formats.player import PLAYER, player_page
 from pd_editor.scene.formats.registry import formats
-from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
+from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.files.picture_download import PictureDownload
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
+
+_ALONE: Final = (PLAYER.name, *LOOKS)
+"""Formats whose files are downloaded alone, to be shown."""
 
 
 class ExportPanel:
@@ -36,6 +39,7 @@ class ExportPanel:
         self._typed: str | None = None
         self._base = ui.session.base
         self._dialog: Any = None
+        self._told_of: Scenario | None = None  # whose losses are shown
         gui = ui.client.gui
         with gui.add_folder("Export"):
             self._preflight = FixedText(gui, 1)
@@ -75,9 +79,7 @@ class ExportPanel:
             )
             self._tags = gui.add_text("Tags", "", hint="Separated by commas")
             self._note = gui.add_text("Note", "")
-            self._out = gui.add_text(
-                "Into folder", "", hint="A folder on the server's machine."
-            )
+            self._out = gui.add_text("Into folder", "", hint="On the server's machine")
             write = gui.add_button("Write to folder", color="gray")
             edits = gui.add_button(
                 "Download the edits alone",
@@ -112,6 +114,7 @@ class ExportPanel:
         if tags_from_text(str(self._tags.value)) != variant.tags:
             set_value(self._tags, ", ".join(variant.tags))
         set_value(self._note, variant.note)
+        self._show_losses()
         self._show_preflight()
 
     def _show_preflight(self) -> None:
@@ -194,19 +197,26 @@ class ExportPanel:
         is_figure = isinstance(LOOKS.get(chosen.name), FigureLook)
         for handle in (self._moments, self._compares):
             set_property(handle, "visible", is_figure)
-        is_alone = chosen is PLAYER or chosen.name in LOOKS
+        is_alone = chosen.name in _ALONE
         kind = "HTML" if chosen is PLAYER else chosen.name.upper()
         self._download.label = f"Download {kind if is_alone else 'zip'}"
-        self._show_losses(None if is_alone else chosen.write)
+        self._told_of = None
+        self._show_losses()
 
-    def _show_losses(self, write: Callable[[Scenario], WrittenScene] | None) -> None:
+    def _show_losses(self) -> None:
         """Tell what the chosen format cannot say of the scene, as losses.txt will."""
+        scenario, chosen = self._ui.session.committed_scenario, self._chosen()
+        if scenario is self._told_of:
+            return
+        self._told_of, title, losses = scenario, "Not kept (all in losses.txt)", ()
         try:
-            losses = write(self._ui.session.scenario).losses if write else ()
+            if chosen.write and chosen.name not in (*_ALONE, ARGOVERSE2.name):
+                losses = chosen.write(scenario).losses
         except ExportError as error:
-            losses = (str(error),)
-        title = "Not kept (all in losses.txt)" if losses else ""
-        self._losses.show(title, " ".join(losses), tooltip="\n".join(losses))
+            title, losses = "Cannot be written", (str(error),)
+        self._losses.show(
+            title if losses else "", " ".join(losses), tooltip="\n".join(losses)
+        )
         set_property(self._losses.element, "visible", bool(losses))
 
     def _download_edits(self) -> None:

@@ -3,7 +3,12 @@
 from pathlib import Path
 from unittest import mock
 
-from pd_editor.editor.commands import DeleteAgents, RemoveAllAgents, SetAgentSpeed
+from pd_editor.editor.commands import (
+    DeleteAgents,
+    RemoveAllAgents,
+    SampleSignals,
+    SetAgentSpeed,
+)
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
@@ -117,16 +122,21 @@ def test_the_edited_scene_downloads_as_a_player(tmp_path: Path):
 
 def test_what_a_format_does_not_keep_is_told_before_the_download(tmp_path: Path):
     with (
-        running_app(tmp_path / "library", "merge") as app,
+        running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
         assert "Not kept" not in tab.text()
-        tab.type("Format", "CommonRoad")
-        write = formats()["commonroad"].write
+        tab.type("Format", "SUMO")
+        write = formats()["sumo"].write
         assert write is not None
         losses = write(tab.session.scenario).losses
         assert len(losses) > 2
         assert " ".join(losses) in tab.text()
+        # What is edited later is told as it is written.
+        tab.run(lambda: tab.session.apply(SampleSignals(seed=0)))
+        after = write(tab.session.scenario).losses
+        assert after != losses
+        assert " ".join(after) in tab.text()
         tab.type("Format", "Argoverse 2")
         assert "Not kept" not in tab.text()
 
