@@ -16,6 +16,10 @@ import shapely
 from jaxtyping import Bool, Float
 
 import pd_editor
+from pd_editor.analysis.metrics.collisions.box_collision import (
+    box_overlap,
+    init_five_circles,
+)
 from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.metrics.road.surroundings import askew, surroundings
@@ -53,6 +57,8 @@ COLUMNS = (
     "askew to nearest, %",
     "gap < 1 m, %",
     "3 within 4 m, %",
+    "boxes overlap, %",
+    "five circles, %",
     "in conflict, %",
     "crossing, %",
     "before red, %",
@@ -168,6 +174,8 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
     near = [
         (gap < 1.0).any(axis=1),
         (gap < 4.0).sum(axis=1) >= 3,
+        box_overlap(view).at_state().value[is_vehicle],
+        init_five_circles(view).value[is_vehicle],
         pairs[is_vehicle][:, is_vehicle].any(axis=1),
         crossing[is_vehicle].any(axis=1),
     ]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-Source = Literal["paper", "ours", "WOSAC"]
+Source = Literal["paper", "ours", "WOSAC", "Scenario Dreamer"]
 Better = Literal["lower", "higher", "as recorded"]
 
 

@@ -10,6 +10,7 @@ from pd_editor.analysis.metrics.collisions.box_collision import (
     actor_collision_2m,
     box_overlap,
     init_collision_2m,
+    init_five_circles,
 )
 from pd_editor.analysis.metrics.collisions.interaction import (
     local_density,
@@ -45,6 +46,7 @@ def agent_values(view: TrafficView) -> dict[str, MetricValues]:
         init_collision_2m(view),
         actor_collision_2m(view),
         overlap.at_state(),
+        init_five_circles(view),
         overlap.newly(),
         overlap.new_steps(),
         *nearest_edge(view),

@@ -18,6 +18,7 @@ from pd_editor.analysis.metrics.values import (
     measured,
 )
 from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.geometry.angles import unit_vector
 
 COLLISION_M: Final = 2.0
 PEDESTRIAN_COLLISION_M: Final = 1.0
@@ -124,6 +125,26 @@ def _collides(view: TrafficView, num_steps: int) -> Bool[np.ndarray, "A S"]:
     np.logical_or.at(result, a, hit)
     np.logical_or.at(result, b, hit)
     return result[: len(view)]
+
+
+def init_five_circles(view: TrafficView) -> MetricValues:
+    """Whether circles of each motor vehicle and of another one meet [A].
+
+    Source: Rowe et al., Scenario Dreamer, 2025, and the bound of its code.
+    """
+    everyone = view.everyone
+    counts = everyone.is_in("movers") & everyone.is_valid[:, 0]
+    length, width = everyone.size_m.T
+    along = ((length - width) / 2)[:, None] * np.linspace(-1, 1, 5)
+    ahead = unit_vector(everyone.heading_rad[:, :1])
+    center = everyone.position_m[:, :1] + along[..., None] * ahead
+    reach = width / np.sqrt(3.8)
+    pairs = pairs_that_meet(center, np.repeat(counts[:, None], 5, axis=1), reach)
+    a, b = pairs.T
+    apart = np.linalg.norm(center[a, :, None] - center[b, None], axis=-1)
+    meet = (apart < (reach[a] + reach[b])[:, None, None]).any(axis=(1, 2))
+    hit = _of_agents(meet[:, None], pairs, len(view))[:, 0]
+    return measured("init_five_circles", hit, counts[: len(view)])
 
 
 def _reach_m(walks: Bool[np.ndarray, "A"]) -> Float[np.ndarray, "A"]:

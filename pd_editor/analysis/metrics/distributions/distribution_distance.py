@@ -1,4 +1,4 @@
-"""Jensen-Shannon distance between the generated and recorded distribution of a metric.
+"""Distances between the generated and recorded distribution of metrics.
 
 The paper's histograms drop values out of their range, and its "JSD" is the square root
 of the divergence; our histograms have two more bins for values out of range. With the
@@ -87,6 +87,8 @@ HISTOGRAMS: Final = (
     _ours("nearest_edge", 0, 10, 40),
     _ours("nearest_edge_angle", -180, 180, 72),
     _ours("speed", 0, 30, 30),
+    _ours("length", 0, 20, 40),
+    _ours("width", 0, 4, 40),
     _ours("path_length", 0, 120, 40),
     _ours("lateral_deviation_mean", 0, 10, 40),
     _ours("angular_deviation_mean", 0, 180, 36),
@@ -127,3 +129,28 @@ def jensen_shannon_divergences(
         ratio = np.where(share > 0, share / safe, 1.0)
         total += (share * np.log(ratio)).sum(axis=1) / 2
     return np.maximum(total, 0.0)
+
+
+def discrepancy_kernel(
+    recorded: Float[np.ndarray, "N F"], generated: Float[np.ndarray, "M F"]
+) -> Float[np.ndarray, "K K"]:
+    """Gaussian kernel of the maximum mean discrepancy between all values, recorded first.
+
+    Features are divided by their recorded deviation; the kernel is as wide as the median
+    recorded distance. Source: Gretton et al., A kernel two-sample test, 2012.
+    """
+    scale = recorded.std(axis=0)
+    values = np.concatenate([recorded, generated]) / np.where(scale > 0, scale, 1.0)
+    values -= values[: len(recorded)].mean(axis=0)
+    length = (values**2).sum(axis=1)
+    squared = np.maximum(length[:, None] + length - 2 * values @ values.T, 0.0)
+    median = np.median(squared[: len(recorded), : len(recorded)])
+    return np.exp(-squared / (2 * median if median > 0 else 1.0))
+
+
+def mean_discrepancy(
+    kernel: Float[np.ndarray, "K K"], difference: Float[np.ndarray, "R K"]
+) -> Float[np.ndarray, "R"]:
+    """Maximum mean discrepancies; weights of one set are positive, the other's negative."""
+    squared = ((difference @ kernel) * difference).sum(axis=-1)
+    return np.sqrt(np.maximum(squared, 0.0))

@@ -124,7 +124,7 @@ def kinematics(view: TrafficView, window: int = WINDOW_STEPS) -> Kinematics:
 
 
 def motion_values(view: TrafficView) -> dict[str, MetricValues]:
-    """Metrics ``speed``, ``standing``, ``starts`` and ``path_length``, each [A]."""
+    """Metrics of size, and ``speed``, ``standing``, ``starts``, ``path_length``: [A]."""
     agents = view.agents
     here = agents.is_valid[:, 0]
     speed = np.hypot(agents.velocity_mps[:, 0, 0], agents.velocity_mps[:, 0, 1])
@@ -135,6 +135,8 @@ def motion_values(view: TrafficView) -> dict[str, MetricValues]:
     starts = np.any(away & agents.is_valid, axis=1)
     length = path_length_m(agents.position_m, agents.is_valid)
     return {
+        "length": measured("length", agents.size_m[:, 0], here),
+        "width": measured("width", agents.size_m[:, 1], here),
         "speed": measured("speed", speed, here),
         "standing": measured("standing", stands, here),
         "starts": measured("starts", starts, stands & has_future),

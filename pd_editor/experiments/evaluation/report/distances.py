@@ -12,6 +12,8 @@ from jaxtyping import Bool, Float
 from pd_editor.analysis.metrics.distributions.distribution_distance import (
     HISTOGRAMS,
     Histogram,
+    discrepancy_kernel,
+    mean_discrepancy,
 )
 from pd_editor.analysis.metrics.distributions.noise_floor import (
     NUM_RESAMPLES,
@@ -22,6 +24,7 @@ from pd_editor.analysis.metrics.values import MetricValues, measured
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.experiments.evaluation.report.tables import ReportTable
+from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
 
 PLAIN: Final = "none"
 STATE_METRICS: Final = (
@@ -32,6 +35,13 @@ STATE_METRICS: Final = (
     "speed",
 )
 """Metrics at the current step, which do not depend on when an agent leaves."""
+JOINT_METRICS: Final = (
+    *(name for name in STATE_METRICS if name != "local_density"),
+    "length",
+    "width",
+)
+"""Features of the maximum mean discrepancy: those of Scenario Dreamer."""
+_MOST_AGENTS: Final = 2000
 _KEYS: Final = ("scenario_id", "method", "sample", "agent_id")
 
 
@@ -78,7 +88,8 @@ class _Rows:
     def _parts(
         self, metric: str, which: Bool[np.ndarray, "R"]
     ) -> list[Float[np.ndarray, "_"]]:
-        counts = self._states_count if metric in STATE_METRICS else self.counts
+        is_state = metric in STATE_METRICS or metric in JOINT_METRICS
+        counts = self._states_count if is_state else self.counts
         column = self.columns[metric]
         return [column[row] for row in np.flatnonzero(which & counts)]
 
@@ -87,6 +98,22 @@ class _Rows:
     ) -> Float[np.ndarray, "N"]:
         """All values of a metric in some rows, flattened."""
         return np.concatenate([np.zeros(0), *self._parts(metric, which)])
+
+    def states(
+        self, which: Bool[np.ndarray, "R"]
+    ) -> tuple[Float[np.ndarray, "N F"], np.ndarray]:
+        """``JOINT_METRICS`` of evenly chosen agents that have all, and their scenes."""
+        rows = np.flatnonzero(which & self._states_count)
+        rows = rows[:: len(rows) // _MOST_AGENTS + 1]
+        found = [
+            np.concatenate([self.columns[name][row] for name in JOINT_METRICS])
+            for row in rows
+        ]
+        is_whole = [len(one) == len(JOINT_METRICS) for one in found]
+        values = [
+            np.abs(one) for one, keep in zip(found, is_whole, strict=True) if keep
+        ]
+        return np.reshape(values, (-1, len(JOINT_METRICS))), self.scene[rows][is_whole]
 
     def scenes(self, metric: str) -> list[MetricValues]:
         """Values of the log, one entry per scene."""
@@ -117,6 +144,7 @@ def distance_tables(
         ]
         unit = METRICS[histogram.metric].unit
         lines.append((histogram.metric, unit, histogram.source, floor, *cells))
+    lines += _joint_lines(rows, others)
     whole = f"{num_agents} agents that the log has to the end"
     if task.samples_states:
         present = len(set(rows.agent[is_logged]))
@@ -127,9 +155,31 @@ def distance_tables(
             header=("metric", "unit", "bins", "noise floor", *others),
             rows=tuple(lines),
             note=f"{whole}. The noise floor is "
-            f"the mean over {NUM_RESAMPLES} resamples of recorded scenes with as many agents.",
+            f"the mean over {NUM_RESAMPLES} resamples of recorded scenes with as many agents. "
+            "Metrics together: maximum mean discrepancy with a Gaussian kernel.",
         )
     ]
+
+
+def _joint_lines(rows: _Rows, others: Sequence[str]) -> list[tuple[str, ...]]:
+    """Maximum mean discrepancy of the states to the log's, if they are there."""
+    if not set(JOINT_METRICS) <= rows.columns.keys():
+        return []
+    log, scene = rows.states(rows.is_logged)
+    if not len(log):
+        return []
+    cells = []
+    for name in others:
+        made, _ = rows.states(rows.method == name)
+        share = np.repeat([1 / len(log), -1 / max(len(made), 1)], [len(log), len(made)])
+        (found,) = mean_discrepancy(discrepancy_kernel(log, made), share[None])
+        cells.append(f"{found:.3f}" if len(made) else "-")
+    names, row = np.unique(scene.astype(str), return_inverse=True)
+    weights = scene_weights(len(names), seed=0)[:NUM_RESAMPLES, row]
+    apart = weights / weights.sum(axis=1, keepdims=True) - 1 / len(log)
+    floor = mean_discrepancy(discrepancy_kernel(log, log[:0]), apart).mean()
+    words = ", ".join(JOINT_METRICS)
+    return [(f"{words} together", "-", "Gaussian kernel", f"{floor:.3f}", *cells)]
 
 
 def _floor(rows: _Rows, histogram: Histogram) -> str:

@@ -32,6 +32,7 @@ it is shown beside others."""
 PLACING_HEADLINES: Final = (
     ("init_collision_2m", "collision 2 m, %"),
     ("init_overlap", "boxes overlap, %"),
+    ("init_five_circles", "five circles meet, %"),
     ("init_off_road_4m", "placed off-road 4 m, %"),
     ("init_off_drivable", "off drivable, %"),
     ("askew_to_lane", "askew to lane, %"),
