@@ -7,12 +7,13 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
+from pd_editor.analysis.findings.scorecard import ROWS
 from pd_editor.base.errors import ExportError, InputError
-from pd_editor.base.plain_text import one_line
+from pd_editor.base.plain_text import nearest_or_all, one_line
 from pd_editor.base.regular_file import state_folder, user_path, write_whole
 from pd_editor.cli.export import ZIP_NAME, opened_session
 from pd_editor.cli.find import Found
@@ -61,7 +62,7 @@ _Author = Annotated[str, tyro.conf.arg(metavar="NAME", help_behavior_hint="")]
 _Note = Annotated[
     str | None, tyro.conf.arg(metavar="TEXT", help_behavior_hint="(optional)")
 ]
-_Sort = Literal["date", "name", "base", "city", "problems", "agents"]
+_Sort = Annotated[str, tyro.conf.arg(metavar="ORDER")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +70,8 @@ class Listed:
     """Cards of scenarios."""
 
     cards: tuple[LibraryCard, ...]
+    metric: str = ""
+    """Metric that the table has, too."""
     is_json: bool = False
 
     def __str__(self) -> str:
@@ -77,7 +80,15 @@ class Listed:
             return json_text.dumps([asdict(one) for one in self.cards], indent=1)
         head = "name", "base", "city", "edits", "problems", "date"
         head += "family", "values", "tags", "note"
-        columns = zip(head, *map(_cells, self.cards), strict=True)
+        rows = [head, *map(_cells, self.cards)]
+        if self.metric:
+            values = [one.metrics.get(self.metric) for one in self.cards]
+            told = ["" if one is None else f"{one:.4g}" for one in values]
+            rows = [
+                (first, more, *row)
+                for (first, *row), more in zip(rows, [self.metric, *told], strict=True)
+            ]
+        columns = zip(*rows, strict=True)
         filled = [
             [f"{one:<{max(map(len, column))}}" for one in column] for column in columns
         ]
@@ -234,6 +245,26 @@ def export(
     return Outcome(folders=folders, scenarios=(), failures=failures)
 
 
+def metrics(
+    folder: _Folder, names: _Names, /, *, workers: OptionalWorkers = None
+) -> Outcome:
+    """Compute the metrics of scenarios of a library, and keep them in their cards.
+
+    They are those of the scorecard, of the scenario's own trajectories. Lists sort by
+    them, queries ask for them: off_drivable > 0.1.
+
+    Args:
+        folder: Library.
+        names: Names, or patterns such as 'cut-in-*'.
+        workers: Scenes at a time, each in a process of its own.
+    """
+    library = _opened(folder)
+    chosen = library.named(several(names))
+    done, failures = _of_each(partial(_measured, library.root), chosen, workers)
+    told = f"{len(done)} of {len(chosen)} scenarios measured."
+    return Outcome(folders=(), scenarios=(), remarks=(told,), failures=failures)
+
+
 def check(folder: _Folder, /, *, workers: OptionalWorkers = None) -> Outcome:
     """Check that every scenario of a library is whole.
 
@@ -270,15 +301,21 @@ def list(
         folder: Library.
         words: Only those whose name, base, family, values, city, edits, problems, tags, note or author have these words.
         tag: Only those with these tags.
-        sort: Dates and numbers begin with the greatest.
+        sort: date, name, base, city, problems, agents, or a metric that pd-editor library metrics has computed. Dates and numbers begin with the greatest.
         json: Print JSON, with all that the cards tell.
     """
+    if sort not in SORTS:
+        raise InputError(f"{sort!r} is no order; {nearest_or_all(sort, SORTS)}.")
     cards = [
         one
         for one in _opened(folder).cards()
         if one.has(words) and set(tag) <= set(one.row.tags)
     ]
-    return Listed(cards=tuple(sorted(cards, key=SORTS[sort])), is_json=json)
+    return Listed(
+        cards=tuple(sorted(cards, key=SORTS[sort])),
+        metric=sort if sort in ROWS else "",
+        is_json=json,
+    )
 
 
 def _opened(folder: str | Path) -> Library:
@@ -310,6 +347,11 @@ def _of_each(
 
 def _checked(root: Path, name: str) -> str:
     Library(root).check(name)
+    return name
+
+
+def _measured(root: Path, name: str) -> str:
+    Library(root).measure(name)
     return name
 
 

@@ -55,7 +55,9 @@ _COMMANDS: Final = (
     "doctor",
 )
 """Each is a module and, in it, a function; or several, if it has actions."""
-_ACTIONS: Final = {"library": ("add", "list", "find", "tag", "export", "check")}
+_ACTIONS: Final = {
+    "library": ("add", "list", "find", "tag", "metrics", "export", "check")
+}
 _EDGES: Final = "╭╮╰╯│─+|- "
 """Characters of box borders; the second half where the output is not in UTF-8."""
 _REWORDED: Final = (

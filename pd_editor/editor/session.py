@@ -15,6 +15,7 @@ from pd_editor.editor.commands.roll_out import BeginAt, begun_like
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
 from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, checked_base, moment
 from pd_editor.editor.variant import ExportMark, Variant, proposed_name
+from pd_editor.scene.formats.player import Player
 from pd_editor.scene.scenario import Scenario
 
 
@@ -503,6 +504,10 @@ class EditorSession:
         if _same(commands, replayed):
             return name
         return proposed_name(self._base.scenario_id, commands, self.committed_scenario)
+
+    def show(self) -> Player:
+        """A player of the scenario as it is now, for notebooks."""
+        return Player(self.scenario)
 
     def recipe(self) -> Recipe:
         """Recipe of the base and the commands in force, without an unfinished gesture."""

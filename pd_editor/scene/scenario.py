@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+import pd_editor
 from pd_editor.scene.activity import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import BaseReference, SceneCut
@@ -102,6 +103,10 @@ class Scenario:
         assert self.agents.num_steps == num_steps
         assert all(len(one.states) == num_steps for one in self.signals)
         self.origin_city_m.flags.writeable = False
+
+    def show(self) -> "pd_editor.Player":
+        """A player for notebooks, by its public name: values import nothing that draws."""
+        return pd_editor.Player(self)
 
     @property
     def original_road_map(self) -> RoadMap:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks import clicks
 from pd_editor.scene.av2_io.upload import scenario_from_upload
 
 pytestmark = pytest.mark.browser
@@ -61,3 +62,9 @@ def test_an_exported_zip(editor):
     exported = scenario_from_upload({"export.zip": content})
     assert exported.agents.ids == editor.session.scenario.agents.ids
     assert presses(editor) <= MOST_CLICKS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("task", "most"), clicks.MOST_CLICKS.items())
+def test_tasks_of_the_benchmark(task, most, browser, tmp_path):
+    assert 0 < clicks.clicks_of(task, browser, tmp_path) <= most

@@ -13,6 +13,7 @@ import pytest
 
 import pd_editor
 from benchmarks import library_kills
+from pd_editor.analysis.findings.scorecard import scorecard
 from pd_editor.editor.library.library import Library
 from pd_editor.editor.recipe import Recipe
 from tests.cli.shell import Shell
@@ -282,3 +283,21 @@ def test_two_writers_at_once_lose_nothing(folder: Path):
         assert one.exitcode == 0
     for card in Library(folder).cards():
         assert set(card.row.tags) == {"paper", *mine, *theirs}
+
+
+def test_metrics_are_kept_in_cards_and_lists_sort_by_them(folder: Path, shell: Shell):
+    done = shell.run("library", "metrics", folder, "*")
+    assert done.out == "2 of 2 scenarios measured.\n"
+    for name in ("bent", "crosswalk"):
+        told = Library(folder).card(name).metrics
+        rows = scorecard(pd_editor.open_scenario(folder / name))
+        assert told == {one.name: one.value for one in rows if one.value == one.value}
+    head, *rows, _ = shell.run("library", "list", folder, "--sort", "path_length").lines
+    assert head.split()[:2] == ["name", "path_length"]
+    lengths = [float(row.split()[1]) for row in rows]
+    assert lengths == sorted(lengths, reverse=True)
+    found = shell.run("library", "find", folder, f"path_length >= {lengths[0] - 0.1}")
+    assert rows[0].split()[0] in found.out
+    wrong = shell.run("library", "list", folder, "--sort", "path_lenght")
+    assert "the nearest is path_length" in wrong.err
+    assert shell.run("library", "check", folder).code == 0

@@ -4,6 +4,7 @@ import contextlib
 import fnmatch
 import json
 import logging
+import math
 import os
 import secrets
 import shutil
@@ -17,6 +18,7 @@ from typing import Any, Final
 
 from filelock import FileLock, Timeout
 
+from pd_editor.analysis.findings.scorecard import ROWS, scorecard
 from pd_editor.base.errors import ExportError, InputError, PdEditorError
 from pd_editor.base.plain_text import nearest_or_all, one_line
 from pd_editor.base.regular_file import json_value, read_regular, unwritable
@@ -75,6 +77,8 @@ class LibraryCard:
     attribution: str = ""
     """Who made these, and under which licence; empty: they do not tell."""
     num_agents: int = 0
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """Values of its scorecard by name, once ``Library.measure`` has computed them."""
 
     @property
     def name(self) -> str:
@@ -94,6 +98,7 @@ class LibraryCard:
         """What queries ask of it besides what happens in it."""
         row = self.row
         return {
+            **self.metrics,
             **row.values,
             "name": self.name,
             "base": row.base_id,
@@ -114,8 +119,12 @@ SORTS: Final[Mapping[str, Callable[[LibraryCard], Any]]] = {
     "city": lambda card: card.row.city.lower(),
     "problems": lambda card: -card.row.num_problems,
     "agents": lambda card: -card.num_agents,
+    **{
+        name: lambda card, name=name: -card.metrics.get(name, -math.inf)
+        for name in ROWS
+    },
 }
-"""Orders of lists; numbers and dates begin with the greatest."""
+"""Orders of lists; numbers and dates begin with the greatest, unmeasured ones are last."""
 
 
 def card_of(
@@ -289,11 +298,25 @@ class Library:
             for name, variant in changed.items():
                 card, recipe = self._read_card(name), self._recipe(name)
                 row = replace(card.row, tags=variant.tags, note=variant.note)
-                files: dict[str, bytes | Path] = {**self._paths(name)}
-                files[RECIPE_NAME] = replace(recipe, variant=variant).to_text().encode()
-                files[CARD_NAME] = card_content(replace(card, row=row))
-                replace_folder(files, self.root / name)
+                content = replace(recipe, variant=variant).to_text().encode()
+                self._tell(replace(card, row=row), {RECIPE_NAME: content})
         return len(changed)
+
+    def measure(self, name: str) -> None:
+        """Compute the scorecard of a scenario, and keep its values in the card.
+
+        Raises:
+            ExportError: the card cannot be written.
+            InputError: the scenario cannot be read, or was changed meanwhile.
+        """
+        before = self._read_card(name)
+        rows = scorecard(open_scenario(self.root / name))
+        values = {one.name: one.value for one in rows if not math.isnan(one.value)}
+        with self._writing():
+            card = self._read_card(name)
+            if card.saved_at != before.saved_at:
+                raise InputError(f"{name}: was saved anew meanwhile; measure it again.")
+            self._tell(replace(card, metrics=values))
 
     def remove(self, name: str) -> None:
         """Remove a scenario atomically; ``put_back`` restores it for a day.
@@ -445,6 +468,14 @@ class Library:
         if card.name != name:
             raise InputError(f"{path}: is the card of {one_line(card.name, 80)}.")
         return card
+
+    def _tell(
+        self, card: LibraryCard, changed: Mapping[str, bytes] | None = None
+    ) -> None:
+        """Replace a card, and files beside it, in one step."""
+        files = {**self._paths(card.name), **(changed or {})}
+        files[CARD_NAME] = card_content(card)
+        replace_folder(files, self.root / card.name)
 
     def _recipe(self, name: str) -> Recipe:
         path = self.root / name / RECIPE_NAME

@@ -1,17 +1,19 @@
 """What is done with several kept scenarios together, from the bar of the start page."""
 
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 from pd_editor.analysis.findings.finding import problems_in_words
-from pd_editor.base.errors import ExportError, InputError
-from pd_editor.editor.library.library import LibraryCard
+from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.editor.library.library import Library, LibraryCard
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.variant import tags_from_text
 from pd_editor.scene.formats.player import player_page
 from pd_editor.viewer.files.export_panel import ExportPanel
-from pd_editor.viewer.files.scene_lists import scenarios
+from pd_editor.viewer.files.scene_lists import Batch, TickedList, scenarios
 from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -27,10 +29,14 @@ class LibraryActions:
         self._ui = ui
         self._workspace = ui.workspace
         self._library, self._scenes = ui.workspace.library, start.library
+        self._zip = start.zip
         self._followed: LibraryCard | None = None
         """Card of the current state when it was looked at last."""
         self._actions: Mapping[str, Callable[[str], None]] = {
             "tick": lambda _tags: self._tick_found(),
+            "metrics": lambda _tags: self._measure(),
+            "zip-save": self._save_of_zip,
+            "zip-download": lambda _tags: self._download_of_zip(),
             "tag": lambda tags: self._change_tags(tags, is_added=True),
             "untag": lambda tags: self._change_tags(tags, is_added=False),
             "compare": lambda _tags: self._compare_ticked(),
@@ -70,8 +76,7 @@ class LibraryActions:
         shown = set(self._scenes.chosen)
         self._start.look()
         there = {card.name for card in self._library.cards()} & shown
-        content = self._library.zipped(there, self._export.format_name())
-        self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
+        self._send_zip(self._library, there)
         gone = sorted(shown - there)
         if gone:
             self._ui.notify(
@@ -79,6 +84,69 @@ class LibraryActions:
                 f"Another tab has removed {', '.join(gone)} from the library.",
                 "warning",
             )
+
+    def _send_zip(self, library: Library, names: Collection[str]) -> None:
+        content = library.zipped(names, self._export.format_name())
+        self._ui.client.send_file_download(ZIP_NAME, content, save_immediately=True)
+
+    def _download_of_zip(self) -> None:
+        """Download scenes of an uploaded zip as if the library held them."""
+        with tempfile.TemporaryDirectory() as folder:
+            library = Library(Path(folder))
+            for name in self._zip.chosen:
+                self._zip.take_into(library, name)
+            self._send_zip(library, library.folders())
+
+    def _save_of_zip(self, text: str) -> None:
+        tags = tags_from_text(text)
+
+        def save(name: str) -> None:
+            if not self._zip.take_into(self._library, name, tags):
+                raise InputError("it is in the library already.")
+
+        self._begin(self._zip, "zip-save", "Saved", save)
+
+    def _measure(self) -> None:
+        self._begin(self._scenes, "metrics", "Measured", self._library.measure)
+
+    def _begin(
+        self,
+        scenes: TickedList[Any],
+        button: str,
+        words: str,
+        do: Callable[[str], None],
+    ) -> None:
+        """Begin to work on what is chosen, or end what the same button has begun."""
+        if scenes.batch is None:
+            left = scenes.chosen
+            scenes.batch = Batch(button=button, words=words, do=do, left=left)
+            self._ui.post(lambda: self._go_on(scenes))
+        else:
+            scenes.batch.left.clear()
+        self._start.look()
+
+    def _go_on(self, scenes: TickedList[Any]) -> None:
+        """Work on the next one, so that the page goes on meanwhile."""
+        batch = scenes.batch
+        assert batch is not None
+        if batch.left:
+            name = batch.left.pop(0)
+            try:
+                batch.do(name)
+            except PdEditorError as error:
+                batch.failures.append(f"{name}: {error}")
+            batch.num_done += 1
+        if batch.left:
+            self._start.look()
+            self._ui.post(lambda: self._go_on(scenes))
+            return
+        scenes.batch, failures = None, batch.failures
+        self._changed()
+        self._ui.notify(
+            f"{batch.words} {scenarios(batch.num_done - len(failures))}",
+            f"{len(failures)} not, first: {failures[0]}" if failures else "",
+            "warning" if failures else "success",
+        )
 
     def _follow_card(self) -> None:
         """Take tags and note that others have given to the card of the current state."""
@@ -92,9 +160,7 @@ class LibraryActions:
             session.describe(replace(about, tags=row.tags, note=row.note))
 
     def _tick_found(self) -> None:
-        """Tick all that is found, or none at all if that is so."""
-        ticked, found = self._workspace.ticked, set(self._scenes.listed)
-        self._workspace.ticked = ticked - found if ticked >= found else ticked | found
+        self._start.ticked_list.tick_all()
         self._start.look()
 
     def _compare_ticked(self) -> None:

@@ -2,16 +2,19 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Final, Generic, Literal, TypeVar
 
+from pd_editor.analysis.findings.scorecard import MEANS, ROWS, TOTALS
 from pd_editor.analysis.manoeuvres import SceneEvent
+from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.base.plain_text import one_line
-from pd_editor.editor.library.library import SORTS, LibraryCard
+from pd_editor.editor.library.library import SORTS, Library, LibraryCard
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import moment
 from pd_editor.editor.scenario_store import open_scenario
@@ -30,7 +33,7 @@ from pd_editor.viewer.overlay.messages import BulkButton, Choice, SceneFacet, Sc
 from pd_editor.viewer.scene.timeline import in_seconds
 from pd_editor.viewer.state.index_run import IndexRun
 from pd_editor.viewer.state.session_shelf import KeptWork
-from pd_editor.viewer.state.workspace import base_of
+from pd_editor.viewer.state.workspace import base_of, take_in_upload
 from pd_editor.viewer.tab.ui_context import UiContext
 
 Item = TypeVar("Item")
@@ -43,6 +46,10 @@ _AGENTS: Final[Mapping[str, tuple[int | None, int | None]]] = {
     "21 to 60 agents": (21, 60),
     "More than 60 agents": (61, None),
 }
+_METRICS: Final = {
+    **{name: one.title for name, one in TOTALS.items()},
+    **{name: title for name, (title, _) in MEANS.items()},
+}
 _ORDERS: Final = {
     "date": "Newest first",
     "name": "Name",
@@ -53,6 +60,26 @@ _ORDERS: Final = {
 }
 _ZIP: Final = "One zip in the format under Scene, Export: a folder each, and index.csv"
 _WITH_FUTURE: Final = "With a logged future"
+
+
+@dataclass
+class Batch:
+    """Work on several scenarios, one after another, between what the page asks for."""
+
+    button: str
+    """Name of the button that began it, and ends it."""
+    words: str
+    """What is done, such as ``Saved``."""
+    do: Callable[[str], None]
+    """Works on the scenario of a name."""
+    left: list[str]
+    num_done: int = 0
+    failures: list[str] = field(default_factory=list)
+
+    @property
+    def told(self) -> str:
+        """How far it is."""
+        return f"{self.words} {self.num_done} of {self.num_done + len(self.left)}"
 
 
 class SceneList(ABC, Generic[Item]):
@@ -114,9 +141,13 @@ class SceneList(ABC, Generic[Item]):
         """Leave it out from now on."""
         self._workspace.shelf.rejected.toggle(self.place(item))
 
+    def take_in(self, item: Item) -> str:
+        """Add it to the library; returns its name, or none if it is there already."""
+        return self._workspace.take_in(self.place(item))
+
     def save(self, item: Item) -> None:
         """Take it into the library as it is."""
-        name = self._workspace.take_in(self.place(item))
+        name = self.take_in(item)
         said = f"Saved to library: {name}" if name else "It is in the library already"
         self._ui.notify(said, "", "success" if name else "info")
 
@@ -169,7 +200,72 @@ class DemoList(SceneList[str]):
         self._workspace.open_reference(item)
 
 
-class ZipList(SceneList[str]):
+class TickedList(SceneList[Item]):
+    """Scenarios of which some can be ticked, for buttons that are for several."""
+
+    batch: Batch | None = None
+    """What is being done with several."""
+
+    @abstractmethod
+    def name_of(self, item: Item) -> str:
+        """Name under which one is ticked."""
+
+    @property
+    @abstractmethod
+    def marks(self) -> set[str]:
+        """Names of all that are ticked, also of those that the line leaves out."""
+
+    @property
+    def listed(self) -> list[str]:
+        """Names of those that pass the filter, in their order."""
+        return [self.name_of(one) for one in self.items]
+
+    @property
+    def ticked(self) -> list[str]:
+        """Names of those of them that are ticked."""
+        return [one for one in self.listed if one in self.marks]
+
+    @property
+    def chosen(self) -> list[str]:
+        """Those that are ticked; all of them if none is."""
+        return self.ticked or self.listed
+
+    @property
+    def marked(self) -> str:
+        """What buttons act on, and how far a batch is."""
+        ticked = len(self.ticked)
+        acts = f"{ticked} ticked" if ticked else "buttons are for all of them"
+        doing = f"{self.batch.told}; " if self.batch else ""
+        return f"{doing}{scenarios(len(self.items))}; {acts}"
+
+    def tick(self, item: Item) -> None:
+        """Tick one, or take its tick away."""
+        self.marks.symmetric_difference_update({self.name_of(item)})
+
+    def tick_all(self) -> None:
+        """Tick all that is found, or none at all if that is so."""
+        marks, found = self.marks, set(self.listed)
+        if marks >= found:
+            marks -= found
+        else:
+            marks |= found
+
+    def _buttons(
+        self, others: Iterable[tuple[str, str, str, bool]]
+    ) -> tuple[BulkButton, ...]:
+        """The button that ticks, and others by name, text, hint, and whether they are on."""
+        found = len(self.items)
+        tick = "Tick none" if 0 < found == len(self.ticked) else "Tick all"
+        ends = self.batch.button if self.batch else ""
+        return tuple(
+            BulkButton(name=name, text="Cancel", hint="What is done stays", is_on=True)
+            if name == ends
+            else BulkButton(name=name, text=text, hint=hint, is_on=is_on)
+            for name, text, hint, is_on in [("tick", tick, "", found > 0), *others]
+        )
+
+
+class ZipList(TickedList[str]):
     """Scenes of the zip that was uploaded last."""
 
     def look(self) -> None:
@@ -180,19 +276,56 @@ class ZipList(SceneList[str]):
 
     @property
     def told(self) -> str:
-        """Name of the zip."""
+        """Name of the zip, and what buttons act on."""
         uploaded = self._workspace.uploaded_zip
-        return "" if uploaded is None else next(iter(uploaded.files))
+        return f"{next(iter(uploaded.files))}: {self.marked}." if uploaded else ""
+
+    def name_of(self, item: str) -> str:
+        """The name itself."""
+        return item
+
+    @property
+    def marks(self) -> set[str]:
+        """Those of this zip alone."""
+        uploaded = self._workspace.uploaded_zip
+        return set() if uploaded is None else uploaded.ticked
+
+    def bulk(self) -> tuple[BulkButton, ...]:
+        """Buttons for what is ticked, or for all that is found."""
+        count = len(self.chosen)
+        if not count:
+            return ()
+        return self._buttons(
+            [
+                ("zip-save", f"Save {count}", "To the library, with these tags", True),
+                ("zip-download", f"Download {count}", _ZIP, True),
+            ]
+        )
 
     def tile(self, item: str) -> SceneTile:
         """Its name."""
+        workspace = self._workspace
+        uploaded = workspace.uploaded_zip
+        assert uploaded is not None
+        ((name, content),) = uploaded.files.items()
         return SceneTile(
             key=item,
             title=item,
             lines=(),
-            picture=f"{self.told} {item}",
-            is_open=self._workspace.session.base.scenario_id == item,
+            picture=f"{name} {len(content)} {item}",
+            is_open=workspace.session.base.scenario_id == item,
+            is_saved=workspace.library.card(item) is not None,
+            is_ticked=item in self.marks,
+            can_save=True,
         )
+
+    def take_in(self, item: str) -> str:
+        """Add one to the library; returns its name, or none if it is there already."""
+        return self.take_into(self._workspace.library, item)
+
+    def take_into(self, library: Library, item: str, tags: Sequence[str] = ()) -> str:
+        """The same, for any library, with tags."""
+        return take_in_upload(library, self._files(item), self._workspace.cut, tags)
 
     def picture(self, item: str) -> str:
         """The scene at t = 0."""
@@ -342,7 +475,7 @@ class DatasetList(SceneList[ScenarioCard]):
         return () if found is None else found.events
 
 
-class LibraryList(SceneList[LibraryCard]):
+class LibraryList(TickedList[LibraryCard]):
     """Kept scenarios."""
 
     def __init__(self, ui: UiContext) -> None:
@@ -388,34 +521,30 @@ class LibraryList(SceneList[LibraryCard]):
     @property
     def told(self) -> str:
         """How far the index is, and what buttons act on."""
-        run, ticked = self.run, len(self.ticked)
+        run = self.run
         if not self.items:
             empty = "Empty: S saves the scenario at hand here."
             return "" if self._workspace.start.line else empty
-        marked = f"{ticked} ticked" if ticked else "buttons are for all of them"
+        marked = self.marked
         if self._workspace.folders.is_local:
             marked += f"; in {self._library.root}"
         indexed = run.words if run is not None and self._workspace.start.line else ""
-        return f"{scenarios(len(self.items))}; {marked}. {indexed}".strip()
+        return f"{marked}. {indexed}".strip()
+
+    def name_of(self, item: LibraryCard) -> str:
+        """Its name."""
+        return item.name
 
     @property
-    def listed(self) -> list[str]:
-        """Names of those that pass the filter, in their order."""
-        return [card.name for card in self.items]
-
-    @property
-    def ticked(self) -> list[str]:
-        """Names of those of them that are ticked."""
-        return [one for one in self.listed if one in self._workspace.ticked]
-
-    @property
-    def chosen(self) -> list[str]:
-        """Those that are ticked; all of them if none is."""
-        return self.ticked or self.listed
+    def marks(self) -> set[str]:
+        """Those of this tab."""
+        return self._workspace.ticked
 
     def facets(self) -> tuple[SceneFacet, ...]:
-        """The order."""
-        choices = tuple(Choice(value=one, text=text) for one, text in _ORDERS.items())
+        """The order; metrics are offered once some are computed."""
+        known = {name for card in self.items for name in card.metrics}
+        orders = {**_ORDERS, **{one: _METRICS[one] for one in ROWS if one in known}}
+        choices = tuple(Choice(value=one, text=text) for one, text in orders.items())
         value = self._workspace.start.sort
         return (SceneFacet(name="sort", label="Sort", value=value, choices=choices),)
 
@@ -425,11 +554,10 @@ class LibraryList(SceneList[LibraryCard]):
         removed, count = len(self._workspace.removed), ticked or found
         if not found and not removed:
             return ()
-        is_all = 0 < found == ticked
         buttons = [
-            ("tick", "Tick none" if is_all else "Tick all", "", found > 0),
             ("tag", f"Tag {count}", "Add these tags", found > 0),
             ("untag", f"Untag {count}", "Take these tags away", found > 0),
+            ("metrics", f"Metrics {count}", "Compute the scorecard", found > 0),
             ("compare", "Compare two", "The two ticked side by side", ticked == 2),
             ("download", f"Download {count}", _ZIP, found > 0),
             ("remove", f"Remove {ticked}", "Those that are ticked", ticked > 0),
@@ -438,16 +566,14 @@ class LibraryList(SceneList[LibraryCard]):
             buttons.append(
                 ("put-back", f"Put back {removed}", "All removed here", True)
             )
-        return tuple(
-            BulkButton(name=name, text=text, hint=hint, is_on=is_on)
-            for name, text, hint, is_on in buttons
-        )
+        return self._buttons(buttons)
 
     def tile(self, item: LibraryCard) -> SceneTile:
         """Its problems, tags, descent, note and edits."""
         row, count = item.row, item.row.num_problems
         problems = f"{count} problem{'s' * (count != 1)}" if count else ""
-        about = " · ".join(filter(None, [problems, *row.tags]))
+        metric = self._metric(item)
+        about = " · ".join(filter(None, [metric, problems, *row.tags]))
         edits = "; ".join(row.edits) or "without edits"
         return SceneTile(
             key=item.name,
@@ -468,10 +594,6 @@ class LibraryList(SceneList[LibraryCard]):
         """Open the scenario."""
         self._workspace.open_reference(str(self._library.root / item.name))
 
-    def tick(self, item: LibraryCard) -> None:
-        """Tick one, or take its tick away."""
-        self._workspace.ticked ^= {item.name}
-
     def reject(self, item: LibraryCard) -> None:
         """Remove it from the library; the panel can put it back."""
         self.remove((item.name,))
@@ -486,6 +608,15 @@ class LibraryList(SceneList[LibraryCard]):
             f"{scenarios(len(names))} removed",
             f"Put back {len(removed)}, under the library, brings back what was removed.",
         )
+
+    def _metric(self, item: LibraryCard) -> str:
+        """The metric by which the list is sorted, if it is by one."""
+        name = self._workspace.start.sort
+        if name not in item.metrics:
+            return ""
+        value, unit = item.metrics[name], METRICS[name].unit
+        shown = f"{value:.0%}" if unit == "share" else f"{value:.1f} {unit}"
+        return f"{_METRICS[name]}: {shown}"
 
     def _index(self) -> None:
         """Read what happens in scenarios that are new, in the background."""

@@ -16,6 +16,7 @@ from pd_editor.viewer.files.scene_lists import (
     LibraryList,
     RejectedList,
     SceneList,
+    TickedList,
     UnfinishedList,
     ZipList,
     scenes,
@@ -41,11 +42,12 @@ class StartPage:
         self._ui, self._workspace = ui, ui.workspace
         self._timeline, self._viewpoint = timeline, viewpoint
         self.library, self.dataset = LibraryList(ui), DatasetList(ui)
+        self.zip = ZipList(ui)
         self._unfinished = UnfinishedList(ui)
         self._lists: dict[Source, SceneList[Any]] = {
             "dataset": self.dataset,
             "demos": DemoList(ui),
-            "zip": ZipList(ui),
+            "zip": self.zip,
             "library": self.library,
             "unfinished": self._unfinished,
             "rejected": RejectedList(ui),
@@ -169,6 +171,12 @@ class StartPage:
             )
         )
         self.listed.emit()
+
+    @property
+    def ticked_list(self) -> TickedList[Any]:
+        """The list at hand, in which some are ticked; else the library."""
+        source = self._list
+        return source if isinstance(source, TickedList) else self.library
 
     @property
     def _list(self) -> SceneList[Any]:

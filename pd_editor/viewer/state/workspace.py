@@ -2,8 +2,8 @@
 
 import os
 import time
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +12,7 @@ from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import ALL_DEMOS, DEMO_PREFIX, demo_names
 from pd_editor.base.regular_file import user_path
 from pd_editor.editor.commands import BeginAt, Command, ContinueScene
-from pd_editor.editor.library.library import LibraryCard, card_of
+from pd_editor.editor.library.library import Library, LibraryCard, card_of
 from pd_editor.editor.library.taking_in import take_in
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
@@ -116,6 +116,8 @@ class UploadedZip:
     files: Mapping[str, bytes]
     names: tuple[str, ...]
     """Names of the scenarios."""
+    ticked: set[str] = field(default_factory=set)
+    """Names of those that are selected."""
 
 
 class Workspace:
@@ -655,6 +657,17 @@ def base_of(work: UnfinishedWork) -> Scenario:
             f"The uploaded files of {work.scenario_id} are gone."
         ) from error
     return _from_upload(files, work.base.cut or SceneCut())[0]
+
+
+def take_in_upload(
+    library: Library,
+    files: Mapping[str, bytes],
+    cut: SceneCut,
+    tags: Sequence[str] = (),
+) -> str:
+    """Take the scene in an upload into a library; raises and returns as ``take_in``."""
+    scenario, recipe = _from_upload(files, cut)
+    return take_in(library, EditorSession(scenario), made_by_recipe=recipe, tags=tags)
 
 
 def _from_upload(

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import pd_editor
 from pd_editor.base.installed_files import demo_names
+from pd_editor.editor.commands import DeleteAgents
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.formats.player import player_page
 from pd_editor.scene.junction_phases import sampled_signals
@@ -20,6 +22,7 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.signals import SignalState
+from tests.builders import two_agents_that_pass
 from tests.scene.formats.embedded_scenes import Page, line_of, scenes_in, tracks_of
 
 MOST_BYTES = 1_000_000
@@ -164,3 +167,11 @@ def test_a_page_asks_for_nothing_outside():
     assert hrefs == ["data:,"]
     assert b"url(" not in page
     assert b"fetch(" not in page
+
+
+def test_scenarios_and_sessions_show_themselves():
+    scenario = two_agents_that_pass()
+    session = pd_editor.EditorSession(scenario)
+    session.apply(DeleteAgents(agent_ids=scenario.agents.ids[-1:]))
+    for one, now in ((scenario, scenario), (session, session.scenario)):
+        assert one.show().page == player_page([now])

@@ -346,7 +346,7 @@ def test_a_zip_of_several_is_a_source_of_the_start_page(tabs):
     assert (shown["isOpen"], shown["source"], shown["told"]) == (
         True,
         "zip",
-        "kept.zip",
+        "kept.zip: 2 scenarios; buttons are for all of them.",
     )
     assert [one["title"] for one in shown["tiles"]] == [first, second]
     tab.hear("startPage", kind="draw", keys=[second])
@@ -357,3 +357,69 @@ def test_a_zip_of_several_is_a_source_of_the_start_page(tabs):
     assert [one["isOpen"] for one in tab.tiles("zip").values()] == [False, True]
     find(tab, second)
     assert list(tab.tiles("zip")) == [second]
+
+
+def test_scenes_of_a_zip_are_ticked_saved_and_downloaded_without_being_opened(tabs):
+    tab, _ = tabs
+    for speed in (3.0, 6.0):
+        drive(tab, speed)
+        star(tab, name=f"at-{speed:.0f}")
+    content = tab.tab.workspace.library.zipped({"at-3", "at-6"})
+    tab.upload("Upload files", "kept.zip", content)
+    tab.hear("startPage", kind="bulk", name="zip-save", value="")
+    until(lambda: tab.notices[-1][0] == "Saved 0 scenarios")
+    assert tab.notices[-1][1].endswith("first: at-3: it is in the library already.")
+    for name in listed(tab):
+        tab.choose("library", name, "reject")
+    before = tab.session.scenario
+    tab.choose("zip", "at-6", "tick")
+    with mock.patch.object(tab.ui.client, "send_file_download") as send:
+        tab.hear("startPage", kind="bulk", name="zip-download", value="")
+    archive = zipfile.ZipFile(io.BytesIO(send.call_args.args[1]))
+    assert {Path(one).parts[0] for one in archive.namelist()} == {"at-6", "index.csv"}
+    tab.hear("startPage", kind="bulk", name="zip-save", value="paper")
+    until(lambda: tab.notices[-1][0] == "Saved 1 scenario")
+    tab.choose("zip", "at-3", "save")
+    assert tab.session.scenario is before
+    cards = {one.name: one.row for one in tab.tab.workspace.library.cards()}
+    assert {name: row.tags for name, row in cards.items()} == {
+        "at-6": ("paper",),
+        "at-3": (),
+    }
+    assert cards["at-3"].edits
+    assert tab.tiles("zip")["at-3"]["isSaved"]
+
+
+def test_metrics_of_many_sort_and_find_and_can_be_cancelled(tabs):
+    tab, _ = tabs
+    for speed in (3.0, 6.0, 12.0):
+        drive(tab, speed)
+        star(tab, name=f"at-{speed:.0f}")
+    library, start = tab.tab.workspace.library, tab.elements.start
+    scenes = start.library
+    tab.tiles("library")
+    tick(tab, "at-6")
+
+    def press_twice() -> None:
+        start.acted.emit("metrics", "")
+        assert scenes.batch.told == "Measured 0 of 1"
+        assert [one.text for one in scenes.bulk() if one.name == "metrics"] == [
+            "Cancel"
+        ]
+        start.acted.emit("metrics", "")
+
+    tab.run(press_twice)
+    until(lambda: tab.notices[-1][0] == "Measured 0 scenarios")
+    assert not any(one.metrics for one in library.cards())
+    assert "path_length" not in [one.value for one in scenes.facets()[0].choices]
+    act(tab, "tick")
+    act(tab, "metrics")
+    until(lambda: tab.notices[-1][0] == "Measured 3 scenarios")
+    tab.hear("startPage", kind="facet", name="sort", value="path_length")
+    assert listed(tab) == ["at-12", "at-6", "at-3"]
+    values = {one.name: one.metrics["path_length"] for one in library.cards()}
+    assert lines(tab, "at-6")[0].startswith(f"Path length: {values['at-6']:.1f} m")
+    find(tab, f"path_length > {values['at-6'] + 0.1:.3f}")
+    assert listed(tab) == ["at-12"]
+    library.describe(["at-12"], lambda one: one.tagged(("fast",), ()))
+    assert library.card("at-12").metrics["path_length"] == values["at-12"]
