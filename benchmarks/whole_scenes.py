@@ -25,7 +25,6 @@ from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.metrics.road.surroundings import askew, surroundings
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.experiments.evaluation.report.scene_test import Surroundings, scene_test
 from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE, lane_pieces
 from pd_editor.generation.features.scene_features import scene_center
@@ -44,6 +43,7 @@ from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 from pd_editor.scene.time_cut import FUTURE_S
+from scene_test import Surroundings, scene_test
 
 HALF_SIDE_M = 62.0
 PAIR_RULES = ("near", "brakes", "waits", "crossing")

@@ -121,6 +121,7 @@ def test_the_wheel_holds_what_is_used_and_no_more(wheel: Path):
     assert not [name for name in modules if {"assets", "tests"} & {*name.split("/")}]
     assert {name.split("/")[0] for name in names} == {
         "pd_editor",
+        "scene_test",
         f"pd_editor-{PROJECT['version']}.dist-info",
     }
 

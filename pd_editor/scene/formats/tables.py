@@ -1,6 +1,7 @@
-"""Plain tables of a scene, for statistics: tracks and lanes as CSV and Parquet."""
+"""Plain tables of a scene, for statistics: tracks, lanes and areas as CSV and Parquet."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,9 +13,11 @@ import pyarrow.parquet as pq
 from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene, losses_of
 from pd_editor.scene.scenario import Scenario
 
+_SIDES: Final = (("center", "centerline"), ("left", "left"), ("right", "right"))
+
 
 def write(scenario: Scenario) -> WrittenScene:
-    """``tracks`` has a row for each agent and step, ``lanes`` one for each point.
+    """``tracks`` has a row for each agent and step, the others one for each point.
 
     Coordinates are those of the city in metres, angles radians, times 0 at the current
     step.
@@ -38,36 +41,43 @@ def write(scenario: Scenario) -> WrittenScene:
         "vy_mps": vy,
         "is_made_up": agents.has_made_up_past[row] & (step < scenario.current_step),
     }
-    lines = [
-        (lane, side, line)
-        for lane in scenario.road_map.lanes
-        for side, line in (
-            ("center", lane.centerline),
-            ("left", lane.left),
-            ("right", lane.right),
-        )
-    ]
-    counts = [len(line) for _, _, line in lines]
-    points = (
-        np.concatenate([line for _, _, line in lines]) if lines else np.zeros((0, 3))
-    )
-    lanes = {
-        "lane": np.repeat([lane.lane_id for lane, _, _ in lines], counts),
-        "line": np.repeat([side for _, side, _ in lines], counts),
-        "kind": np.repeat([lane.kind.value for lane, _, _ in lines], counts),
-        "is_intersection": np.repeat(
-            [one.is_intersection for one, _, _ in lines], counts
+    lanes = [(one, side) for one in scenario.road_map.lanes for side in _SIDES]
+    areas = scenario.road_map.drivable_areas
+    tables = {
+        "tracks": tracks,
+        "lanes": _points(
+            scenario,
+            [getattr(lane, field) for lane, (_, field) in lanes],
+            lane=[lane.lane_id for lane, _ in lanes],
+            line=[name for _, (name, _) in lanes],
+            kind=[lane.kind.value for lane, _ in lanes],
+            is_intersection=[lane.is_intersection for lane, _ in lanes],
+            num_successors=[len(lane.successors) for lane, _ in lanes],
         ),
-        "x_m": points[:, 0] + origin[0],
-        "y_m": points[:, 1] + origin[1],
-        "z_m": points[:, 2],
+        "areas": _points(
+            scenario,
+            [area.boundary for area in areas],
+            area=[area.area_id for area in areas],
+        ),
     }
+    files = [_both(name, columns) for name, columns in tables.items()]
     return WrittenScene(
-        files={**_both("tracks", tracks), **_both("lanes", lanes)},
+        files={name: data for one in files for name, data in one.items()},
         losses=losses_of(
-            scenario, "Links of lanes, crosswalks, drivable areas, and the focal agent."
+            scenario, "Which lanes follow which, crosswalks, and the focal agent."
         ),
     )
+
+
+def _points(
+    scenario: Scenario, lines: Sequence[np.ndarray], **about: list[Any]
+) -> dict[str, np.ndarray]:
+    """A row for each point of lines, with what is told of each line."""
+    counts = np.array([len(line) for line in lines], int)
+    points = np.concatenate([np.zeros((0, 3)), *lines])
+    x, y = (points[:, :2] + scenario.origin_city_m).T
+    columns = {name: np.repeat(values, counts) for name, values in about.items()}
+    return {**columns, "x_m": x, "y_m": y, "z_m": points[:, 2]}
 
 
 def _both(name: str, columns: dict[str, Any]) -> dict[str, bytes]:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.road.surroundings import FEATURES, askew, surroundings
+from pd_editor.analysis.metrics.road.surroundings import askew, surroundings
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import AgentKind
+from scene_test import FEATURES
 from tests.builders import scenario_with, straight_drivers
 
 
