@@ -1,9 +1,11 @@
 """Parts of maps: whole lanes of a square, what is on them, and maps beyond the limits."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,6 +21,7 @@ from pd_editor.editor.scenario_store import (
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene import scene_limits
 from pd_editor.scene.base_reference import MapWindow, SceneCut
+from pd_editor.scene.formats.file_scene import FileScene
 from pd_editor.scene.map_window import densest_windows
 from tests.builders import straight_lane
 from tests.scene.formats.test_opendrive import LINE, lane, road, section, write
@@ -105,6 +108,21 @@ def test_a_window_of_a_demo_cuts_links_and_tracks_and_replays():
     recipe = Recipe.from_text(session.recipe().to_text())
     replayed = replay(recipe, open_base(recipe.base))
     assert replayed.agents.ids == session.scenario.agents.ids
+
+
+def test_a_window_holds_no_pavement_of_elsewhere():
+    """Junctions of a SUMO network are one area of many parts."""
+    junctions = shapely.MultiPolygon([shapely.box(x, 0, x + 9, 9) for x in (0, 900)])
+    whole = FileScene(
+        path=Path("town"),
+        name="town",
+        lanes=(straight_lane(1, (0.0, 0.0), (20.0, 0.0)),),
+        more_paved=[junctions],
+    )
+    window = MapWindow(x_m=0.0, y_m=0.0, radius_m=50.0)
+    part = whole.within(window)
+    assert [one.bounds for one in part.more_paved] == [(0.0, 0.0, 9.0, 9.0)]
+    assert not replace(whole, more_paved=()).within(window).more_paved
 
 
 @given(st.integers(0, 2**32), st.integers(1, 6))

@@ -160,6 +160,7 @@ class FileScene:
     def within(self, window: MapWindow) -> "FileScene":
         """The lanes that meet a square, and the tracks that are in it at some time."""
         square = shapely.box(*window.bounds_m)
+        paved = shapely.get_parts(np.array(self.more_paved, object))
 
         def is_inside(track: FileTrack) -> bool:
             away = np.abs(track.position_m - (window.x_m, window.y_m)).max(axis=1)
@@ -172,7 +173,7 @@ class FileScene:
             lanes=lanes,
             signals=tuple(one for one in self.signals if one.stop_m.keys() & ids),
             crosswalks=crosswalks_within(self.crosswalks, window),
-            more_paved=[one for one in self.more_paved if one.intersects(square)],
+            more_paved=paved[shapely.intersects(paved, square)].tolist(),
             tracks=tuple(filter(is_inside, self.tracks)),
             current_s=self._now_s(),
             is_part=True,

@@ -86,9 +86,7 @@ def read(path: Path) -> Scenario:
         path if ending_of(path) == ENDING else path.with_name(stem_of(path) + ENDING)
     )
     scenario = scenario_root(story) if story.exists() else None
-    roads_at = path
-    if scenario is not None and story == path:
-        roads_at = road_network_of(scenario[0])
+    roads_at = road_network_of(scenario[0]) if scenario and story == path else path
     element, data = parse_xml(roads_at, "OpenDRIVE")
     root = Place(roads_at, element)
     header = root.child("header")

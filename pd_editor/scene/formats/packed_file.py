@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,7 +36,7 @@ def ending_of(path: Path) -> str:
 
 
 def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
-    """First bytes of a file's contents, in lower case; empty if it cannot be read."""
+    """First bytes of a file, in lower case, without XML comments; empty if unreadable."""
     try:
         with path.open("rb") as file:
             head = file.read(most_bytes)
@@ -43,8 +44,8 @@ def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
             head = zlib.decompressobj(wbits=31).decompress(head, most_bytes)
     except (OSError, zlib.error):
         return b""
-    # Of a text in UTF-16, every other byte is 0.
-    return head.lower().replace(b"\0", b"")
+    # Of a text in UTF-16, every other byte is 0; comments hold options, as <osm-files>.
+    return re.sub(rb"(?s)<!--.*?-->", b"", head.lower().replace(b"\0", b""))
 
 
 @contextmanager

@@ -72,7 +72,8 @@ def test_lanes_through_junctions_are_links(tmp_path: Path):
 
 def test_a_network_is_known_by_its_root_where_its_name_says_nothing(tmp_path: Path):
     path = tmp_path / "map.xml"
-    path.write_text(NET)
+    # As netconvert begins what it makes of OpenStreetMap.
+    path.write_text(f'<!-- made of\n<osm-files value="town.osm"/> -->{NET}')
     kind = format_of(path)
     assert kind is not None
     assert kind.name == "sumo"
