@@ -360,18 +360,14 @@ def _shape(
 
 
 def _box(one: Place) -> tuple[tuple[float, float], float, tuple[float, float]] | None:
+    center = next((_point(n)[:2] for n in one.children("center")), (0.0, 0.0))
     if one.element.tag == "rectangle":
         size = one.child("length").number(), one.child("width").number()
-        turn = one.element.find("orientation")
-        center = one.element.find("center")
-        return (
-            size,
-            0.0 if turn is None else Place(one.path, turn).number(),
-            (0.0, 0.0) if center is None else _point(Place(one.path, center))[:2],
-        )
+        turn = next((n.number() for n in one.children("orientation")), 0.0)
+        return size, turn, center
     if one.element.tag == "circle":
         across = 2 * one.child("radius").number()
-        return (across, across), 0.0, (0.0, 0.0)
+        return (across, across), 0.0, center
     if one.element.tag == "polygon" and len(points := one.children("point")):
         return _around(np.array([_point(p)[:2] for p in points]))
     return None

@@ -8,12 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from pd_editor.base.errors import (
-    ExportError,
-    FormatError,
-    InputError,
-    LargeSceneError,
-)
+from pd_editor.base.errors import ExportError, FormatError, InputError, LargeSceneError
 from pd_editor.base.foreign_code import asked
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.formats.packed_file import PACKED, unpacked_file

@@ -11,11 +11,7 @@ from jaxtyping import Float
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.formats.file_scene import (
-    NO_HEADINGS,
-    FileScene,
-    FileTrack,
-)
+from pd_editor.scene.formats.file_scene import NO_HEADINGS, FileScene, FileTrack
 from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import (
     ending_of,
@@ -111,8 +107,15 @@ def read(path: Path) -> Scenario:
 def _scene(path: Path, found: _File) -> FileScene:
     objects, about = found.objects, found.metadata or _About()
     step_s = TimeAxis().step_s
+    # Nocturne, and GPUDrive at first, tell degrees.
+    is_in_degrees = any(
+        there and abs(told or 0.0) > 2.5 * np.pi
+        for one in objects
+        for there, told in zip(one.valid, one.heading or (), strict=False)
+    )
+    turn = np.pi / 180 if is_in_degrees else 1.0
     tracks = [
-        made_of(path, "object", _track, row, one, step_s)
+        made_of(path, "object", _track, row, one, step_s, turn)
         for row, one in enumerate(objects)
     ]
     roads = [
@@ -180,8 +183,8 @@ def _name(row: int, one: _Object | _Road) -> str:
     return str(row if one.id is None else one.id)
 
 
-def _track(row: int, one: _Object, step_s: float) -> FileTrack | None:
-    """A track where it is valid; None if it never is."""
+def _track(row: int, one: _Object, step_s: float, turn: float) -> FileTrack | None:
+    """A track where it is valid; None if it never is. Headings are in turns of radians."""
     position = _table(one.position)
     for field in ("valid", "heading", "velocity"):
         values = getattr(one, field)
@@ -203,7 +206,7 @@ def _track(row: int, one: _Object, step_s: float) -> FileTrack | None:
         size_m=(length, width) if min(length, width) > 0 else None,
         time_s=step_s * np.flatnonzero(is_valid),
         position_m=position[is_valid],
-        heading_rad=told,
+        heading_rad=told * turn,
         velocity_mps=_table(one.velocity)[is_valid] if one.velocity else None,
     )
 

@@ -53,7 +53,7 @@ _LANE_KINDS: Final = {
     "driving": LaneKind.VEHICLE, "entry": LaneKind.VEHICLE, "exit": LaneKind.VEHICLE,
     "onRamp": LaneKind.VEHICLE, "offRamp": LaneKind.VEHICLE,
     "connectingRamp": LaneKind.VEHICLE, "slipLane": LaneKind.VEHICLE,
-    "bidirectional": LaneKind.VEHICLE, "HOV": LaneKind.VEHICLE,
+    "bidirectional": LaneKind.VEHICLE, "HOV": LaneKind.VEHICLE, "shared": LaneKind.VEHICLE,
     "mwyEntry": LaneKind.VEHICLE, "mwyExit": LaneKind.VEHICLE,
     "bus": LaneKind.BUS, "taxi": LaneKind.BUS, "biking": LaneKind.BIKE,
 }  # fmt: skip
@@ -105,6 +105,8 @@ def read(path: Path) -> Scenario:
     signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")
+    if places := int(element.xpath("count(junction[@type='virtual'])")):
+        notes = (*notes, f"{places} virtual junctions join nothing.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
     scene = FileScene(
@@ -532,7 +534,8 @@ class _Network:
             for one in ids:
                 yield (road.name, near, one), "start" if end == "end" else "end"
             return
-        for link in road.place.element.findall(f"link/{tag}"):
+        # Virtual junctions link to places along a road (elementS).
+        for link in road.place.element.xpath(f"link/{tag}[not(@elementS)]"):
             other = self._roads.get(link.get("elementId") or "")
             if link.get("elementType") == "road" and other is not None:
                 contact: End = "end" if link.get("contactPoint") == "end" else "start"
@@ -542,6 +545,8 @@ class _Network:
 
     def _through_junctions(self) -> Iterator[tuple[int, int]]:
         for junction in self._root.children("junction"):
+            if junction.element.get("type") == "virtual":
+                continue
             for connection in junction.children("connection"):
                 first = self._roads.get(connection.element.get("incomingRoad") or "")
                 name = connection.element.get("connectingRoad")

@@ -27,12 +27,7 @@ from pd_editor.scene.formats.openscenario_writer import (
 )
 from pd_editor.scene.formats.scene_format import WrittenScene
 from pd_editor.scene.formats.xml_file import added, as_file
-from pd_editor.scene.geometry.angles import (
-    heading_of,
-    left_of,
-    unit_vector,
-    wrap_angle,
-)
+from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, without_repeats
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
 from pd_editor.scene.scenario import Scenario

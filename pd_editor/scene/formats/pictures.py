@@ -5,10 +5,7 @@ from typing import Final
 
 from pd_editor.scene.formats.figure import FigureLook, figure
 from pd_editor.scene.formats.film import FilmLook, Told, film
-from pd_editor.scene.formats.scene_format import (
-    WrittenScene,
-    format_to_write,
-)
+from pd_editor.scene.formats.scene_format import WrittenScene, format_to_write
 from pd_editor.scene.scenario import Scenario
 
 LOOKS: Final[dict[str, FigureLook | FilmLook]] = {

@@ -97,6 +97,8 @@ _KNOWN: Final[dict[str, dict[str, Any]]] = {
     "numpy._core.multiarray": _NUMPY,
     "numpy.core.numeric": _NUMERIC,
     "numpy._core.numeric": _NUMERIC,
+    # Of a plain dictionary with functions.
+    "metadrive.scenario.scenario_description": {"ScenarioDescription": dict},
     "collections": {
         "OrderedDict": collections.OrderedDict,
         "defaultdict": _default_dict,

@@ -121,7 +121,7 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
 
 
 def _now(name: str, about: Mapping[str, Any]) -> int:
-    return int(about.get(name, 0))
+    return int(about.get(name) or 0)
 
 
 def _asked(name: str, about: Mapping[str, Any]) -> str:

@@ -197,12 +197,19 @@ def test_states_may_be_areas_without_an_orientation(tmp_path: Path):
     np.testing.assert_allclose(agents.heading_rad[row], 0, atol=1e-6)
 
 
-def test_several_shapes_have_one_box_and_what_is_left_out_is_told(tmp_path: Path):
-    trailer = "<rectangle><length>4</length><width>2</width><center><x>-5</x><y>0</y></center></rectangle>"
+@pytest.mark.parametrize(
+    "size", ["<length>4</length><width>2</width>", "<radius>2</radius>"]
+)
+def test_several_shapes_have_one_box_and_what_is_left_out_is_told(
+    tmp_path: Path, size: str
+):
+    tag = "circle" if "radius" in size else "rectangle"
+    trailer = f"<{tag}>{size}<center><x>-5</x><y>0</y></center></{tag}>"
     content = text(more='<phantomObstacle id="300"/>')
     scene = read(write(tmp_path, content.replace("</shape>", f"{trailer}</shape>", 1)))
     row = scene.agents.row_of["100"]
-    assert scene.agents.size_m[row].tolist() == pytest.approx([9.1, 2])
+    width_m = 4 if tag == "circle" else 2
+    assert scene.agents.size_m[row].tolist() == pytest.approx([9.1, width_m])
     place = scene.agents.position_m[row, scene.current_step] + scene.origin_city_m
     np.testing.assert_allclose(place - FAR_M, [(2.1 - 7) / 2, 0], atol=1e-6)
     assert any("phantom obstacles" in one for one in scene.provenance.notes)

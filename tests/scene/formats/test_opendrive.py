@@ -223,6 +223,26 @@ def test_lanes_lead_through_sections_roads_and_junctions(tmp_path: Path):
     assert lane_at(scene, 10, 1.75).successors == ()
 
 
+def test_virtual_junctions_join_nothing_and_say_so(tmp_path: Path):
+    """Their roads began where the main road begins."""
+    main = road(section(lane(-1, "shared")), "a")
+    drive = road(
+        section(lane(-1, more='<link><predecessor id="-1"/></link>')),
+        "b",
+        geometry=LINE.replace('x="0"', 'x="25"').replace('hdg="0"', 'hdg="-0.3"'),
+        link='<predecessor elementType="road" elementId="a" elementS="25" elementDir="+"/>',
+        attributes='junction="j"',
+    )
+    junction = (
+        '<junction id="j" type="virtual" mainRoad="a" sStart="20" sEnd="30"><connection '
+        'id="0" incomingRoad="a" connectingRoad="b" contactPoint="start">'
+        '<laneLink from="-1" to="-1"/></connection></junction>'
+    )
+    scene = opened(tmp_path, main, drive, junction)
+    assert [one.successors for one in scene.road_map.lanes] == [(), ()]
+    assert "1 virtual junctions join nothing." in scene.provenance.notes
+
+
 def test_shoulders_are_drivable_and_crosswalks_are_crossings(tmp_path: Path):
     walk = (
         '<objects><object id="1" type="crosswalk" s="25" t="0" hdg="0" length="4" '

@@ -5,6 +5,8 @@ import json
 import os
 import pickle
 import re
+import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +141,22 @@ def test_pickles_of_all_protocols_and_byte_orders(
             own[name] = np.asfortranarray(own[name].astype(kind))
     path = tmp_path / "sd_one.pkl"
     path.write_bytes(pickle.dumps(found, protocol))
+    check(open_scenario(path))
+
+
+def test_descriptions_of_metadrive_are_dictionaries(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """They are pickled as instances of its class, which is not looked for."""
+    name = "metadrive.scenario.scenario_description"
+    kind = type("ScenarioDescription", (dict,), {"__module__": name})
+    path = tmp_path / "sd_one.pkl"
+    with monkeypatch.context() as patch:
+        for part in ("metadrive", "metadrive.scenario", name):
+            module = types.ModuleType(part)
+            patch.setitem(sys.modules, part, module)
+        patch.setattr(sys.modules[name], kind.__name__, kind, raising=False)
+        path.write_bytes(pickle.dumps(kind(description())))
     check(open_scenario(path))
 
 
@@ -311,6 +329,18 @@ def test_faults_in_gpudrive_scenes_are_told_by_item(
     named = f"missing required field `{lost}` - at `$.{part}[{row}]`."
     with pytest.raises(FormatError, match=re.escape(named)):
         open_scenario(path)
+
+
+def test_headings_in_degrees_are_known_by_their_size(tmp_path: Path):
+    """As in Nocturne's files and GPUDrive's first ones, with 1e-4 for what is unknown."""
+    found = as_gpudrive()
+    for one in found["objects"]:
+        one["heading"] = [-100.0 if there else 1e-4 for there in one["valid"]]
+    path = tmp_path / "one.json"
+    path.write_text(json.dumps(found))
+    agents = open_scenario(path).agents
+    headings = agents.heading_rad[agents.is_valid]
+    np.testing.assert_allclose(headings, np.deg2rad(-100.0))
 
 
 def test_a_gpudrive_scene_may_hold_nan_where_nothing_is_valid(tmp_path: Path):
