@@ -1,13 +1,6 @@
 """Pipeline of the first stage: samples initial states on a scenario and repairs them."""
 
-from collections.abc import (
-    Callable,
-    Collection,
-    Generator,
-    Iterator,
-    Mapping,
-    Sequence,
-)
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Final, TypeVar
@@ -56,11 +49,7 @@ from pd_editor.generation.initial_state.sampler import (
     finished_states,
     sample_initial_states,
 )
-from pd_editor.generation.inputs.scene_batch import (
-    SceneTensors,
-    batch_of,
-    padded_size,
-)
+from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of, padded_size
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     ROAD_USER_KINDS,

@@ -267,12 +267,13 @@ def _links(
     number: Mapping[str, int],
 ) -> dict[int, list[int]]:
     """Numbers of the lanes that follow each."""
-    if any(one.successors is not None for one in lanes):
-        return {
-            number[one.key]: [number[key] for key in one.successors or () if key]
-            for one in lanes
-        }
     start = np.array([line[0] for line in lines])
+    if any(one.successors is not None for one in lanes):
+        begin = {one.key: place for one, place in zip(lanes, start, strict=True)}
+        return {
+            number[one.key]: [number[key] for key in _following(one, line[-1], begin)]
+            for one, line in zip(lanes, lines, strict=True)
+        }
     end = np.array([line[-1] for line in lines])
     begins = np.array([_unit(line[1] - line[0]) for line in lines])
     ends = np.array([_unit(line[-1] - line[-2]) for line in lines])
@@ -281,6 +282,17 @@ def _links(
     return {
         row + 1: (np.flatnonzero(near[row]) + 1).tolist() for row in range(len(lines))
     }
+
+
+def _following(
+    lane: CenterLane, end: Float[np.ndarray, "2"], begin: Mapping[str, np.ndarray]
+) -> list[str]:
+    """Lanes that follow one; of those of a whole road, which MetaDrive names, its own."""
+    keys = [key for key in lane.successors or () if key]
+    gaps = {key: np.hypot(*(begin[key] - end)) for key in keys if key in begin}
+    is_met = min(gaps.values(), default=np.inf) < _SAME_PLACE_M
+    reach = USUAL_WIDTH_M / 2 if is_met else np.inf
+    return [key for key in keys if gaps.get(key, 0.0) <= reach]
 
 
 def _half_widths(lane: CenterLane) -> tuple[float, float]:

@@ -223,15 +223,16 @@ def _lane(key: str, found: Mapping[str, Any]) -> CenterLane:
         if found.get("polygon") is not None
         else None,
         successors=None if exits is None else [str(one) for one in exits],
-        left_neighbor=_neighbor(found.get("left_neighbor")),
-        right_neighbor=_neighbor(found.get("right_neighbor")),
+        left_neighbor=_neighbor(found.get("left_neighbor"), -1),
+        right_neighbor=_neighbor(found.get("right_neighbor"), 0),
     )
 
 
-def _neighbor(found: Any) -> str | None:
-    for one in found or ():
-        return str(one["feature_id"] if isinstance(one, dict) else one)
-    return None
+def _neighbor(found: Any, row: int) -> str | None:
+    """The first of those that Waymo has along a lane, the next of all that MetaDrive has."""
+    found = found or [""]
+    is_along = isinstance(found[0], dict)
+    return str(found[0]["feature_id"] if is_along else found[row]) or None
 
 
 def _recognises(path: Path) -> bool:

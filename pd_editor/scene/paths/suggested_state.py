@@ -6,11 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.scene.agent_kind import (
-    LANE_FOLLOWER_KINDS,
-    AgentKind,
-    default_sizes_m,
-)
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind, default_sizes_m
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.paths.car_following import STANDSTILL_GAP_M
 from pd_editor.scene.paths.lanes.lane_routes import (

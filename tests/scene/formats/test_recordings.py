@@ -160,6 +160,30 @@ def test_descriptions_of_metadrive_are_dictionaries(
     check(open_scenario(path))
 
 
+def test_lanes_lead_to_their_own_of_all_that_metadrive_names(tmp_path: Path):
+    """They began lanes aside, and their neighbours were two lanes away."""
+    found = description()
+    kind, line = "LANE_SURFACE_STREET", found["map_features"]["1"]["polyline"]
+    names = [[f"('a', '{part}', {row})" for row in range(3)] for part in "bc"]
+    found["map_features"] = {
+        names[part][row]: {
+            "type": kind,
+            "polyline": line + np.array([100.0 * part, -3.5 * row, 0.0]),
+            "exit_lanes": [] if part else names[1],
+            "left_neighbor": names[part][:row],
+            "right_neighbor": names[part][row + 1 :],
+        }
+        for part in (0, 1)
+        for row in range(3)
+    }
+    path = tmp_path / "sd_one.pkl"
+    path.write_bytes(pickle.dumps(found))
+    lanes = open_scenario(path).road_map.lanes
+    assert [one.successors for one in lanes] == [(4,), (5,), (6,), (), (), ()]
+    beside = [(one.left_neighbor, one.right_neighbor) for one in lanes[:3]]
+    assert beside == [(None, 2), (1, 3), (2, None)]
+
+
 def test_what_a_description_may_leave_out(tmp_path: Path):
     found = description()
     del found["metadata"]["ts"]
