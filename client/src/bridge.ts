@@ -203,6 +203,8 @@ export const LIST = "input.mantine-Select-input";
 export const SLIDER = "[class*=Slider-root]";
 export const FIELD = ".mantine-NumberInput-root, .mantine-TextInput-root";
 export const NUMBER = "input.mantine-NumberInput-input";
+/** What opens and closes a folder. */
+export const FOLD = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root";
 export const DIALOG = ".mantine-Modal-content";
 export const BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
 
@@ -211,8 +213,13 @@ const ICON_NAMES: readonly [selector: string, name: string][] = [
   ["button:has(> * > .tabler-icon-list-search)", "All commands"],
   ["button:has(> * > .tabler-icon-adjustments)", "Settings of viser"],
 ];
-/** Name controls for screen readers: viser labels neither sliders, texts nor second numbers. */
+/** Name controls for screen readers: viser labels neither sliders, texts, second numbers nor folds. */
 export function nameControls(): void {
+  for (const fold of document.querySelectorAll<HTMLElement>(FOLD)) {
+    fold.tabIndex = 0;
+    fold.role = "button";
+    fold.ariaExpanded = String(!fold.nextElementSibling?.matches("[inert]"));
+  }
   for (const [selector, name] of ICON_NAMES)
     for (const found of document.querySelectorAll(`${selector}:not([aria-label])`))
       found.setAttribute("aria-label", name);

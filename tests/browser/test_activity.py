@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.scene.activity import Activity
+from pd_editor.viewer.agents.agent_panel import MORE
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -22,6 +23,7 @@ def test_standing_agents_are_parked_and_moving_ones_stay_driving(open_editor):
     field = editor.row("Activity").locator("input:not([type=hidden])").first
     editor.open_tab("Agents")
     editor.select(standing[:2])
+    editor.open_folder(MORE)
     editor.until(lambda: field.input_value() == "not known", "what is recorded")
     editor.choose("Activity", "parked")
     editor.until(lambda: len(session.entries) == 1, "an edit")

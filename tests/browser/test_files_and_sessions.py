@@ -38,6 +38,7 @@ def notice(editor, text: str) -> None:
 
 def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
     editor = open_editor()
+    editor.open_folder("From a folder")
     editor.fill("Folder", folder)
     editor.press("Open folder")
     editor.until(
@@ -80,6 +81,7 @@ def test_a_bad_upload_says_so_and_changes_nothing(open_editor, name, content):
 def test_a_missing_folder_says_so_and_names_are_shown_as_text(open_editor):
     editor = open_editor()
     opened = editor.session.scenario
+    editor.open_folder("From a folder")
     editor.fill("Folder", "/nowhere/<img src=x onerror=alert(1)>")
     editor.press("Open folder")
     notice(editor, "<img src=x onerror=alert(1)>")

@@ -12,6 +12,8 @@ from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.upload import scenario_from_upload
+from pd_editor.viewer.agents.agent_panel import MORE
+from pd_editor.viewer.files.export_panel import OTHER_WAYS
 from tests.editor.same_scenario import same_scenario
 
 pytestmark = pytest.mark.browser
@@ -175,7 +177,7 @@ def test_place_duplicate_turn_and_delete(editor):
     editor.until(
         lambda: abs(np.degrees(state_of(editor, placed)[1]) - 30) < 1e-6, "a turn"
     )
-    editor.page.keyboard.press("Shift+Tab")  # The next field opened its list.
+    editor.open_folder(MORE)
     editor.press("Duplicate")
     editor.until(lambda: len(session.scenario.agents) == num_before + 2, "a copy")
     editor.press("Delete")
@@ -213,6 +215,7 @@ def test_a_dragged_anchor_friction_and_writing_to_a_folder(editor, tmp_path):
     editor.screenshot("08_friction")
 
     editor.open_tab("Scene")
+    editor.open_folder(OTHER_WAYS)
     editor.fill("Into folder", tmp_path)
     editor.press("Write to folder")
     editor.until(lambda: list(tmp_path.glob("*/recipe.json")), "the folder")
@@ -291,6 +294,7 @@ def roof_now(editor) -> tuple[float, float, float]:
 def test_recipe_text_in_the_export_is_plain_json(editor):
     editor.click_at(roof(editor, editor.session.scenario.focal_id))
     editor.open_tab("Agents")
+    editor.open_folder(MORE)
     editor.press("Snap to lane")
     editor.until(lambda: len(labels(editor)) == 1, "an edit")
     data = json.loads(editor.session.recipe().to_text())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.viewer.agents.agent_panel import KIND_AND_PLACE
+from pd_editor.viewer.agents.agent_panel import MORE
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -168,7 +168,7 @@ def test_several_agents_show_empty_fields_that_apply_to_all(editor):
     expect(editor.page.get_by_role("button", name="Place on road")).to_be_hidden()
     editor.page.get_by_text("2 agents:").wait_for()
     expect(speed).to_have_value("")
-    editor.open_folder(KIND_AND_PLACE)
+    editor.open_folder(MORE)
     expect(editor.row("Kind").locator("input").first).to_have_value("mixed")
     editor.fill("Speed (m/s)", 4)
     editor.until(lambda: len(session.entries) == 1, "the speed of both")

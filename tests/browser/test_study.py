@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
+from pd_editor.viewer.study.study_panel import ROADS_AND_FOLDER
 from tests.browser.editor_page import EditorPage
 from tests.experiments.evaluation.small_dataset import write_dataset
 
@@ -16,6 +17,7 @@ def small_study(open_editor, tmp_path: Path) -> tuple[EditorPage, Path]:
     editor, out = open_editor(), tmp_path / "study"
     editor.open_tab("Study")
     editor.fill("Data", write_dataset(tmp_path / "data"))
+    editor.open_folder(ROADS_AND_FOLDER)
     editor.fill("Results folder", out)
     editor.choose("Method", "constant-velocity")
     for kind in ("S-bend (double turn)", "Waves (ripple road)"):
@@ -34,6 +36,7 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.page.get_by_text("Name the folder of the scenarios").wait_for()
     editor.close_notifications()
     editor.fill("Data", data)
+    editor.open_folder(ROADS_AND_FOLDER)
     editor.fill("Results folder", out)
     editor.choose("Method", "lane-follower")
     editor.fill("Sums of warps", "smooth-turn:6+no-such-warp:2")

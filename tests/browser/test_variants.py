@@ -11,6 +11,7 @@ from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
 from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
+from pd_editor.viewer.files.export_panel import OTHER_WAYS
 
 pytestmark = pytest.mark.browser
 
@@ -54,7 +55,7 @@ def downloaded(editor, button: str) -> tuple[str, zipfile.ZipFile]:
 def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     """(D6): names are proposed, the library survives a reload, S stars."""
     editor = open_editor()
-    notice(editor, "focal agent ok · ego ok")
+    notice(editor, "no new problems")
     bend(editor)
     editor.until(
         lambda: value(editor, "Name") == "signalised-junction-double-turn-p6", "a name"
@@ -119,6 +120,7 @@ def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_p
     """(D5, D6): the second went over the first; a reopened one forgot what it is."""
     editor = open_editor()
     out = tmp_path / "out"
+    editor.open_folder(OTHER_WAYS)
     editor.fill("Into folder", out)
     bend(editor)
     slow_down(editor, 3.0)
@@ -159,6 +161,7 @@ def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_p
     notice(editor, "Replaced the earlier export")
     assert {path.name: path.read_bytes() for path in (out / name).iterdir()} != first
 
+    editor.open_folder("From a folder")
     editor.fill("Folder", out / f"{name}-2")
     editor.press("Open folder")
     notice(editor, "This is an export of the editor")

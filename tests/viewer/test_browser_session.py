@@ -379,7 +379,7 @@ def test_nothing_of_a_refused_number_stays(tab, monkeypatch):
 
 
 def test_reset_forgets_the_shape_and_friction_and_undo_brings_them_back(tab):
-    values = {"Waves": 3.0, "Starts after (m)": 20.0, "Friction coefficient": 0.3}
+    values = {"Waves": 3.0, "Starts after (m)": 20.0, "Friction": 0.3}
     for label, value in {**values, "Slow agents to the friction limit": True}.items():
         tab.type(label, value)
     tab.press("Reset road")

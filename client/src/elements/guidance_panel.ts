@@ -8,7 +8,7 @@ import type { GuidancePanelEvent, GuidancePanelState, GuidanceRow, Note } from "
 
 const HOST = "[data-pd-host='guidance']";
 const KEY_OPEN = "pd-guidance-open";
-const NUM_FIRST_TOOLS = 6; // Of those that can be used; the others are asked for.
+const NUM_FIRST_TOOLS = 3; // Of those that can be used; the others are asked for.
 
 type Field = HTMLInputElement | HTMLSelectElement;
 type Follow = (row: GuidanceRow) => void;

@@ -140,6 +140,14 @@ define("panel", (api) => {
     if (target instanceof Element && target.matches(viser.BESIDE_DIALOG)) leaveDialog();
   });
 
+  // viser's folds hear the mouse alone.
+  hearFirst("keydown", (event) => {
+    if (!(event.target as Element).matches?.(viser.FOLD) || ![" ", "Enter"].includes(event.key)) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    (event.target as HTMLElement).click();
+  });
+
   let naming: ReturnType<typeof setTimeout> | undefined;
   const observer = new MutationObserver(() => {
     tell();
@@ -165,7 +173,7 @@ define("panel", (api) => {
       subtree: true,
       childList: true,
       attributes: true,
-      attributeFilter: ["aria-selected"],
+      attributeFilter: ["aria-selected", "inert"],
     });
     tell();
   };

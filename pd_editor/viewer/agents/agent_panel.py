@@ -34,7 +34,7 @@ from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 KINDS: Final = tuple(str(kind) for kind in AgentKind)
 MIXED: Final = "mixed"
-KIND_AND_PLACE: Final = "Kind, position, size"
+MORE: Final = "Activity, kind, size, delete"
 EDIT: Final = "Edit"
 SNAP: Final = "Snap to lane"
 DUPLICATE: Final = "Duplicate"
@@ -64,32 +64,31 @@ class AgentPanel:
         self._model = ui.model
         self._placing = placing
         gui = ui.client.gui
-        self._summary = FixedText(gui, 3)
+        self._summary = FixedText(gui, 2)
         self._state = gui.add_folder("State at t = 0")
         with self._state:
             self._speed = gui.add_number("Speed (m/s)", 0.0, step=0.1)
-            self._activity = gui.add_dropdown(
-                "Activity",
-                tuple(ACTIVITIES),
-                hint="Read by the model: fewer parked agents start",
-            )
             self._heading = gui.add_number(
                 "Heading (deg)",
                 0.0,
                 step=1.0,
                 hint="Shown within half a turn: 400 is 40",
             )
-            with gui.add_folder(KIND_AND_PLACE, expand_by_default=False):
-                self._kind = gui.add_dropdown("Kind", KINDS)
-                self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
-                self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
+        self.locks = LockControls(ui)
+        self._more = gui.add_folder(MORE, expand_by_default=False)
+        with self._more:
+            self._activity = gui.add_dropdown(
+                "Activity", tuple(ACTIVITIES), hint="Of parked agents few start"
+            )
+            self._kind = gui.add_dropdown("Kind", KINDS)
+            self._position = gui.add_vector2("Position (m)", (0.0, 0.0), step=0.1)
+            self._size = gui.add_vector2("Length, width (m)", (4.6, 1.9), step=0.1)
+            self._acts = gui.add_button_group(
+                EDIT, (SNAP, DUPLICATE, MAKE_FOCAL, DELETE), hint="Shift+L, Ctrl+D"
+            )
         self._heading.precision = 1
         for handle in (self._speed, self._position, self._size):
             handle.precision = 2
-        self.locks = LockControls(ui)
-        self._acts = gui.add_button_group(
-            EDIT, (SNAP, DUPLICATE, MAKE_FOCAL, DELETE), hint="Keys: Shift+L, Ctrl+D"
-        )
         self._place_folder = gui.add_folder("Place an agent")
         with self._place_folder:
             self._new_kind = gui.add_dropdown("New agent", KINDS)
@@ -132,13 +131,15 @@ class AgentPanel:
         agents, step = scenario.agents, scenario.current_step
         rows = agents.rows(selection)
         is_there = bool(len(rows)) and bool(agents.is_valid[rows, step].all())
-        self._summary.show(*summary(scenario, rows), *stale_in_words(selection, stale))
-        set_property(self._state, "visible", is_there)
-        set_property(self._position, "visible", len(rows) == 1)
+        title, line = summary(scenario, rows)
+        self._summary.show(title, *stale_in_words(selection, stale) or (line,))
+        for handle in (self._state, self._activity, self._kind, self._size):
+            set_property(handle, "visible", is_there)
+        set_property(self._position, "visible", is_there and len(rows) == 1)
         may_be_focal = len(rows) == 1 and selection != (scenario.focal_id,)
         acts = [SNAP, DUPLICATE] * is_there + [MAKE_FOCAL] * may_be_focal + [DELETE]
         set_property(self._acts, "options", tuple(acts))
-        set_property(self._acts, "visible", bool(len(rows)))
+        set_property(self._more, "visible", bool(len(rows)))
         is_assumed = is_there and not agents.has_known_size[rows].all()
         set_property(self._size, "hint", SIZE_NOTE if is_assumed else None)
         self.locks.show(scenario, selection)
@@ -309,8 +310,8 @@ def stale_in_words(
 def _time_there(is_valid: Bool[np.ndarray, "T"], step_s: float) -> str:
     whole = f"{len(is_valid) * step_s:.3g} s"
     if is_valid.all():
-        return f"exists the whole {whole}"
-    return f"exists {is_valid.sum() * step_s:.3g} of {whole}"
+        return f"there for all {whole}"
+    return f"there for {is_valid.sum() * step_s:.3g} of {whole}"
 
 
 def counted(kind: AgentKind, count: int) -> str:

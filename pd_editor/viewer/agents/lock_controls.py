@@ -11,7 +11,7 @@ from pd_editor.viewer.overlay.banner import OFFER
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 NOT_LOCKED: Final = "Not locked"
-STATE: Final = "State"
+STATE: Final = "State at t = 0"
 BEGINNING: Final = "First seconds"
 TRAJECTORY: Final = "Whole trajectory"
 MIXED: Final = "mixed"

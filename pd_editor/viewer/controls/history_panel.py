@@ -33,7 +33,7 @@ class HistoryPanel:
             hint="Edits that were undone before another edit (U)",
         )
         ui.on_click(self._branches, show_branches)
-        self._counts = FixedText(gui, 2)
+        self._counts = FixedText(gui, 2, grows=True)
         self._pages = gui.add_button_group("Edits", (NEWER, PRESENT, OLDER))
         self._page = 0
         self._followed: tuple[object, int, int] | None = None

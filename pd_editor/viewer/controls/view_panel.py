@@ -41,7 +41,7 @@ class ViewPanel:
             for layer, title in _LAYER_TITLE.items():
                 box = gui.add_checkbox(title, layer != "centerlines")
                 ui.on_change(box, partial(picture.map.set_layer_visible, layer))
-            ribbons = gui.add_checkbox("Past and future", True)
+            ribbons = gui.add_checkbox("Trajectories", True)
             ui.on_change(ribbons, picture.ribbons.set_visible)
 
     def _theme_asked(self, event: Mapping[str, Any]) -> None:

@@ -24,6 +24,7 @@ from pd_editor.viewer.files.picture_download import PictureDownload
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
+OTHER_WAYS: Final = "Into a folder, or edits alone"
 _ALONE: Final = (PLAYER.name, *LOOKS)
 """Formats whose files are downloaded alone, to be shown."""
 
@@ -70,7 +71,7 @@ class ExportPanel:
                 "Save to library",
                 icon=viser.Icon.STAR,
                 color="gray",
-                hint="S: keeps this state in the list at the end of this tab",
+                hint="S: keeps this state among all scenarios (N)",
             )
             self._name = gui.add_text(
                 "Name",
@@ -79,13 +80,14 @@ class ExportPanel:
             )
             self._tags = gui.add_text("Tags", "", hint="Separated by commas")
             self._note = gui.add_text("Note", "")
-            self._out = gui.add_text("Into folder", "", hint="On the server's machine")
-            write = gui.add_button("Write to folder", color="gray")
-            edits = gui.add_button(
-                "Download the edits alone",
-                color="gray",
-                hint="recipe.json, which pd-editor replay applies again",
-            )
+            with gui.add_folder(OTHER_WAYS, expand_by_default=False):
+                self._out = gui.add_text("Into folder", "", hint="On the server")
+                write = gui.add_button("Write to folder", color="gray")
+                edits = gui.add_button(
+                    "Download the edits alone",
+                    color="gray",
+                    hint="recipe.json, which pd-editor replay applies again",
+                )
         self._pictures = PictureDownload(ui)
         ui.on_click(write, self._write)
         ui.on_click(edits, self._download_edits)
@@ -118,18 +120,15 @@ class ExportPanel:
         self._show_preflight()
 
     def _show_preflight(self) -> None:
-        """One line: focal agent, ego, new problems."""
+        """One line: a focal agent or ego that lacks, new problems."""
         scenario = self._ui.session.scenario
-        agents = scenario.agents
-        focal = (
-            "focal agent ok" if scenario.focal_id in agents.row_of else "no focal agent"
-        )
-        ego = "ego ok" if EGO_ID in agents.row_of else "ego missing"
+        wanted = {"focal agent": scenario.focal_id, "ego": EGO_ID}
+        there = scenario.agents.row_of
+        lacking = [f"no {what}" for what, name in wanted.items() if name not in there]
         counts = Counter(one.kind for one in self._model.findings.new)
-        line = f"{focal} · {ego} · {problems_in_words(counts)}"
+        line = " · ".join([*lacking, problems_in_words(counts)])
         # In bold where the export lacks something.
-        is_good = scenario.focal_id in agents.row_of and not counts
-        self._preflight.show(*(("", line) if is_good else (line,)))
+        self._preflight.show(*((line,) if lacking or counts else ("", line)))
 
     def close(self) -> None:
         """Stop what is being drawn."""

@@ -52,7 +52,7 @@ class FamilyPanel:
         self._shown: Recipe | None = None
         gui = ui.client.gui
         with gui.add_folder("Family"):
-            self._known = FixedText(gui, 3)
+            self._known = FixedText(gui, 3, grows=True)
             self._vary = gui.add_text(
                 "Vary",
                 "",
@@ -71,8 +71,8 @@ class FamilyPanel:
                 hint="The edits with other numbers or on other scenes, traffic generated anew, each saved to "
                 "the library (tab Scene) with its problems",
             )
-            self._cancel = gui.add_button("Cancel family", color="gray", disabled=True)
-            self._told = FixedText(gui, 2)
+            self._cancel = gui.add_button("Cancel family", color="gray", visible=False)
+            self._told = FixedText(gui, 2, grows=True)
             self._coverage = gui.add_html("")
         self._made: tuple[MadeVariant, ...] = ()
         ui.on_click(self._make, self._start)
@@ -105,7 +105,7 @@ class FamilyPanel:
         """Show how a run ended."""
         self.tell(words, self._made)
         self._job = None
-        set_property(self._cancel, "disabled", True)
+        self._set_running(False)
         self._ui.model.library_changed.emit()
 
     def _start(self) -> None:
@@ -130,7 +130,7 @@ class FamilyPanel:
             return plan.made(recipe, session.base, self._generator, adds=adds)
 
         self._job = _FamilyJob(self._ui, self, plans, make)
-        set_property(self._cancel, "disabled", False)
+        self._set_running(True)
         self.tell(f"0 of {len(plans)} variants", ())
         self._job.start()
 
@@ -160,6 +160,10 @@ class FamilyPanel:
                 f"Make in: {len(found)} scenes; expected at most {MOST_MEMBERS}."
             )
         return found
+
+    def _set_running(self, is_running: bool) -> None:
+        set_property(self._make, "visible", not is_running)
+        set_property(self._cancel, "visible", is_running)
 
     def _stop(self) -> None:
         self.close()

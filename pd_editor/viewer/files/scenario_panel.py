@@ -39,7 +39,7 @@ class ScenarioPanel:
         self._base: Scenario | None = None
         self._dialog: Any = None
         gui = ui.client.gui
-        self._card = FixedText(gui, CARD_LINES)
+        self._card = FixedText(gui, CARD_LINES, grows=True)
         self._cut = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._cut, self._workspace.open_cut)
         self.map_window, self.moment = MapWindowCard(ui), MomentDialog(ui)
@@ -53,10 +53,6 @@ class ScenarioPanel:
                 icon=viser.Icon.LAYOUT_GRID,
                 hint="Demos, dataset, library and unfinished work as pictures (N)",
             )
-            self._folder = gui.add_text(
-                "Folder", "", hint="A scenario folder, or a file of another format"
-            )
-            open_folder = gui.add_button("Open folder", color="gray")
             upload = gui.add_upload_button(
                 "Upload files",
                 mime_type=UPLOAD_TYPES,
@@ -65,6 +61,11 @@ class ScenarioPanel:
                 hint="A zip, or a parquet with its map; OpenDRIVE, Lanelet2, SUMO, CommonRoad, "
                 "ScenarioNet and GPUDrive files; downloaded edits (.recipe.json)",
             )
+            with gui.add_folder("From a folder", expand_by_default=False):
+                self._folder = gui.add_text(
+                    "Folder", "", hint="Of a scenario, or a file of another format"
+                )
+                open_folder = gui.add_button("Open folder", color="gray")
         ui.model.shown.subscribe(self.show)
         ui.on_click(show_all, start.toggle)
         ui.on_click(open_folder, self._open_folder)

@@ -59,7 +59,7 @@ class LiveSwitch:
             "React live",
             tuple(_SCOPES),
             initial_value=scope,
-            hint="That follow while you drag an agent, a slider or a goal (Shift+R)",
+            hint="Who follows while you drag or pull something (on or off: Shift+R)",
         )
         ui.on_change(self._scope, self._scope_chosen)
 

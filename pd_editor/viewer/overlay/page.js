@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (edefe4d9f3c87693); not to be edited. */
+/* Built by .ci/client.py from client/ (5aa9fab6517fad92); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -105,6 +105,7 @@
   var SLIDER = "[class*=Slider-root]";
   var FIELD = ".mantine-NumberInput-root, .mantine-TextInput-root";
   var NUMBER = "input.mantine-NumberInput-input";
+  var FOLD = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root";
   var DIALOG = ".mantine-Modal-content";
   var BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
   var ICON_NAMES = [
@@ -113,6 +114,11 @@
     ["button:has(> * > .tabler-icon-adjustments)", "Settings of viser"]
   ];
   function nameControls() {
+    for (const fold of document.querySelectorAll(FOLD)) {
+      fold.tabIndex = 0;
+      fold.role = "button";
+      fold.ariaExpanded = String(!fold.nextElementSibling?.matches("[inert]"));
+    }
     for (const [selector, name] of ICON_NAMES)
       for (const found of document.querySelectorAll(`${selector}:not([aria-label])`))
         found.setAttribute("aria-label", name);
@@ -1430,7 +1436,7 @@
   // src/elements/guidance_panel.ts
   var HOST = "[data-pd-host='guidance']";
   var KEY_OPEN = "pd-guidance-open";
-  var NUM_FIRST_TOOLS = 6;
+  var NUM_FIRST_TOOLS = 3;
   var noted = ({ tone, text }) => make("div", `pd-guidance-note pd-tone-${tone}`, {}, text);
   function makeOf({ notes: _, isChosen, isOn, stop, inputs, ...made }) {
     const built = inputs.map(({ value, notes, ...input }) => input);
@@ -2512,6 +2518,12 @@
     hearFirst("click", ({ target }) => {
       if (target instanceof Element && target.matches(BESIDE_DIALOG)) leaveDialog();
     });
+    hearFirst("keydown", (event) => {
+      if (!event.target.matches?.(FOLD) || ![" ", "Enter"].includes(event.key)) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      event.target.click();
+    });
     let naming;
     const observer = new MutationObserver(() => {
       tell();
@@ -2536,7 +2548,7 @@
         subtree: true,
         childList: true,
         attributes: true,
-        attributeFilter: ["aria-selected"]
+        attributeFilter: ["aria-selected", "inert"]
       });
       tell();
     };

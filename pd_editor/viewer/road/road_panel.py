@@ -59,7 +59,6 @@ _POWER_MARKS: Final = ((-MAX_POWER, "right -"), (0.0, "0"), (MAX_POWER, "left +"
 DEFAULT_BORDER_M: Final = 5.0
 DEFAULT_EXPONENT: Final = 3.0
 MAX_SLOWED_NAMED: Final = 3
-NOT_SLOWED: Final = "Off: speeds stay as they are."
 LEAST_GAIN_M: Final = 0.3
 """Displacement per power below which a place of the road cannot be pulled."""
 USUAL_GAIN_M: Final = 1.0
@@ -128,11 +127,11 @@ class RoadPanel:
             )
         style.unfilled(self._power.values())
         self._readout = FixedText(gui, 2)
-        self._build_friction(gui)
         ghost = gui.add_checkbox("Show the original road", True)
         self._reset = gui.add_button(
             "Reset road", icon=viser.Icon.ARROW_BACK_UP, color="gray", disabled=True
         )
+        self._build_friction(gui)
         with gui.add_folder("Where it bends", expand_by_default=False):
             self._build_anchor(gui)
         with gui.add_folder("Shape", expand_by_default=False):
@@ -151,14 +150,14 @@ class RoadPanel:
             "is also slower at t = 0.",
         )
         self._friction = gui.add_slider(
-            "Friction coefficient",
+            "Friction",
             min=0.1,
             max=1.2,
             step=0.05,
             initial_value=DRY_ROAD_FRICTION,
             hint="0.7 dry, 0.4 wet, 0.15 ice",
         )
-        self._slowed = FixedText(gui, 3)
+        self._slowed = FixedText(gui, 3, grows=True)
 
     def _build_anchor(self, gui: viser.GuiApi) -> None:
         self._anchor = gui.add_dropdown(
@@ -316,15 +315,14 @@ class RoadPanel:
                 "Move a slider to bend it.",
             )
             return
-        mu = float(self._friction.value)
-        summary = summarise(applied.warp, friction_coefficient=mu)
+        summary = summarise(
+            applied.warp, friction_coefficient=float(self._friction.value)
+        )
         speed = summary.speed_limit_mps
         self._readout.show(
             "",
-            f"Smallest radius of the bend alone {summary.min_radius_m:.1f} m"
-            f" (curvature {summary.max_curvature_per_m:.3f} /m)",
-            f"Friction-limited speed {speed:.1f} m/s ({speed * 3.6:.0f} km/h)"
-            f" at friction {mu:.2f}",
+            f"Smallest radius {summary.min_radius_m:.1f} m, of the bend alone",
+            f"Friction-limited speed {speed:.1f} m/s ({speed * 3.6:.0f} km/h)",
         )
 
     def _show_slowed(self, scenario: Scenario) -> None:
@@ -647,7 +645,7 @@ def slowed_in_words(slowed: Sequence[SlowedAgent], *, most: int) -> tuple[str, s
 def once_slowed_in_words(agent_ids: tuple[str, ...]) -> str:
     """A sentence about the agents that edits have slowed while the setting is off."""
     if not agent_ids:
-        return NOT_SLOWED
+        return ""
     named = ", ".join(agent_ids[:MAX_SLOWED_NAMED])
     more = len(agent_ids) - MAX_SLOWED_NAMED
     others = f" and {more} more" if more > 0 else ""

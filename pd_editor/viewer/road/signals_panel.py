@@ -26,7 +26,7 @@ class SignalsPanel:
             "regenerated afterwards wait or go by it.",
         )
         self._remove = gui.add_button("Remove signals", color="gray", disabled=True)
-        self._text = FixedText(gui, 2)
+        self._text = FixedText(gui, 2, grows=True)
         ui.on_click(self._sample, self.sample)
         ui.on_click(self._remove, lambda: ui.apply(RemoveSignals()))
         ui.model.ground_clicked.subscribe(self._clicked)

@@ -51,8 +51,8 @@ ROADS: Final[list[str]] = [*WARP_KINDS]
 """What a chart can be chosen for before a study."""
 NO_METHOD: Final[str] = "None"
 NOT_THERE: Final[str] = "-"
-_NO_SCENE: Final[list[str]] = [NOT_THERE]
 MAX_SCENES: Final = 10_000
+ROADS_AND_FOLDER: Final = "Roads, results folder, resume"
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class StudyPanel:
         self._study = ui.workspace.study
         self._shown: Study | None = None
         self._gallery: dict[str, Path] = {}
-        self._report: Path | None = None
+        self._report = Path()
         self._add_plan(ui.client.gui)
         self._add_results(ui.client.gui)
         ui.on_click(self._run, self.run, failure="Study not started")
@@ -129,44 +129,42 @@ class StudyPanel:
             self._other = gui.add_dropdown(
                 "Compare with", (NO_METHOD, *names), initial_value="constant-velocity"
             )
-            self._kinds = {
-                kind: gui.add_checkbox(_title(kind), True) for kind in WARP_KINDS
-            }
-            self._powers = gui.add_dropdown("Powers", tuple(POWERS))
-            self._anchors = gui.add_dropdown(
-                "Warp anchor", tuple(ANCHOR_CHOICES), hint="Where the warps begin"
-            )
-            self._sums = gui.add_text(
-                "Sums of warps",
-                "",
-                hint="Further roads, such as smooth-turn:6+ripple-road:2; several with "
-                "spaces between them; @ego at the end warps ahead of the ego vehicle",
-            )
-            self._out = gui.add_text(
-                "Results folder", "study", hint="A new folder, or one to resume"
-            )
-            with gui.add_folder("More settings", expand_by_default=False):
+            with gui.add_folder(ROADS_AND_FOLDER, expand_by_default=False):
+                self._kinds = {
+                    kind: gui.add_checkbox(_title(kind), True) for kind in WARP_KINDS
+                }
+                self._powers = gui.add_dropdown("Strengths", tuple(POWERS))
+                self._anchors = gui.add_dropdown(
+                    "Warp anchor", tuple(ANCHOR_CHOICES), hint="Where the warps begin"
+                )
+                self._sums = gui.add_text(
+                    "Sums of warps",
+                    "",
+                    hint="Such as smooth-turn:6+ripple-road:2; @ego warps ahead of the ego",
+                )
+                self._out = gui.add_text(
+                    "Results folder", "study", hint="A new folder, or one to resume"
+                )
                 self._seed = gui.add_number("Seed", 0, min=0, max=2**31 - 1, step=1)
                 self._searches = gui.add_checkbox(
                     "Search worst warps",
                     False,
-                    hint="Search the worst warps of each scene; needs the extra 'study'"
-                    " (Optuna)",
+                    hint="Of each scene; needs the extra 'study' (Optuna)",
+                )
+                self._resume = gui.add_button(
+                    "Resume",
+                    color="gray",
+                    hint="Go on with the study of these settings in the results folder",
                 )
             self._run = gui.add_button("Run the study", icon=viser.Icon.CHART_LINE)
-            self._resume = gui.add_button(
-                "Resume",
-                color="gray",
-                hint="Go on with a cancelled or interrupted study of the same settings in"
-                " the folder of the results; finished items are kept",
-            )
-            self._cancel = gui.add_button("Cancel", color="gray", disabled=True)
+            self._cancel = gui.add_button("Cancel", color="gray", visible=False)
             self._bar = gui.add_progress_bar(0.0, visible=False)
-            self._note = FixedText(gui, 2)
+            self._note = FixedText(gui, 2, grows=True)
 
     def _add_results(self, gui: viser.GuiApi) -> None:
         """Curves, worst scenes and the report."""
-        with gui.add_folder("Severity curves"):
+        self._curves = gui.add_folder("Severity curves", visible=False)
+        with self._curves:
             self._metric = gui.add_dropdown(
                 "Metric",
                 tuple(t for _, t in SHOWN),
@@ -177,16 +175,14 @@ class StudyPanel:
                 "Warp", ROADS, hint="; ".join(map(_title, WARP_KINDS))
             )
             self._chart = gui.add_html(severity_svg((), (), *SHOWN[0]))
-        with gui.add_folder("Results"):
+        self._results = gui.add_folder("Results", visible=False)
+        with self._results:
             self._worst: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-                "Worst scenes", _NO_SCENE
+                "Worst scenes", [NOT_THERE]
             )
             self._open = gui.add_button("Open scene", color="gray", disabled=True)
             self._download = gui.add_button(
-                "Download the report",
-                icon=viser.Icon.DOWNLOAD,
-                color="gray",
-                disabled=True,
+                "Download the report", icon=viser.Icon.DOWNLOAD, color="gray"
             )
 
     def _kept_settings(self) -> KeptSettings:
@@ -296,9 +292,9 @@ class StudyPanel:
         return offer.make
 
     def _set_running(self, is_running: bool) -> None:
-        set_property(self._run, "disabled", is_running)
         set_property(self._resume, "disabled", is_running)
-        set_property(self._cancel, "disabled", not is_running)
+        set_property(self._run, "visible", not is_running)
+        set_property(self._cancel, "visible", is_running)
         set_property(self._bar, "visible", is_running)
 
     def _show_results(self, study: Study | None) -> None:
@@ -309,15 +305,13 @@ class StudyPanel:
             for number, one in enumerate(entries, 1)
             if isinstance(one.case, WorstCase)
         }
-        self._report = None if study is None else study.folder / REPORT_PAGE
+        self._report = Path() if study is None else study.folder / REPORT_PAGE
         self._worst.options = tuple(self._gallery) or (NOT_THERE,)
         set_value(self._worst, self._worst.options[0])
         set_property(self._open, "disabled", not self._gallery)
-        set_property(self._download, "disabled", study is None)
+        set_property(self._results, "visible", study is not None)
 
     def _download_report(self) -> None:
-        if self._report is None:
-            raise InputError("There is no report yet; run a study.")
         try:
             content = self._report.read_bytes()
         except OSError as error:
@@ -341,6 +335,7 @@ class StudyPanel:
         curves = [one for one in self._study.curves if one.road == self._kind.value]
         svg = severity_svg(curves, self._study.methods, names[title], title)
         set_property(self._chart, "content", svg)
+        set_property(self._curves, "visible", bool(self._study.curves))
 
     def _offer_roads(self) -> None:
         """Offer the roads that have curves; the chosen one stays if it has one.

@@ -60,13 +60,15 @@ class PanelStyle:
 class FixedText:
     """Lines of text in a space of constant height, so that elements below do not move.
 
-    Texts are never interpreted as HTML. Long texts end in an ellipsis; the tooltip has the
+    One that ``grows`` is as high as its text, up to that height. Texts are never interpreted as HTML. Long texts end in an ellipsis; the tooltip has the
     whole text.
     """
 
-    def __init__(self, gui: viser.GuiApi, num_lines: int) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, num_lines: int, *, grows: bool = False
+    ) -> None:
         """Reserve room for some lines in the current container."""
-        self._num_lines = num_lines
+        self._num_lines, self._limit = num_lines, "max-height" if grows else "height"
         self.element: Final = gui.add_html("")
         self.text = ""
         self.show()
@@ -82,7 +84,7 @@ class FixedText:
         set_property(
             self.element,
             "content",
-            f'<div title="{hint}" style="height:{self._num_lines * LINE_PX}px;'
+            f'<div title="{hint}" style="{self._limit}:{self._num_lines * LINE_PX}px;'
             f"overflow:hidden;display:-webkit-box;-webkit-box-orient:vertical;"
             f"-webkit-line-clamp:{self._num_lines};"
             f"margin:0 0.75em 0.5em;font-size:13px;line-height:{LINE_PX}px;"

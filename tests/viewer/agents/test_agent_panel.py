@@ -158,7 +158,7 @@ def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):
     scenario = tab.session.scenario
     select(tab, scenario.focal_id)
     assert MAKE_FOCAL not in tab.field(EDIT).options
-    assert "Focal agent, exists the whole 11 s" in tab.text()
+    assert "Focal agent, there for all 11 s" in tab.text()
     other = next(name for name in scenario.agents.ids if name != scenario.focal_id)
     select(tab, other)
     tab.type(EDIT, MAKE_FOCAL)
