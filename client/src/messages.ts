@@ -40,7 +40,7 @@ export interface PanelState {
 }
 
 export interface PanelEvent {
-  readonly kind: "hold" | "release" | "tab";
+  readonly kind: "hold" | "narrow" | "release" | "tab";
   readonly title?: string;
 }
 

@@ -370,11 +370,11 @@ def test_a_run_tells_what_was_asked_and_achieved(steered):
     # Told on every tab: nothing has followed the term yet.
     editor.open_tab("Scene")
     chip = page.get_by_role("status", name="Status")
-    chip.get_by_text("not yet guided").wait_for()
+    chip.get_by_text("guidance not run").wait_for()
     editor.run("Regenerate", "car-0009")
     page.get_by_text("A guidance problem").first.wait_for()
     editor.until(lambda: steered.num_edits() == 3, "a run", 120)
-    chip.get_by_text("not yet guided").wait_for(state="detached")
+    chip.get_by_text("guidance not run").wait_for(state="detached")
     editor.open_tab("Agents")
     row.get_by_text("Asked: 50.0 m/s").wait_for()
     table = page.get_by_role("table", name="Realism of the last run")

@@ -133,7 +133,7 @@ def test_the_status_chip_shows_all_of_its_words(editor):
     editor.tab().ui.post(lambda: session.apply(AddGuidance(term=term)))
     chip = page.locator(".pd-chip")
     expect(chip).to_contain_text("problem")
-    expect(chip).to_contain_text("not yet guided")
+    expect(chip).to_contain_text("guidance not run")
     editor.select(())
     focal = session.scenario.focal_id
     regenerate = editor.run_bar.get_by_role("button", name=f"Regenerate {focal}")
@@ -141,3 +141,25 @@ def test_the_status_chip_shows_all_of_its_words(editor):
     words = chip.locator(".pd-clipped")
     assert words.evaluate("e => e.scrollWidth <= e.clientWidth"), words.inner_text()
     editor.screenshot("layout_chip")
+
+
+def test_a_page_at_twice_its_zoom_keeps_all_in_sight(open_editor):
+    page = open_editor().page
+    page.set_viewport_size({"width": 640, "height": 360})
+    page.reload()
+    panel = page.get_by_role("tab", name="Path Diffuser Editor")
+    panel.wait_for()
+    tools = page.get_by_role("toolbar", name="Tools")
+    page.get_by_role("button", name="Agent list").click()
+    lock = page.get_by_role("region", name="Agent list").get_by_role(
+        "button", name="Lock", exact=True
+    )
+    expect(lock).to_be_visible()
+    run = page.get_by_role("group", name="Run", exact=True)
+    for one in (tools, lock, run, page.locator(".pd-chip")):
+        left, top, right, bottom = box_of(one)
+        assert min(left, top) >= 0, one
+        assert right < 640, one
+        assert bottom < 360, one
+    panel.click()
+    page.get_by_role("tab", name="Agents", exact=True).wait_for()

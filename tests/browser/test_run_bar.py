@@ -64,7 +64,9 @@ def test_it_names_whom_a_run_is_about(editor):
     expect(regenerate).to_have_text("Regenerate everybody")
     expect(resample).to_have_text("Resample everybody")
     told = editor.run_bar.get_by_role("status", name="Last run")
-    expect(told).to_have_text("Nothing reacts live: none is generated or guided")
+    expect(told).to_have_text(
+        "Nothing reacts live: no agent is generated or guided yet"
+    )
     now = session.scenario.current_step
     focal = session.scenario.agents.row_of[session.scenario.focal_id]
     place = session.scenario.agents.position_m[focal, now]

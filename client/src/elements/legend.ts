@@ -13,16 +13,18 @@ const ARCS = [
 define("legend", (api) => {
   const box = make("div", "pd-solid pd-legend-box");
   const list = make("ul", "pd-legend-list", { id: "pd-legend-list" });
-  const chip = button("pd-legend-chip", "Legend", () => fold(!list.hidden), { "aria-controls": "pd-legend-list" });
+  const chip = button("pd-legend-chip", "Legend", () => remember(KEPT, fold(!list.hidden)), {
+    "aria-controls": "pd-legend-list",
+  });
   box.append(list, chip);
   api.box.append(box);
 
-  function fold(isFolded: boolean) {
+  function fold(isFolded: boolean): boolean {
     list.hidden = isFolded;
     chip.setAttribute("aria-expanded", String(!isFolded));
-    remember(KEPT, isFolded);
+    return isFolded;
   }
-  fold(recall(KEPT) === true);
+  fold((recall(KEPT) ?? innerHeight < 520) === true);
 
   return ({ entries }) => {
     const lines = [...entries.map((entry) => ({ ...entry, isArc: false })), ...ARCS];

@@ -148,6 +148,9 @@ define("panel", (api) => {
     (event.target as HTMLElement).click();
   });
 
+  // Beside the panel there would be no picture.
+  if (innerWidth < 760) api.send({ kind: "narrow" });
+
   let naming: ReturnType<typeof setTimeout> | undefined;
   const observer = new MutationObserver(() => {
     tell();

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (5aa9fab6517fad92); not to be edited. */
+/* Built by .ci/client.py from client/ (9f2389b1ecbfb0c7); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

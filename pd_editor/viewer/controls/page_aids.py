@@ -108,5 +108,7 @@ class SidePanel:
             self._ui.hold_slider()
         elif kind == "release":
             self._ui.release_slider()
+        elif kind == "narrow":
+            self._ui.client.gui.main_panel.minimize()
         elif kind == "tab" and isinstance(title, str):
             self._keep(title[:MAX_TITLE])

@@ -103,7 +103,7 @@ class LiveSwitch:
         if not scenario.time_axis.num_future_steps:
             why = "the scene has no future"
         elif self._asked_ids(scenario) == set():
-            why = "none is generated or guided"
+            why = "no agent is generated or guided yet"
         return f"Nothing reacts live: {why}"
 
     def _asked_ids(self, scenario: Scenario) -> set[str] | None:

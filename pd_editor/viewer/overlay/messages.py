@@ -74,7 +74,7 @@ class PanelState(Message, frozen=True):
 
 
 class PanelEvent(Message, frozen=True):
-    kind: Literal["hold", "release", "tab"]
+    kind: Literal["hold", "narrow", "release", "tab"]
     title: str = ""
 
 

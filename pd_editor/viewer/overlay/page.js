@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (5aa9fab6517fad92); not to be edited. */
+/* Built by .ci/client.py from client/ (9f2389b1ecbfb0c7); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2011,15 +2011,17 @@
   define("legend", (api) => {
     const box = make("div", "pd-solid pd-legend-box");
     const list = make("ul", "pd-legend-list", { id: "pd-legend-list" });
-    const chip = button("pd-legend-chip", "Legend", () => fold(!list.hidden), { "aria-controls": "pd-legend-list" });
+    const chip = button("pd-legend-chip", "Legend", () => remember(KEPT2, fold(!list.hidden)), {
+      "aria-controls": "pd-legend-list"
+    });
     box.append(list, chip);
     api.box.append(box);
     function fold(isFolded) {
       list.hidden = isFolded;
       chip.setAttribute("aria-expanded", String(!isFolded));
-      remember(KEPT2, isFolded);
+      return isFolded;
     }
-    fold(recall(KEPT2) === true);
+    fold((recall(KEPT2) ?? innerHeight < 520) === true);
     return ({ entries }) => {
       const lines = [...entries.map((entry) => ({ ...entry, isArc: false })), ...ARCS];
       list.replaceChildren(
@@ -2524,6 +2526,7 @@
       event.stopImmediatePropagation();
       event.target.click();
     });
+    if (innerWidth < 760) api.send({ kind: "narrow" });
     let naming;
     const observer = new MutationObserver(() => {
       tell();

@@ -315,14 +315,14 @@ class RoadPanel:
                 "Move a slider to bend it.",
             )
             return
-        summary = summarise(
-            applied.warp, friction_coefficient=float(self._friction.value)
-        )
+        mu = float(self._friction.value)
+        summary = summarise(applied.warp, friction_coefficient=mu)
         speed = summary.speed_limit_mps
         self._readout.show(
             "",
             f"Smallest radius {summary.min_radius_m:.1f} m, of the bend alone",
-            f"Friction-limited speed {speed:.1f} m/s ({speed * 3.6:.0f} km/h)",
+            f"Friction-limited speed {speed:.1f} m/s ({speed * 3.6:.0f} km/h)"
+            f" at friction {mu:.2f}",
         )
 
     def _show_slowed(self, scenario: Scenario) -> None:
