@@ -84,9 +84,7 @@ class ExportPanel:
                 self._out = gui.add_text("Into folder", "", hint="On the server")
                 write = gui.add_button("Write to folder", color="gray")
                 edits = gui.add_button(
-                    "Download the edits alone",
-                    color="gray",
-                    hint="recipe.json, which pd-editor replay applies again",
+                    "Download the edits alone", color="gray", hint="To replay"
                 )
         self._pictures = PictureDownload(ui)
         ui.on_click(write, self._write)
