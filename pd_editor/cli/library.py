@@ -321,6 +321,11 @@ def list(
 def _opened(folder: str | Path) -> Library:
     library = Library(user_path(str(folder)))
     library.folders()
+    if library.is_other():
+        raise InputError(
+            f"{library.root}: is no library: it holds no scenario with a card;"
+            " 'pd-editor library add' takes in scenes of other folders."
+        )
     return library
 
 

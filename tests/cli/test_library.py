@@ -301,3 +301,12 @@ def test_metrics_are_kept_in_cards_and_lists_sort_by_them(folder: Path, shell: S
     wrong = shell.run("library", "list", folder, "--sort", "path_lenght")
     assert "the nearest is path_length" in wrong.err
     assert shell.run("library", "check", folder).code == 0
+
+
+def test_a_folder_of_other_things_is_told_to_be_no_library(folder: Path, shell: Shell):
+    """It was an empty one."""
+    for one in (folder / "bent", folder.parent):
+        assert "is no library" in shell.run("library", "list", one).err
+    shutil.rmtree(folder / "bent")
+    shutil.rmtree(folder / "crosswalk")
+    assert shell.run("library", "list", folder).lines[-1] == "0 scenarios."

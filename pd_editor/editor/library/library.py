@@ -155,6 +155,8 @@ class Library:
         self._known: dict[str, tuple[tuple[int, ...], LibraryCard | None]] = {}
         """Cards that were read, with what tells whether their files are still the same."""
         self._listed: tuple[int, list[LibraryCard]] | None = None
+        self.unread: tuple[str, ...] = ()
+        """Folders without a card that can be read, when cards were looked at last."""
         self._forget_removed()
 
     def has(self, name: str) -> bool:
@@ -183,6 +185,11 @@ class Library:
             raise InputError(
                 f"{self.root}: is no library that can be read ({error.strerror})."
             ) from error
+
+    def is_other(self) -> bool:
+        """Whether the folder holds something, but is no library and never was one."""
+        names = set(os.listdir(self.root))
+        return bool(names) and _LOCK_NAME not in names and not self.cards()
 
     def card(self, name: str) -> LibraryCard | None:
         """Card of a scenario; None if it is not in the library, or cannot be read."""
@@ -228,7 +235,9 @@ class Library:
             names: list[str] = []
             with contextlib.suppress(InputError):
                 names = self.folders()
-            found = [card for one in names if (card := self.card(one)) is not None]
+            cards = {one: self.card(one) for one in names}
+            self.unread = tuple(one for one, card in cards.items() if card is None)
+            found = [card for card in cards.values() if card is not None]
             found.sort(key=lambda card: (card.saved_at, card.name))
             self._listed = (stamp, found) if now - stamp > _TRUSTED_NS else None
             return list(found)

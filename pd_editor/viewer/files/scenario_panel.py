@@ -1,12 +1,13 @@
 """The scenario panel: shows the open scenario, and opens demos, folders and uploads."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import viser
 
 from pd_editor.base.errors import ArchiveError, InputError
+from pd_editor.base.regular_file import read_regular
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.editor.scenario_store import is_foreign
 from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES, scenarios_in_upload
@@ -159,6 +160,10 @@ class ScenarioPanel:
                 f"{folder} holds scenario folders: type one of them, or start the editor "
                 "with --data and this folder to get their list."
             )
+        if folder.is_file() and folder.suffix.lower() == ".zip":
+            content = read_regular(folder, max_bytes=MAX_UPLOAD_BYTES)
+            if self._lists_several({folder.name: content}):
+                return
         self._ui.commit_gesture()
         self._workspace.open_reference(str(folder))
 
@@ -191,13 +196,17 @@ class ScenarioPanel:
                 )
                 return
         self._uploads = {}
+        if not self._lists_several(files):
+            self._ui.commit_gesture()
+            self._workspace.open_upload(files)
+
+    def _lists_several(self, files: Mapping[str, bytes]) -> bool:
+        """Whether these are a zip of several scenarios, which the start page then shows."""
         several = scenarios_in_upload(files)
         if several:
             self._workspace.uploaded_zip = UploadedZip(files=files, names=several)
             self._start.open("zip")
-            return
-        self._ui.commit_gesture()
-        self._workspace.open_upload(files)
+        return bool(several)
 
     def _close_dialog(self) -> None:
         if self._dialog is not None:

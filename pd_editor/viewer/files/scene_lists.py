@@ -521,15 +521,19 @@ class LibraryList(TickedList[LibraryCard]):
     @property
     def told(self) -> str:
         """How far the index is, and what buttons act on."""
-        run = self.run
-        if not self.items:
-            empty = "Empty: S saves the scenario at hand here."
-            return "" if self._workspace.start.line else empty
-        marked = self.marked
-        if self._workspace.folders.is_local:
-            marked += f"; in {self._library.root}"
-        indexed = run.words if run is not None and self._workspace.start.line else ""
-        return f"{marked}. {indexed}".strip()
+        line, unread = self._workspace.start.line, self._library.unread
+        told = [
+            "Nothing found." if line else "Empty: S saves the scenario at hand here."
+        ]
+        if self.items:
+            at = f"; in {self._library.root}" * self._workspace.folders.is_local
+            told = [f"{self.marked}{at}."]
+        if unread:
+            first = one_line(unread[0], MAX_REASON_CHARACTERS)
+            told.append(f"{len(unread)} cannot be read, first: {first}.")
+        if line and self.run is not None:
+            told.append(self.run.words)
+        return " ".join(filter(None, told))
 
     def name_of(self, item: LibraryCard) -> str:
         """Its name."""

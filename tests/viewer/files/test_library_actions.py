@@ -341,6 +341,11 @@ def test_a_zip_of_several_is_a_source_of_the_start_page(tabs):
         star(tab)
     first, second = sorted(listed(tab))
     content = tab.tab.workspace.library.zipped({first, second})
+    file = tab.tab.workspace.library.root.parent / "kept.zip"
+    file.write_bytes(content)
+    tab.type("Folder", str(file))
+    tab.press("Open folder")
+    assert list(tab.tiles("zip")) == [first, second]
     tab.upload("Upload files", "kept.zip", content)
     shown = tab.shown("startPage")
     assert (shown["isOpen"], shown["source"], shown["told"]) == (
@@ -423,3 +428,22 @@ def test_metrics_of_many_sort_and_find_and_can_be_cancelled(tabs):
     assert listed(tab) == ["at-12"]
     library.describe(["at-12"], lambda one: one.tagged(("fast",), ()))
     assert library.card("at-12").metrics["path_length"] == values["at-12"]
+
+
+def test_what_cannot_be_read_or_indexed_is_told(tabs):
+    """Broken cards were passed over, and a failed index was "Nothing found."."""
+    tab, _ = tabs
+    star(tab)
+    (name,) = listed(tab)
+    library = tab.tab.workspace.library
+    (library.root / "<b>").mkdir()
+    library.describe([name], lambda one: one.tagged(("a",), ()))
+    find(tab, "")
+    assert "1 cannot be read, first: <b>." in tab.shown("startPage")["told"]
+    run = tab.elements.start.library.run
+    find(tab, "density > 1e9")
+    until(lambda: run.fraction is None)
+    with mock.patch.object(run, "words", "x: cannot be written."):
+        tab.run(tab.elements.start.look)
+        assert tab.shown("startPage")["told"].startswith("Nothing found. 1 cannot")
+        assert tab.shown("startPage")["told"].endswith("x: cannot be written.")
