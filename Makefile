@@ -31,9 +31,14 @@ check: install
 	$(BIN)/python .ci/ratchet.py
 	$(BIN)/python .ci/client.py
 
+# With SLOW=1 slow tests as well, and the shapes of all arrays in unit tests.
 test: check
+ifdef SLOW
 	$(BIN)/pytest $(PROCESSES) --shapes only
-	$(BIN)/pytest $(PROCESSES) --shapes none $(if $(SLOW),-m '',)
+	$(BIN)/pytest $(PROCESSES) --shapes none -m ''
+else
+	$(BIN)/pytest $(PROCESSES) --shapes off
+endif
 
 # The scripts in the package, from client/.
 page: install

@@ -31,9 +31,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the choice of tests by whether they check shapes."""
     parser.addoption(
         "--shapes",
-        choices=("all", "only", "none"),
+        choices=("all", "only", "none", "off"),
         default="all",
-        help="check shapes in all tests, run only those that do, or only all others",
+        help="check shapes in all tests; run only those that do, or only all others; "
+        "run all and check none",
     )
 
 
@@ -49,7 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
     A shell without job control lets background commands ignore it, and their children
     inherit that.
     """
-    if config.getoption("--shapes") != "none":
+    if config.getoption("--shapes") in ("all", "only"):
         install_import_hook("pd_editor", "tests.shape_checker.check").__enter__()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -64,7 +65,7 @@ def pytest_collection_modifyitems(
     them, and one that is listed twice has a fault.
     """
     wanted = config.getoption("--shapes")
-    if wanted != "all":
+    if wanted in ("only", "none"):
         leaves = [one for one in items if checks_shapes(one) != (wanted == "only")]
         config.hook.pytest_deselected(items=leaves)
         items[:] = [one for one in items if checks_shapes(one) == (wanted == "only")]

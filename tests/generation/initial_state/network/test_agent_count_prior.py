@@ -120,7 +120,9 @@ def test_on_the_road_only_means_fewer_where_many_park_beside_it():
     drawn = [squares.sample(1000, 62, random, only_on_road=True) for _ in range(99)]
     assert {one[AgentKind.VEHICLE] for one in drawn} == {10}
     drawn = [squares.sample(1000, 62, random) for _ in range(99)]
-    assert {one[AgentKind.VEHICLE] for one in drawn} == {10, 40}
+    numbers = [one[AgentKind.VEHICLE] for one in drawn]
+    assert abs(np.mean(numbers) - 25) < 3
+    assert np.std(numbers) < 9  # Squares alone: 15.
 
 
 def test_wishes_about_traits_are_kept():
