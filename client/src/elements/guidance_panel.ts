@@ -1,13 +1,12 @@
 // The list of guidance terms in viser's panel: tools to add terms, and one row per term
 // with its strength, switch, values, and what is said of it.
 import { TAB } from "../bridge.ts";
-import { button, make, option, recall, remember, within } from "../dom.ts";
+import { button, make, option, within } from "../dom.ts";
 import { define, listen, onDispose } from "../frame.ts";
 import { guidanceIcon } from "../guidance_shapes.ts";
 import type { GuidancePanelEvent, GuidancePanelState, GuidanceRow, Note } from "../messages.ts";
 
 const HOST = "[data-pd-host='guidance']";
-const KEY_OPEN = "pd-guidance-open";
 const NUM_FIRST_TOOLS = 3; // Of those that can be used; the others are asked for.
 
 type Field = HTMLInputElement | HTMLSelectElement;
@@ -44,6 +43,7 @@ define("guidance_panel", (api) => {
   box.append(about, tools, ask, possible, foot, list);
   let state: GuidancePanelState | null = null;
   let count = 0;
+  let isUnfolded = false; // All tools are shown, until one is used.
   const rows = new Map<number, Built>();
 
   // viser draws the panel anew when tabs are dragged; the list follows its place.
@@ -77,11 +77,15 @@ define("guidance_panel", (api) => {
     if (tab && tab.textContent.trim() !== "Agents" && state?.encounters.isOpen) send({ kind: "leave" });
   });
 
-  function showPossible({ encounters }: GuidancePanelState) {
-    const { label, isEnabled, isOpen, about: told, items } = encounters;
+  // Beside terms that are there, what adds more is one line.
+  const isShort = ({ rows }: GuidancePanelState) => rows.length > 0 && !isUnfolded;
+
+  function showPossible(state: GuidancePanelState) {
+    const { label, isEnabled, isOpen, about: told, items } = state.encounters;
     ask.textContent = label;
     ask.disabled = !isEnabled;
     ask.setAttribute("aria-expanded", String(isOpen));
+    ask.hidden = isShort(state) && !isOpen;
     possible.hidden = !told;
     // Lines stay while they are pressed.
     const made = JSON.stringify([told, items.map(({ agent, text }) => [agent, text])]);
@@ -130,21 +134,24 @@ define("guidance_panel", (api) => {
   }
 
   function showTools(state: GuidancePanelState) {
-    const isOpen = recall(KEY_OPEN) ?? false;
-    const first = state.tools.filter((tool) => tool.isEnabled).slice(0, NUM_FIRST_TOOLS);
+    const first = state.tools.filter((tool) => tool.isEnabled).slice(0, isShort(state) ? 0 : NUM_FIRST_TOOLS);
     const isFirst = (tool: (typeof first)[number]) => tool.isActive || first.includes(tool);
-    const shown = state.tools.filter((tool) => isOpen || isFirst(tool));
+    const shown = state.tools.filter((tool) => isUnfolded || isFirst(tool));
     const others = state.tools.filter((tool) => !isFirst(tool)).slice(0, 3);
     const more = `${others.map((tool) => tool.title).join(", ")} ...`;
-    const fold = button("pd-guidance-more", isOpen ? "Fewer" : more, () => {
-      remember(KEY_OPEN, !isOpen);
+    const fold = button("pd-guidance-more", isUnfolded ? "Fewer" : more, () => {
+      isUnfolded = !isUnfolded;
       showTools(state);
+      showPossible(state);
       tools.querySelector<HTMLElement>(".pd-guidance-more")?.focus();
     });
-    fold.setAttribute("aria-expanded", String(isOpen));
+    fold.setAttribute("aria-expanded", String(isUnfolded));
     tools.replaceChildren(
       ...shown.map((tool) => {
-        const use = () => send({ kind: "tool", tool: tool.kind });
+        const use = () => {
+          isUnfolded = false;
+          send({ kind: "tool", tool: tool.kind });
+        };
         const made = button("pd-guidance-tool", "", use, {
           title: tool.hint,
           "aria-label": tool.title,

@@ -35,10 +35,11 @@ define("panel", (api) => {
     restore();
     if (wanted !== null) return;
     const open = tabs().find(isOpen);
-    if (!open || title(open) === told) return;
-    told = title(open);
     const box = scrolled();
-    if (box) box.scrollTop = places.get(told) ?? 0;
+    // The title of a folded panel is a tab outside of it.
+    if (!open || !box || title(open) === told) return;
+    told = title(open);
+    box.scrollTop = places.get(told) ?? 0;
     api.send({ kind: "tab", title: told });
   }
 

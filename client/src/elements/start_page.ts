@@ -320,6 +320,7 @@ define("startPage", (api) => {
     told.classList.toggle("pd-bad", next.isWrong);
     index.hidden = !next.index;
     index.textContent = next.index;
+    row.hidden = !(next.told || next.index || next.facets.length);
     showBulk(next);
     const isSame = former?.isOpen && JSON.stringify(former.tiles) === JSON.stringify(next.tiles);
     const isOther = former?.source !== next.source || former.line !== next.line || former.first !== next.first;

@@ -84,7 +84,9 @@ class ExportPanel:
                 self._out = gui.add_text("Into folder", "", hint="On the server")
                 write = gui.add_button("Write to folder", color="gray")
                 edits = gui.add_button(
-                    "Download the edits alone", color="gray", hint="To replay"
+                    "Download the edits alone",
+                    color="gray",
+                    hint="pd-editor replay applies them again",
                 )
         self._pictures = PictureDownload(ui)
         ui.on_click(write, self._write)

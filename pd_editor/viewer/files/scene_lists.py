@@ -545,12 +545,13 @@ class LibraryList(TickedList[LibraryCard]):
         return self._workspace.ticked
 
     def facets(self) -> tuple[SceneFacet, ...]:
-        """The order; metrics are offered once some are computed."""
+        """The order, of those that are there; metrics once some are computed."""
         known = {name for card in self.items for name in card.metrics}
         orders = {**_ORDERS, **{one: _METRICS[one] for one in ROWS if one in known}}
         choices = tuple(Choice(value=one, text=text) for one, text in orders.items())
         value = self._workspace.start.sort
-        return (SceneFacet(name="sort", label="Sort", value=value, choices=choices),)
+        sort = SceneFacet(name="sort", label="Sort", value=value, choices=choices)
+        return (sort,) if self.items else ()
 
     def bulk(self) -> tuple[BulkButton, ...]:
         """Buttons for what is ticked, or for all that is found."""

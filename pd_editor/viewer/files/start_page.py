@@ -160,7 +160,7 @@ class StartPage:
                 told=f"{wrong} The list stays as it was."
                 if wrong
                 else source.told or ("" if total else "Nothing found."),
-                common=COMMON if run is not None else (),
+                common=COMMON if run is not None and (total or start.line) else (),
                 facets=source.facets(),
                 index=index,
                 is_indexing=is_indexing,

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (9f2389b1ecbfb0c7); not to be edited. */
+/* Built by .ci/client.py from client/ (9bc68c7d7427c59b); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1435,7 +1435,6 @@
 
   // src/elements/guidance_panel.ts
   var HOST = "[data-pd-host='guidance']";
-  var KEY_OPEN = "pd-guidance-open";
   var NUM_FIRST_TOOLS = 3;
   var noted = ({ tone, text }) => make("div", `pd-guidance-note pd-tone-${tone}`, {}, text);
   function makeOf({ notes: _, isChosen, isOn, stop, inputs, ...made }) {
@@ -1457,6 +1456,7 @@
     box.append(about, tools, ask, possible, foot, list);
     let state = null;
     let count = 0;
+    let isUnfolded = false;
     const rows = /* @__PURE__ */ new Map();
     function attach() {
       const host = document.querySelector(HOST);
@@ -1481,11 +1481,13 @@
       const tab = within(event, TAB);
       if (tab && tab.textContent.trim() !== "Agents" && state?.encounters.isOpen) send2({ kind: "leave" });
     });
-    function showPossible({ encounters }) {
-      const { label, isEnabled, isOpen, about: told, items } = encounters;
+    const isShort = ({ rows: rows2 }) => rows2.length > 0 && !isUnfolded;
+    function showPossible(state2) {
+      const { label, isEnabled, isOpen, about: told, items } = state2.encounters;
       ask.textContent = label;
       ask.disabled = !isEnabled;
       ask.setAttribute("aria-expanded", String(isOpen));
+      ask.hidden = isShort(state2) && !isOpen;
       possible.hidden = !told;
       const made = JSON.stringify([told, items.map(({ agent, text }) => [agent, text])]);
       if (made !== possible.dataset.make) {
@@ -1527,21 +1529,24 @@
       };
     }
     function showTools(state2) {
-      const isOpen = recall(KEY_OPEN) ?? false;
-      const first = state2.tools.filter((tool) => tool.isEnabled).slice(0, NUM_FIRST_TOOLS);
+      const first = state2.tools.filter((tool) => tool.isEnabled).slice(0, isShort(state2) ? 0 : NUM_FIRST_TOOLS);
       const isFirst = (tool) => tool.isActive || first.includes(tool);
-      const shown = state2.tools.filter((tool) => isOpen || isFirst(tool));
+      const shown = state2.tools.filter((tool) => isUnfolded || isFirst(tool));
       const others = state2.tools.filter((tool) => !isFirst(tool)).slice(0, 3);
       const more = `${others.map((tool) => tool.title).join(", ")} ...`;
-      const fold = button("pd-guidance-more", isOpen ? "Fewer" : more, () => {
-        remember(KEY_OPEN, !isOpen);
+      const fold = button("pd-guidance-more", isUnfolded ? "Fewer" : more, () => {
+        isUnfolded = !isUnfolded;
         showTools(state2);
+        showPossible(state2);
         tools.querySelector(".pd-guidance-more")?.focus();
       });
-      fold.setAttribute("aria-expanded", String(isOpen));
+      fold.setAttribute("aria-expanded", String(isUnfolded));
       tools.replaceChildren(
         ...shown.map((tool) => {
-          const use = () => send2({ kind: "tool", tool: tool.kind });
+          const use = () => {
+            isUnfolded = false;
+            send2({ kind: "tool", tool: tool.kind });
+          };
           const made = button("pd-guidance-tool", "", use, {
             title: tool.hint,
             "aria-label": tool.title,
@@ -2435,10 +2440,10 @@
       restore();
       if (wanted !== null) return;
       const open = tabs().find(isOpen);
-      if (!open || title(open) === told) return;
-      told = title(open);
       const box = scrolled();
-      if (box) box.scrollTop = places.get(told) ?? 0;
+      if (!open || !box || title(open) === told) return;
+      told = title(open);
+      box.scrollTop = places.get(told) ?? 0;
       api.send({ kind: "tab", title: told });
     }
     const places = /* @__PURE__ */ new Map();
@@ -3202,6 +3207,7 @@
       told.classList.toggle("pd-bad", next.isWrong);
       index.hidden = !next.index;
       index.textContent = next.index;
+      row.hidden = !(next.told || next.index || next.facets.length);
       showBulk(next);
       const isSame = former2?.isOpen && JSON.stringify(former2.tiles) === JSON.stringify(next.tiles);
       const isOther = former2?.source !== next.source || former2.line !== next.line || former2.first !== next.first;

@@ -320,7 +320,8 @@ class RoadPanel:
         speed = summary.speed_limit_mps
         self._readout.show(
             "",
-            f"Smallest radius {summary.min_radius_m:.1f} m, of the bend alone",
+            f"Smallest radius of the bend {summary.min_radius_m:.1f} m"
+            f" ({summary.max_curvature_per_m:.3f} /m)",
             f"Friction-limited speed {speed:.1f} m/s ({speed * 3.6:.0f} km/h)"
             f" at friction {mu:.2f}",
         )

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (9f2389b1ecbfb0c7); not to be edited. */
+/* Built by .ci/client.py from client/ (9bc68c7d7427c59b); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

@@ -51,6 +51,15 @@ def test_it_opens_the_editor_that_was_started_without_a_scene(tmp_path):
         assert not tab.shown("startPage")["isOpen"]
 
 
+def test_a_library_without_scenarios_offers_nothing_to_filter_by(tmp_path):
+    with running_app(tmp_path, None) as app, connected_tab(app) as tab:
+        for is_empty in (True, False):
+            tab.tiles("library")
+            shown = tab.shown("startPage")
+            assert (not shown["common"], not shown["facets"]) == (is_empty, is_empty)
+            tab.choose("demos", "merge", "save")
+
+
 def test_pictures_are_drawn_when_the_page_asks_for_them(tmp_path):
     with running_app(tmp_path, None) as app, connected_tab(app) as tab:
         assert tab.shown("scene-picture") is None
