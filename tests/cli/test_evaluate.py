@@ -106,6 +106,7 @@ def test_it_is_a_python_function_too(data: Path, tmp_path: Path):
     assert str(found).splitlines() == list(map(str, found.files))
 
 
+@pytest.mark.slow
 def test_the_kept_files_let_it_go_on(shell: Shell, data: Path, tmp_path: Path):
     out = tmp_path / "out"
     command = ("evaluate", "--data", data, "--out", out, "--workers", 1)
@@ -242,6 +243,7 @@ def test_real_scenes(shell: Shell, av2_root: Path, tmp_path: Path):
     assert "Movers on their way, perturbed roads" in (out / "report.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_whole_scenes_on_real_roads(shell: Shell, av2_root: Path, tmp_path: Path):
     options = ("--limit", 1, "--warps", "none", "double-turn:9", "--samples", 2)

@@ -114,6 +114,7 @@ def test_threats_and_drives_are_of_a_moment(
     assert "no lane within 1 m" in shell.refused("threats", minutes, *square)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["study", "evaluate"])
 def test_they_take_parts_of_maps(command: str, shell: Shell, tmp_path: Path):
     """Maps beyond the limits of a scene were refused."""

@@ -298,6 +298,7 @@ def test_broken_scenarios_are_counted(av2_scenario_folders: list[Path], tmp_path
     assert "1 scenarios or files were left out." in str(found)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_ctrl_c_leaves_a_run_that_goes_on(shards: Path, cache: Path, tmp_path: Path):
     out = tmp_path / "run"
@@ -325,6 +326,7 @@ def test_ctrl_c_leaves_a_run_that_goes_on(shards: Path, cache: Path, tmp_path: P
     assert (found.steps, found.is_stopped) == (step + 2, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["init", "traj"])
 def test_a_run_starts_from_a_model_and_keeps_its_basis(
     stage: StageName, runs: Path, shards: Path, cache: Path, tmp_path: Path
@@ -460,6 +462,7 @@ def test_processes_leave_their_group_before_the_interpreter_ends(tmp_path: Path)
     assert ends == ["is in a group: False"] * 2, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_samples_of_both_stages_are_evaluated_during_a_training(
     shards: Path, cache: Path, tmp_path: Path, av2_scenario_folders: list[Path]

@@ -265,6 +265,7 @@ def test_an_agent_that_appears_later_is_said_to():
     ]
 
 
+@pytest.mark.slow
 def test_hundreds_of_agents_in_one_place_take_bounded_time():
     """(reliability 1) 400 agents on one spot: 80,000 pairs that all collide."""
     states = [(0.01 * number, 0.0, 0.0, 5.0) for number in range(400)]

@@ -185,6 +185,7 @@ def test_tables_hold_every_state_once():
     assert {int(one["lane"]) for one in lanes} == set(scenario.road_map.lane_of)
 
 
+@pytest.mark.slow
 def test_equal_scenes_have_equal_files():
     for kind in formats().values():
         if kind.write is not None:
