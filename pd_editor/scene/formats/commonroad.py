@@ -16,7 +16,13 @@ from pd_editor.scene.formats.scene_format import SceneFormat
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
-from pd_editor.scene.geometry.polyline import midline, ways_of_bounds
+from pd_editor.scene.geometry.polyline import (
+    midline,
+    onward,
+    turns_back,
+    ways_of_bounds,
+    without_repeats,
+)
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STEPS
@@ -120,7 +126,7 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
     in_junction = _junction_ids(root)
     lanes: list[Lane] = []
     crosswalks: list[Crosswalk] = []
-    mended: list[int] = []
+    mended: dict[str, list[int]] = {}
     seen: set[int] = set()
     for place in root.children("lanelet"):
         number = place.integer("id")
@@ -137,9 +143,11 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
         elif ways != (1, 1):
             left, right = left[:: ways[0]], right[:: ways[1]]
         if ways != (1, 1) and not types & _NO_LANES:
-            mended.append(number)
-        center = (left + right) / 2 if len(left) == len(right) else midline(left, right)
-        left, right, center = map(_distinct, (left, right, center))
+            mended.setdefault("lay the wrong way round", []).append(number)
+        num_points = len(without_repeats(left)) + len(without_repeats(right))
+        left, right, center = _lines(left, right)
+        if len(left) + len(right) < num_points and not types & _NO_LANES:
+            mended.setdefault("turned back, and now go on", []).append(number)
         if "crosswalk" in types:
             crosswalks.append(Crosswalk(crosswalk_id=number, edge1=left, edge2=right))
         if types & _NO_LANES:
@@ -152,7 +160,6 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
                     LaneKind.VEHICLE,
                 ),
                 is_intersection="intersection" in types or number in in_junction,
-                # Midway between points of the same number, as in commonroad-io.
                 centerline=center,
                 left=left,
                 right=right,
@@ -164,9 +171,24 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
                 right_neighbor=beside[1],
             )
         )
-    some = ", ".join(map(str, mended[:6]))
-    told = f"Bounds of {len(mended)} lanelets lay the wrong way round: {some}."
-    return tuple(lanes), tuple(crosswalks), [told] if mended else []
+    told = [
+        f"Bounds of {len(ids)} lanelets {what}: {', '.join(map(str, ids[:6]))}."
+        for what, ids in mended.items()
+    ]
+    return tuple(lanes), tuple(crosswalks), told
+
+
+def _lines(
+    left: Float[np.ndarray, "L 3"], right: Float[np.ndarray, "R 3"]
+) -> tuple[Float[np.ndarray, "_ 3"], ...]:
+    """Bounds and centre line, without points at which the lanelet turns back."""
+    # Midway between points of the same number, as in commonroad-io.
+    center = (left + right) / 2 if len(left) == len(right) else midline(left, right)
+    left, right, center = map(without_repeats, (left, right, center))
+    if len(turns_back(center)):
+        left, right = onward(left), onward(right)
+        center = without_repeats(midline(left, right))
+    return left, right, center
 
 
 def _junction_ids(root: Place) -> set[int]:
@@ -184,15 +206,9 @@ def _bound(place: Place, name: str) -> Float[np.ndarray, "N 3"]:
     bound = place.child(name)
     points = np.array([_point(one) for one in bound.children("point")], float)
     points = points.reshape(-1, 3)
-    if len(_distinct(points)) < 2:
+    if len(without_repeats(points)) < 2:
         raise bound.error("has fewer than two different points.")
     return points
-
-
-def _distinct(points: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
-    """Points without those that are where the one before is."""
-    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
-    return points[np.append(True, steps > 1e-6)[: len(points)]]
 
 
 def _point(place: Place) -> tuple[float, float, float]:

@@ -3,7 +3,7 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from pd_editor.scene.geometry.lines import Lines
 
@@ -18,11 +18,30 @@ def arc_length(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N"]:
 
 
 def without_repeats(
-    points_m: Float[np.ndarray, "N 2"], tolerance_m: float = 1e-6
-) -> Float[np.ndarray, "M 2"]:
-    """Remove points that repeat the previous one; at least one point remains."""
-    step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
+    points_m: Float[np.ndarray, "N D"], tolerance_m: float = 1e-6
+) -> Float[np.ndarray, "M D"]:
+    """Remove points that repeat the previous one's x and y; at least one remains."""
+    step = np.linalg.norm(np.diff(points_m[:, :2], axis=0), axis=-1)
     return points_m[np.concatenate([[True], step > tolerance_m])]
+
+
+def turns_back(points_m: Float[np.ndarray, "N D"]) -> Int[np.ndarray, "T"]:
+    """Points at which a line without repeats turns by more than 120 degrees."""
+    step = np.diff(points_m[:, :2], axis=0)
+    way = step / np.linalg.norm(step, axis=1, keepdims=True)
+    return 1 + np.flatnonzero((way[1:] * way[:-1]).sum(axis=1) < -0.5)
+
+
+def onward(points_m: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "M D"]:
+    """The line without points at which it turns back, the farthest ones first."""
+    points_m = without_repeats(points_m)
+    while len(turns := turns_back(points_m)):
+        gap = np.linalg.norm(points_m[turns + 1, :2] - points_m[turns - 1, :2], axis=1)
+        along = arc_length(points_m[:, :2])
+        detour = along[turns + 1] - along[turns - 1] - gap
+        kept = np.delete(points_m, turns[detour.argmax()], axis=0)
+        points_m = without_repeats(kept)
+    return points_m
 
 
 def point_at(

@@ -294,6 +294,23 @@ def test_bounds_the_wrong_way_round_are_mended_and_told(tmp_path: Path, how: str
     assert told not in expected.provenance.notes
 
 
+@pytest.mark.parametrize("places", [(30, 10, 20), (10, 45, 40, 35)])
+def test_bounds_that_turn_back_go_on_and_are_told(tmp_path: Path, places):
+    """Points of real lanelets are out of order; such a lane ran back and forth."""
+    first = "".join(point(x, 1.5) for x in places)
+    told = text().replace(point(50, 1.5), first + point(50, 1.5), 1)
+    scene = read(write(tmp_path, told))
+    lane = scene.road_map.lane_of[10]
+    for name in ("centerline", "left", "right"):
+        assert (np.diff(getattr(lane, name)[:, 0]) > 0).all()
+    np.testing.assert_allclose(lane.left[[0, -1]], [[0, 1.5, 0], [50, 1.5, 0]])
+    assert len(lane.left) > 2
+    assert any("1 lanelets turned back" in one for one in scene.provenance.notes)
+    assert not any(
+        "turned" in one for one in read(write(tmp_path, text())).provenance.notes
+    )
+
+
 def test_lanes_that_begin_elsewhere_are_told(tmp_path: Path):
     path = tmp_path / "scene.xml"
     path.write_text(text().replace(bound("left", 1.5, "dashed", 50.0, 90.0), bound("left", 1.5, "dashed", 54.0, 90.0)).replace(bound("right", -1.5, "solid", 50.0, 90.0), bound("right", -1.5, "solid", 54.0, 90.0)))  # fmt: skip
