@@ -48,7 +48,7 @@ class ExportPanel:
                 "Format",
                 tuple(one.title for one in formats().values() if one.write),
             )
-            self._losses = FixedText(gui, 2)
+            self._losses = FixedText(gui, 5, grows=True)
             set_property(self._losses.element, "visible", False)
             self._moments = gui.add_text(
                 "Moments",

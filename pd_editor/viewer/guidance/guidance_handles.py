@@ -64,16 +64,19 @@ class GuidanceHandles:
         self._grab: _Grab | None = None
         self._overlay.on("guidance_marks", self._heard)
         self._model.poses_drawn.subscribe(self.show)
+        self._model.sample_pointed.subscribe(self.show)
         self._model.term_chosen.subscribe(self.show)
         encounters.changed.subscribe(self.show)
 
     def show(self) -> None:
-        """Put all marks where their terms and agents are drawn."""
-        poses = self._model.poses
-        if poses is None or self._model.sample is not None:
-            return
+        """Put marks where their terms and agents are drawn; none beside another road."""
+        poses, sample = self._model.poses, self._model.sample
         session = self._ui.session
         scenario, selection = session.scenario, session.selection
+        if sample is not None and sample.applied_warp is not scenario.applied_warp:
+            self._overlay.show(GuidanceMarksState(marks=(), agents=(), refusal=""))
+        if poses is None or sample is not None:
+            return
         notes, chosen = self._notes.sentences(), self._model.chosen_term
         point = self._model.chosen_point
         marks = marks_of(
@@ -81,14 +84,11 @@ class GuidanceHandles:
         )
         playback = self._ui.workspace.playback
         offer = None if playback.is_playing else offered_goal(scenario, selection)
-        if offer is not None:
-            marks.append(offer_mark(scenario, poses, *offer))
+        marks += [offer_mark(scenario, poses, *offer)] if offer else []
         arcs = self._encounters.marks(scenario, poses)
-        marks = [*arcs, *marks]
-        grab = self._grab
-        refusal = "" if grab is None else grab.refusal
+        said = "" if self._grab is None else self._grab.refusal
         agents = round_bodies(scenario, poses) if arcs else ()
-        state = GuidanceMarksState(marks=tuple(marks), agents=agents, refusal=refusal)
+        state = GuidanceMarksState(marks=(*arcs, *marks), agents=agents, refusal=said)
         self._overlay.show(state)
 
     def _heard(self, event: Mapping[str, Any]) -> None:

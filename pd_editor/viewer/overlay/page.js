@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (9bc68c7d7427c59b); not to be edited. */
+/* Built by .ci/client.py from client/ (727a1cd9d9c5ad62); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts

@@ -1,6 +1,7 @@
 """The drawing mode, its marks and its list, without a browser."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from pd_editor.analysis.guidance.kinds.speed import StopAtLine, TargetSpeed
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AddGuidance
 from pd_editor.scene.generation import GenerationRequest
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
+from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.viewer.guidance.guidance_panel import listed
 from pd_editor.viewer.guidance.guiding import like, replaced_index
@@ -144,6 +148,17 @@ def drag(tab: FakeTab, index: int, *points, drop=None, kind="drop") -> None:
         tab.hear("guidance_marks", kind="drag", index=index, point=place)
     last = {} if drop is None else {"point": list(map(float, drop))}
     tab.hear("guidance_marks", kind=kind, index=index, **last)
+
+
+def test_marks_are_not_drawn_beside_the_road_of_another_branch(tab: FakeTab):
+    agent_id, _ = focal(tab)
+    tab.run(lambda: tab.session.select((agent_id,)))
+    anchor = RigidMotion(x_m=-20.0, y_m=0.0, rotation_rad=0.0)
+    term = WarpTerm(kind="smooth-turn", power=3.0, length_m=40.0)
+    bent = warp_scenario(tab.session.scenario, RoadWarp(anchor=anchor, terms=(term,)))
+    for sample, count in ((bent, 0), (None, 1), (tab.session.scenario, 1)):
+        tab.run(partial(tab.ui.model.preview, sample))
+        assert len(tab.shown("guidance_marks")["marks"]) == count
 
 
 def test_the_flag_at_the_end_of_a_trajectory_is_dragged_as_one_edit(tab: FakeTab):
