@@ -52,7 +52,7 @@ class FamilyPanel:
         self._shown: Recipe | None = None
         gui = ui.client.gui
         with gui.add_folder("Family"):
-            self._known = FixedText(gui, 3, grows=True)
+            self._known = FixedText(gui, 2)
             self._vary = gui.add_text(
                 "Vary",
                 "",

@@ -22,7 +22,6 @@ from pd_editor.viewer.state.workspace import UploadedZip
 from pd_editor.viewer.tab.panel_style import FixedText, plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
-CARD_LINES: Final = 4
 UPLOAD_TYPES: Final = (
     ".zip,.parquet,.json,.xml,.xodr,.osm,.gz,.pkl,application/zip,application/json"
 )
@@ -40,7 +39,7 @@ class ScenarioPanel:
         self._base: Scenario | None = None
         self._dialog: Any = None
         gui = ui.client.gui
-        self._card = FixedText(gui, CARD_LINES, grows=True)
+        self._card = FixedText(gui, 3)
         self._cut = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._cut, self._workspace.open_cut)
         self.map_window, self.moment = MapWindowCard(ui), MomentDialog(ui)
