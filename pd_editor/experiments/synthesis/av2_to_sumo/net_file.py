@@ -1,6 +1,6 @@
 """Writes a lane graph as a SUMO net file with lanes exactly on the centre lines."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -22,12 +22,12 @@ from pd_editor.experiments.synthesis.av2_to_sumo.edges import (
     Road,
 )
 from pd_editor.experiments.synthesis.road_network.plain_xml import (
-    NET_FILE,
     NodeKind,
     StripKind,
+    run_netconvert,
+    shape_text,
 )
 from pd_editor.experiments.synthesis.sumo.curve_speeds import curve_speed_mps
-from pd_editor.experiments.synthesis.sumo.sumo_tools import run_sumo_tool
 from pd_editor.scene.geometry.polyline import arc_length, resample
 from pd_editor.scene.road_map import LaneKind
 
@@ -63,17 +63,13 @@ def write_lane_net(lines: LaneLines, network: LaneRoads, folder: Path) -> LaneNe
     Raises:
         SynthesisError: SUMO is missing, or refused the network.
     """
-    _write(folder / "net.nod.xml", _nodes(lines, network))
-    _write(folder / "net.edg.xml", _edges(lines, network))
-    _write(folder / "net.con.xml", _connections(lines, network))
-    parts = "--node-files net.nod.xml --edge-files net.edg.xml"
-    parts += f" --connection-files net.con.xml --output-file {NET_FILE}"
-    options = "--offset.disable-normalization --precision 4 --no-turnarounds"
-    options += " --junctions.join false --junctions.limit-turn-speed 3.5"
-    options += " --check-lane-foes.all"
-    arguments = [*parts.split(), *options.split()]
-    run_sumo_tool("netconvert", arguments, folder)
-    path = folder / NET_FILE
+    path = run_netconvert(
+        folder,
+        _nodes(lines, network),
+        _edges(lines, network),
+        _connections(lines, network),
+        "--junctions.join false --check-lane-foes.all",
+    )
     tree = ElementTree.parse(path)
     lane_intervals = _with_own_lines(lines, network, tree.getroot())
     tree.write(path, encoding="utf-8")
@@ -84,27 +80,11 @@ def write_lane_net(lines: LaneLines, network: LaneRoads, folder: Path) -> LaneNe
     )
 
 
-def _write(path: Path, root: ElementTree.Element) -> None:
-    ElementTree.ElementTree(root).write(path, encoding="utf-8")
-
-
-def _shape(points_m: Float[np.ndarray, "N 2"]) -> str:
-    return " ".join(f"{x:.4f},{y:.4f}" for x, y in points_m)
-
-
-def _nodes(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
-    root = ElementTree.Element("nodes")
+def _nodes(lines: LaneLines, network: LaneRoads) -> Iterator[ElementTree.Element]:
     kinds = _node_kinds(lines, network)
     for index, (x, y) in enumerate(junction_points(lines, network)):
-        ElementTree.SubElement(
-            root,
-            "node",
-            id=f"n{index}",
-            x=f"{x:.3f}",
-            y=f"{y:.3f}",
-            type=kinds[index].value,
-        )
-    return root
+        place, kind = {"x": f"{x:.3f}", "y": f"{y:.3f}"}, kinds[index].value
+        yield ElementTree.Element("node", place, id=f"n{index}", type=kind)
 
 
 def _node_kinds(lines: LaneLines, network: LaneRoads) -> list[NodeKind]:
@@ -130,8 +110,7 @@ def _node_kinds(lines: LaneLines, network: LaneRoads) -> list[NodeKind]:
     return kinds
 
 
-def _edges(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
-    root = ElementTree.Element("edges")
+def _edges(lines: LaneLines, network: LaneRoads) -> Iterator[ElementTree.Element]:
     for index, road in enumerate(network.roads):
         middle = lines.line((road.lanes[len(road.lanes) // 2],))
         num_wide = sum(
@@ -145,9 +124,9 @@ def _edges(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
             "spreadType": "center",
             "speed": f"{_SPEED_MPS[min(max(num_wide, 1), 3) - 1]:.2f}",
             "priority": str(1 + num_wide),
-            "shape": _shape(middle),
+            "shape": shape_text(middle, 4),
         }
-        edge = ElementTree.SubElement(root, "edge", attributes)
+        edge = ElementTree.Element("edge", attributes)
         for place, interval in enumerate(road.lanes):
             ElementTree.SubElement(
                 edge,
@@ -155,9 +134,9 @@ def _edges(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
                 index=str(place),
                 allow=_STRIP_OF[lines.lane(interval.lane_id).kind].value,
                 width=f"{_width_m(lines, interval.lane_id):.2f}",
-                shape=_shape(lines.line((interval,))),
+                shape=shape_text(lines.line((interval,)), 4),
             )
-    return root
+        yield edge
 
 
 def _width_m(lines: LaneLines, lane_id: int) -> float:
@@ -167,16 +146,13 @@ def _width_m(lines: LaneLines, lane_id: int) -> float:
     return float(np.clip(np.median(np.hypot(*across.T)), 1.2, 5.0))
 
 
-def _connections(lines: LaneLines, network: LaneRoads) -> ElementTree.Element:
-    root = ElementTree.Element("connections")
+def _connections(lines: LaneLines, network: LaneRoads) -> Iterator[ElementTree.Element]:
     for link in network.links:
-        attributes = dict(_key(link))
-        attributes["shape"] = _shape(lines.line(link.lane_intervals))
-        ElementTree.SubElement(root, "connection", attributes)
+        shape = shape_text(lines.line(link.lane_intervals), 4)
+        yield ElementTree.Element("connection", dict(_key(link)), shape=shape)
     leaving = {link.start[0] for link in network.links}
     for index in set(range(len(network.roads))) - leaving:
-        ElementTree.SubElement(root, "connection", {"from": f"r{index}"})
-    return root
+        yield ElementTree.Element("connection", {"from": f"r{index}"})
 
 
 def _key(link: Link) -> tuple[tuple[str, str], ...]:
@@ -238,7 +214,7 @@ def _set_line(
     lane: ElementTree.Element, points_m: Float[np.ndarray, "N 2"], length_m: float
 ) -> None:
     """Set line, length, and speed limit for the sharpest curve of a lane."""
-    lane.set("shape", _shape(points_m))
+    lane.set("shape", shape_text(points_m, 4))
     lane.set("length", f"{length_m:.4f}")
     limit = float(lane.attrib["speed"])
     in_bend = curve_speed_mps(points_m, _BEND_MPS2)

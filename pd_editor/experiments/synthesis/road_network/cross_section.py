@@ -1,6 +1,6 @@
 """Cross-sections of streets."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pd_editor.experiments.synthesis.road_network.plain_xml import Strip, StripKind
 
@@ -20,6 +20,17 @@ class Carriageway:
     median_m: float = 0.0
     """Width of the median between the two directions."""
     is_one_way: bool = False
+
+    def lanes_only(self, num_lanes: int) -> "Carriageway":
+        """So many plain lanes, without anything between them and the kerb."""
+        return replace(
+            self,
+            num_lanes=num_lanes,
+            has_bus_lane=False,
+            bike_width_m=0.0,
+            parking_width_m=0.0,
+            sidewalk_width_m=0.0,
+        )
 
     def strips(self) -> tuple[Strip, ...]:
         """Lanes (strips) from the kerb to the left."""

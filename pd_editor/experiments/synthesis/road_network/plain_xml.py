@@ -1,5 +1,6 @@
 """Plain-XML input of netconvert: nodes, edges and connections."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -100,30 +101,49 @@ def convert(plain: PlainNetwork, folder: Path) -> Path:
     Raises:
         SynthesisError: SUMO is missing or refused the network.
     """
-    _write(folder / "net.nod.xml", _nodes(plain))
-    _write(folder / "net.edg.xml", _edges(plain))
-    _write(folder / "net.con.xml", _connections(plain))
-    parts = "--node-files net.nod.xml --edge-files net.edg.xml"
-    parts += f" --connection-files net.con.xml --output-file {NET_FILE}"
-    shape = "--offset.disable-normalization --precision 4 --no-turnarounds"
-    shape += " --junctions.internal-link-detail 20 --junctions.corner-detail 5"
-    shape += " --junctions.limit-turn-speed 3.5 --junctions.small-radius 1"
+    shape = "--junctions.internal-link-detail 20 --junctions.corner-detail 5"
+    shape += " --junctions.small-radius 1"
     shape += " --crossings.guess --crossings.guess.speed-threshold 18"
     shape += f" --default.crossing-width {plain.crossing_width_m:.2f}"
-    run_sumo_tool("netconvert", f"{parts} {shape}".split(), folder)
+    return run_netconvert(
+        folder, _nodes(plain), _edges(plain), _connections(plain), shape
+    )
+
+
+def run_netconvert(
+    folder: Path,
+    nodes: Iterable[ElementTree.Element],
+    edges: Iterable[ElementTree.Element],
+    connections: Iterable[ElementTree.Element],
+    options: str,
+) -> Path:
+    """Write parts of a network into a folder; returns the net file made of them.
+
+    Raises:
+        SynthesisError: SUMO is missing or refused the network.
+    """
+    parts = {"node": nodes, "edge": edges, "connection": connections}
+    files = f"--output-file {NET_FILE}"
+    for kind, elements in parts.items():
+        root, name = ElementTree.Element(f"{kind}s"), f"net.{kind[:3]}.xml"
+        root.extend(elements)
+        ElementTree.ElementTree(root).write(folder / name, encoding="utf-8")
+        files += f" --{kind}-files {name}"
+    shared = "--offset.disable-normalization --precision 4 --no-turnarounds"
+    shared += " --junctions.limit-turn-speed 3.5"
+    run_sumo_tool("netconvert", f"{files} {shared} {options}".split(), folder)
     return folder / NET_FILE
 
 
-def _write(path: Path, root: ElementTree.Element) -> None:
-    ElementTree.ElementTree(root).write(path, encoding="utf-8")
+def shape_text(points_m: Float[np.ndarray, "N 2"], digits: int) -> str:
+    """Points of a line as SUMO writes them."""
+    return " ".join(f"{x:.{digits}f},{y:.{digits}f}" for x, y in points_m)
 
 
-def _nodes(plain: PlainNetwork) -> ElementTree.Element:
-    root = ElementTree.Element("nodes")
+def _nodes(plain: PlainNetwork) -> Iterator[ElementTree.Element]:
     for node in plain.nodes:
         x, y = node.point_m
-        ElementTree.SubElement(
-            root,
+        yield ElementTree.Element(
             "node",
             id=node.node_id,
             x=f"{x:.3f}",
@@ -131,11 +151,9 @@ def _nodes(plain: PlainNetwork) -> ElementTree.Element:
             type=node.kind.value,
             radius=f"{node.radius_m:.2f}",
         )
-    return root
 
 
-def _edges(plain: PlainNetwork) -> ElementTree.Element:
-    root = ElementTree.Element("edges")
+def _edges(plain: PlainNetwork) -> Iterator[ElementTree.Element]:
     for edge in plain.edges:
         attributes = {
             "id": edge.edge_id,
@@ -145,9 +163,9 @@ def _edges(plain: PlainNetwork) -> ElementTree.Element:
             "speed": f"{edge.speed_mps:.2f}",
             "priority": str(edge.priority),
             "numLanes": str(len(edge.strips)),
-            "shape": " ".join(f"{x:.3f},{y:.3f}" for x, y in edge.left_edge_m),
+            "shape": shape_text(edge.left_edge_m, 3),
         }
-        element = ElementTree.SubElement(root, "edge", attributes)
+        element = ElementTree.Element("edge", attributes)
         for index, strip in enumerate(edge.strips):
             is_closed = strip.kind is StripKind.PARKING
             ElementTree.SubElement(
@@ -159,26 +177,17 @@ def _edges(plain: PlainNetwork) -> ElementTree.Element:
                     "disallow" if is_closed else "allow": strip.kind.value or "all",
                 },
             )
+        yield element
     for nodes, edges in plain.roundabouts:
-        ElementTree.SubElement(
-            root, "roundabout", nodes=" ".join(nodes), edges=" ".join(edges)
+        yield ElementTree.Element(
+            "roundabout", nodes=" ".join(nodes), edges=" ".join(edges)
         )
-    return root
 
 
-def _connections(plain: PlainNetwork) -> ElementTree.Element:
-    root = ElementTree.Element("connections")
-    for connection in plain.connections:
-        ElementTree.SubElement(
-            root,
-            "connection",
-            {
-                "from": connection.start,
-                "to": connection.end,
-                "fromLane": str(connection.start_strip),
-                "toLane": str(connection.end_strip),
-            },
-        )
+def _connections(plain: PlainNetwork) -> Iterator[ElementTree.Element]:
+    for one in plain.connections:
+        ends = {"from": one.start, "to": one.end}
+        strips = {"fromLane": str(one.start_strip), "toLane": str(one.end_strip)}
+        yield ElementTree.Element("connection", ends | strips)
     for start, end in plain.removed:
-        ElementTree.SubElement(root, "delete", {"from": start, "to": end})
-    return root
+        yield ElementTree.Element("delete", {"from": start, "to": end})

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.polyline import arc_length, point_at
 
 SPACING_M: Final = 3.0
 """Distance between the points of a curve."""
@@ -91,6 +92,39 @@ def between_poses(
         + (3 * t**2 - 2 * t**3) * end_m
         + (t**3 - t**2) * reach * end_direction
     )
+
+
+def direction(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "2"]:
+    """Unit vector from the first point to the last."""
+    step = points_m[-1] - points_m[0]
+    return step / np.linalg.norm(step)
+
+
+def pose_at(
+    line_m: Float[np.ndarray, "N 2"], along_m: float, reach_m: float = 2.0
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Point of a line, and its direction there, over some way before and after."""
+    points = point_at(line_m, along_m + np.array([-reach_m, 0.0, reach_m]))
+    return points[1], direction(points)
+
+
+def sample_main_line(
+    random: np.random.Generator,
+    length_m: tuple[float, float],
+    first_m: tuple[float, float],
+    gap_m: tuple[float, float],
+    end_m: float,
+) -> tuple[Float[np.ndarray, "N 2"], list[float]]:
+    """Line of a road, and arc lengths of its junctions, none near its end."""
+    angle = float(random.uniform(0, 2 * np.pi))
+    reach = float(random.uniform(*length_m)) * unit_vector(angle)
+    kind = sample_curve_kind(random)
+    line = curve(np.zeros(2), reach, kind, float(random.uniform(-0.9, 0.9)))
+    at, place = [], float(random.uniform(*first_m))
+    while place < arc_length(line)[-1] - end_m:
+        at.append(place)
+        place += float(random.uniform(*gap_m))
+    return line, at
 
 
 def through_points(

@@ -19,17 +19,18 @@ from pd_editor.scene.geometry.polyline import (
 )
 from pd_editor.scene.road_map import LaneKind, LaneMark
 
-_SHARES_TWO_WAY: Final = {
-    LaneMark.DOUBLE_SOLID_YELLOW: 0.8,
-    LaneMark.SOLID_YELLOW: 0.08,
-    LaneMark.NONE: 0.12,
+_SHARES: Final[Mapping[str, Mapping[LaneMark, float]]] = {
+    "two-way": {
+        LaneMark.DOUBLE_SOLID_YELLOW: 0.8,
+        LaneMark.SOLID_YELLOW: 0.08,
+        LaneMark.NONE: 0.12,
+    },
+    "median": {LaneMark.SOLID_YELLOW: 0.6, LaneMark.NONE: 0.4},
+    "one-way": {LaneMark.SOLID_YELLOW: 0.5, LaneMark.NONE: 0.5},
+    "kerb": {LaneMark.SOLID_WHITE: 0.55, LaneMark.NONE: 0.45},
 }
-"""Shares of markings between the two directions of a road."""
-_SHARES_MEDIAN: Final = {LaneMark.SOLID_YELLOW: 0.6, LaneMark.NONE: 0.4}
-"""Shares of markings beside a median."""
-_SHARES_ONE_WAY: Final = {LaneMark.SOLID_YELLOW: 0.5, LaneMark.NONE: 0.5}
-"""Shares of markings on the left of a one-way street."""
-_SHARES_KERB: Final = {LaneMark.SOLID_WHITE: 0.55, LaneMark.NONE: 0.45}
+"""Shares of markings between the directions of a road, beside a median, on the left of a
+one-way street, and on the right."""
 _PAINTED_M: Final = 1.0
 _MEDIAN_M: Final = 8.0
 """Widest median between the directions of one road."""
@@ -74,13 +75,11 @@ def sample_lane_markings(
     kerb: dict[str, LaneMark] = {}
     for edge, (other, gap_m) in _opposites(net).items():
         if gap_m < _PAINTED_M:
-            middle[edge] = middle.get(other) or _sampled(_SHARES_TWO_WAY, random)
+            middle[edge] = middle.get(other) or _sampled("two-way", random)
         else:
-            is_road = gap_m < _MEDIAN_M
-            middle[edge] = _sampled(
-                _SHARES_MEDIAN if is_road else _SHARES_ONE_WAY, random
-            )
-        kerb[edge] = _sampled(_SHARES_KERB, random)
+            beside = "median" if gap_m < _MEDIAN_M else "one-way"
+            middle[edge] = _sampled(beside, random)
+        kerb[edge] = _sampled("kerb", random)
     stops = frozenset(
         chains.chains[n].main.edge
         for n, following in chains.next_of.items()
@@ -114,7 +113,8 @@ def _opposites(net: SumoNet) -> dict[str, tuple[str, float]]:
     return result
 
 
-def _sampled(shares: Mapping[LaneMark, float], random: np.random.Generator) -> LaneMark:
+def _sampled(place: str, random: np.random.Generator) -> LaneMark:
+    shares = _SHARES[place]
     return list(shares)[random.choice(len(shares), p=list(shares.values()))]
 
 

@@ -17,19 +17,24 @@ END_M: Final = 3.0
 """Distance between a bay and both ends of its street side."""
 MIN_LENGTH_M: Final = 10.0
 
-ANGLED_PITCH_M: Final = 3.5
-ANGLED_ASIDE_M: Final = (1.2, 3.2)
-"""Range of the distance from the lane's edge to the centres of vehicles at an angle to
-it; lanes of recorded maps often include a part of such places."""
-ANGLED_DEG: Final = (-60.0, -42.0)
-"""Range of the angle of such vehicles to the lane."""
-PERPENDICULAR_SHARE: Final = 0.25
-"""Share of perpendicular bays."""
-PERPENDICULAR_PITCH_M: Final = 2.75
-PERPENDICULAR_ASIDE_M: Final = (1.6, 5.0)
-
 BEHIND_M: Final = 2.7
 """Width of the drivable area beyond the centres of the vehicles."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _BayKind:
+    """Places at an angle to the lane; lanes of recorded maps often include a part."""
+
+    pitch_m: float
+    aside_m: tuple[float, float]
+    """Range of the distance from the lane's edge to the centres of the vehicles."""
+    angle_deg: tuple[float, float] = (-90.0, -90.0)
+    """Range of their angle to the lane."""
+
+
+_PERPENDICULAR_SHARE: Final = 0.25
+_PERPENDICULAR: Final = _BayKind(pitch_m=2.75, aside_m=(1.6, 5.0))
+_ANGLED: Final = _BayKind(pitch_m=3.5, aside_m=(1.2, 3.2), angle_deg=(-60.0, -42.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,20 +82,20 @@ def sample_parking_bays(
     for lane in kerb_lanes(lanes):
         if random.random() >= share:
             continue
-        is_perpendicular = random.random() < PERPENDICULAR_SHARE
+        is_perpendicular = random.random() < _PERPENDICULAR_SHARE
+        kind = _PERPENDICULAR if is_perpendicular else _ANGLED
         length = float(arc_length(lane.right_m)[-1])
         if length < 2 * END_M + MIN_LENGTH_M:
             continue
         at = np.linspace(END_M, length - END_M, int(length / 2.0) + 2)
-        aside = PERPENDICULAR_ASIDE_M if is_perpendicular else ANGLED_ASIDE_M
-        angle = -90.0 if is_perpendicular else random.uniform(*ANGLED_DEG)
+        angle = -90.0 if is_perpendicular else random.uniform(*kind.angle_deg)
         found.append(
             ParkingBay(
                 lane_id=lane.lane_id,
                 kerb_m=point_at(lane.right_m, at),
                 angle_rad=float(np.deg2rad(angle)),
-                aside_m=random.uniform(*aside),
-                pitch_m=PERPENDICULAR_PITCH_M if is_perpendicular else ANGLED_PITCH_M,
+                aside_m=random.uniform(*kind.aside_m),
+                pitch_m=kind.pitch_m,
             )
         )
     return tuple(found)

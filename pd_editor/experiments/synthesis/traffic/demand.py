@@ -22,19 +22,6 @@ from pd_editor.experiments.synthesis.traffic.vehicle_types import (
 TURN_SHARE: Final = {"s": 0.0, "L": 0.3, "R": 0.3, "l": 1.0, "r": 0.8}
 """Factor of the turn cost for each of SUMO's direction letters."""
 
-COST_NOISE: Final = 0.3
-"""Spread of the expected travel time of an edge between drivers."""
-MEAN_TRAVEL_SPEED_MPS: Final = 6.0
-"""Speed that relates a flow to the number of vehicles at the start."""
-
-TYPICAL_LIMIT_MPS: Final = 12.0
-FLOW_POWER: Final = 2.0
-"""Exponent of the flow as a function of the speed limit."""
-
-WALK_M: Final = 350.0
-"""Typical distance between start and destination of pedestrians."""
-
-PEDESTRIAN_SPEED_MPS: Final = 1.3
 
 ROUTES_PER_IDEA: Final = 6
 """Number of routes from an entry that share the same expected travel times."""
@@ -46,10 +33,7 @@ class RouteSampler:
 
     graph: TrafficGraph
     vehicle_class: str
-    turn_cost_s: float
-    """Detour that a driver accepts to save one turn."""
-    turn_aversion: float
-    """Decay rate of a destination's probability with each turn towards it."""
+    options: DemandOptions
 
     @cached_property
     def next_edges(self) -> dict[str, dict[str, str]]:
@@ -72,7 +56,8 @@ class RouteSampler:
         ends = ends or [edge for edge in cost if edge != entry]
         if not ends:
             return []
-        weight = np.exp(-self.turn_aversion * np.array([turns[edge] for edge in ends]))
+        num_turns = np.array([turns[edge] for edge in ends])
+        weight = np.exp(-self.options.turn_aversion * num_turns)
         chosen = random.choice(len(ends), size=count, p=weight / weight.sum())
         routes = []
         for end in chosen:
@@ -87,7 +72,7 @@ class RouteSampler:
     ) -> tuple[dict[str, float], dict[str, float], dict[str, str]]:
         """Cost, number of turns and previous edge of each reached edge (Dijkstra)."""
         names = list(self.next_edges)
-        noise = random.lognormal(0.0, COST_NOISE, len(names))
+        noise = random.lognormal(0.0, self.options.cost_noise, len(names))
         time = {
             name: factor
             * self.graph.edges[name].length_m
@@ -106,7 +91,7 @@ class RouteSampler:
             for after, letter in self.next_edges[edge].items():
                 if after not in cost:
                     share = TURN_SHARE.get(letter, 1.0)
-                    reached = spent + time[after] + share * self.turn_cost_s
+                    reached = spent + time[after] + share * self.options.turn_cost_s
                     heapq.heappush(queue, (reached, after, edge, turned + share))
         return cost, turns, before
 
@@ -182,15 +167,13 @@ def _trips(
     trips: list[_Trip] = []
     for model, share in _present_models(options):
         choice = RouteSampler(
-            graph=graph,
-            vehicle_class=model.sumo_class,
-            turn_cost_s=options.turn_cost_s,
-            turn_aversion=options.turn_aversion,
+            graph=graph, vehicle_class=model.sumo_class, options=options
         )
         for entry in choice.entries:
             num_lanes = len(graph.edges[entry].lanes_for(model.sumo_class))
             flow = share * options.flow_per_lane / 3600 * num_lanes
-            flow *= (graph.edges[entry].speed_mps / TYPICAL_LIMIT_MPS) ** FLOW_POWER
+            speed = graph.edges[entry].speed_mps / options.typical_limit_mps
+            flow *= speed**options.flow_power
             flow *= random.lognormal(0.0, options.flow_spread)
             trips += _trips_of(choice, entry, model, flow, duration_s, random)
     return trips
@@ -219,7 +202,7 @@ def _trips_of(
         return []
     edges = choice.graph.edges
     length_m = np.mean([sum(edges[edge].length_m for edge in way) for way in probe])
-    num_first = random.poisson(flow * length_m / MEAN_TRAVEL_SPEED_MPS)
+    num_first = random.poisson(flow * length_m / choice.options.mean_travel_mps)
     routes = list(probe)
     while len(routes) < num_first + num_later:
         routes += choice.sample(entry, ROUTES_PER_IDEA, random)
@@ -307,7 +290,7 @@ def _walks(
     spread = options.pedestrian_spread
     density = random.lognormal(-0.5 * spread**2, spread)
     present = density * options.pedestrians_per_km * lengths.sum() / 1000
-    walk_time_s = WALK_M / PEDESTRIAN_SPEED_MPS
+    walk_time_s = options.walk_m / options.walking_mps
     num_first = random.poisson(present)
     num_later = random.poisson(present * duration_s / walk_time_s)
     departs = np.concatenate(
@@ -317,7 +300,7 @@ def _walks(
     walks = []
     for depart_s, start in zip(departs, starts, strict=True):
         near = np.linalg.norm(middles - middles[start], axis=1)
-        reached = np.flatnonzero((near < WALK_M) & (near > 0))
+        reached = np.flatnonzero((near < options.walk_m) & (near > 0))
         end = start if len(reached) == 0 else int(random.choice(reached))
         walks.append((float(depart_s), edges[start].edge_id, edges[end].edge_id))
     return walks

@@ -30,28 +30,6 @@ SWEEP_SPACING_M: Final = 0.6
 CLEARANCE_M: Final = 0.15
 """Least gap between a parked vehicle and the area swept by traffic."""
 
-STRIP_END_M: Final = 2.0
-KERB_END_M: Final = 3.0
-"""Free space at both ends of a parking strip, and of a kerb."""
-
-PLACE_M: Final = 5.2
-SLOT_GAP_M: Final = (0.5, 1.6)
-"""Range of the gap between two places along the kerb."""
-
-TURNED_SHARE: Final = 0.008
-"""Share of the vehicles along a kerb that face oncoming traffic."""
-
-REVERSED_SHARE: Final = 0.35
-"""Share of vehicles that were reversed into perpendicular places."""
-
-DRIVEWAY_DEG: Final = (90.0, -90.0, -70.0, 0.0)
-DRIVEWAY_SHARES: Final = (0.3, 0.25, 0.15, 0.3)
-DRIVEWAY_SPREAD_DEG: Final = 8.0
-"""Angles to the lane of vehicles off the street, and their spread."""
-
-LOT_PITCH_M: Final = 2.75
-LOT_AISLE_M: Final = 6.5
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParkedVehicles(Boxes):
@@ -78,7 +56,7 @@ def sample_parked_vehicles(
 ) -> ParkedVehicles:
     """Sample parked vehicles that touch neither traffic nor each other."""
     places = [
-        _along(line, options, STRIP_END_M, random.uniform(-0.35, 0.45), random)
+        _along(line, options, options.strip_end_m, random.uniform(-0.35, 0.45), random)
         for line in network.parking_strips_m
     ]
     places += [_in_bay(bay, options, random) for bay in network.parking_bays]
@@ -87,7 +65,7 @@ def sample_parked_vehicles(
         kerb = lane.right_m
         if lane.lane_id not in has_bay and random.random() < options.kerb_share:
             aside = random.uniform(-0.9, 1.2)
-            places.append(_along(kerb, options, KERB_END_M, aside, random))
+            places.append(_along(kerb, options, options.kerb_end_m, aside, random))
         places.append(_driveways(kerb, options, random))
         places.append(_lots(kerb, options, random))
     count = sum(len(one.heading_rad) for one in places)
@@ -124,17 +102,21 @@ def _along(
 ) -> _Places:
     """Places in a row, ``aside_m`` to the right of a line."""
     length = arc_length(line)[-1] - 2 * end_m
-    num_slots = max(int(length / (PLACE_M + np.mean(SLOT_GAP_M))), 0)
+    num_slots = max(int(length / (options.place_m + np.mean(options.slot_gap_m))), 0)
     taken = random.uniform(*options.fullness)
     # Places are not marked, so that gaps between vehicles have any length.
     is_followed = random.random(num_slots) < taken
-    free = random.exponential(PLACE_M / max(taken, 1e-3), num_slots)
-    pitch = PLACE_M + random.uniform(*SLOT_GAP_M, num_slots) + free * ~is_followed
+    free = random.exponential(options.place_m / max(taken, 1e-3), num_slots)
+    pitch = (
+        options.place_m
+        + random.uniform(*options.slot_gap_m, num_slots)
+        + free * ~is_followed
+    )
     at = end_m + random.uniform(0.0, 3.0) + np.cumsum(pitch)
     at = at[at < length + end_m]
     right = aside_m + random.normal(0.0, 0.18, len(at))
     position, heading = _beside(line, at, right)
-    turned = np.where(random.random(len(at)) < TURNED_SHARE, np.pi, 0.0)
+    turned = np.where(random.random(len(at)) < options.turned_share, np.pi, 0.0)
     noise = np.deg2rad(np.clip(1.2 * random.standard_t(2, len(at)), -20.0, 20.0))
     return _Places(
         position_m=position,
@@ -156,7 +138,9 @@ def _in_bay(
     )
     if bay.is_perpendicular:
         # Some vehicles were reversed into their places.
-        turn = turn + np.where(random.random(len(at)) < REVERSED_SHARE, np.pi, 0.0)
+        turn = turn + np.where(
+            random.random(len(at)) < options.reversed_share, np.pi, 0.0
+        )
     return _Places(
         position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=True
     )
@@ -170,8 +154,10 @@ def _driveways(
     count = random.poisson(options.driveways_per_km * length / 1000)
     at = random.uniform(0.0, length, count)
     position, heading = _beside(kerb, at, random.uniform(3.0, 10.0, count))
-    turn = np.deg2rad(random.choice(DRIVEWAY_DEG, count, p=DRIVEWAY_SHARES))
-    turn = turn + random.normal(0.0, np.deg2rad(DRIVEWAY_SPREAD_DEG), count)
+    turn = np.deg2rad(
+        random.choice(options.driveway_deg, count, p=options.driveway_shares)
+    )
+    turn = turn + random.normal(0.0, np.deg2rad(options.driveway_spread_deg), count)
     return _Places(
         position_m=position, heading_rad=wrap_angle(heading + turn), is_on_road=False
     )
@@ -188,13 +174,15 @@ def _lots(
         near_m = random.uniform(5.0, 11.0)
         middle, heading = _beside(kerb, np.array([at]), np.array([near_m]))
         num_places = int(random.integers(4, 14))
-        along = (np.arange(num_places) - num_places / 2) * LOT_PITCH_M
+        along = (np.arange(num_places) - num_places / 2) * options.lot_pitch_m
         fullness = random.uniform(*options.fullness)
         ahead = unit_vector(heading)[0]
         right = -left_of(ahead)
         for row in range(int(random.integers(1, 3))):
             taken = random.random(num_places) < fullness
-            offset = row * (LOT_AISLE_M + 5.0) + random.normal(0.0, 0.2, taken.sum())
+            offset = row * (options.lot_aisle_m + 5.0) + random.normal(
+                0.0, 0.2, taken.sum()
+            )
             positions.append(
                 middle + along[taken, None] * ahead + offset[:, None] * right
             )

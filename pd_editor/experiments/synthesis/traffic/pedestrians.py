@@ -11,7 +11,10 @@ from jaxtyping import Bool, Float
 
 from pd_editor.experiments.synthesis.road_network.footways import Crossing, Footways
 from pd_editor.experiments.synthesis.traffic.artefact_filter import overlapping_pairs
-from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
+from pd_editor.experiments.synthesis.traffic.demand_config import (
+    DemandOptions,
+    WalkingOptions,
+)
 from pd_editor.experiments.synthesis.traffic.track_smoothing import TrafficTracks
 from pd_editor.experiments.synthesis.traffic.vehicle_types import sample_pedestrian_type
 from pd_editor.scene.agent_kind import AgentKind
@@ -24,33 +27,10 @@ from pd_editor.scene.geometry.polyline import (
     without_repeats,
 )
 
-WALK_S: Final = (25.0, 110.0)
-"""Range of the walking time of a pedestrian, without stops."""
-PACE_MPS: Final = (1.35, 0.22)
-ASIDE_M: Final = 0.5
-"""Standard deviation of the lateral offset from a footway's centre line."""
-MAX_ASIDE_M: Final = 0.9
-CROSSING_SHARE: Final = 0.6
-"""Share of the passed crosswalks that pedestrians use."""
-STANDING_SHARE: Final = 0.45
-"""Share of pedestrians that stop on their way."""
-STANDING_S: Final = (10.0, 120.0)
-MIN_S: Final = 5.0
-"""Shorter tracks are left out."""
-
-MIN_WAY_M: Final = 3.0
-"""Least remaining length of a walk after a crossing."""
-
-BEFORE_S: Final = 0.5
-AFTER_S: Final = 2.0
-"""A spot of a crosswalk is free of vehicles for this time before and after its use."""
-CLEARANCE_M: Final = 0.9
 SPOT_SPACING_M: Final = 0.5
 LINE_SPACING_M: Final = 0.25
 CORNER_M: Final = 0.8
 """Standard deviation of the filter that smooths corners."""
-PACE_CHANGE_S: Final = 0.4
-"""Standard deviation of the filter that smooths starts and stops."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,11 +53,12 @@ class _Walk:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Traffic:
-    """Vehicle tracks, and the steps at which they occupy crossings."""
+    """Vehicle tracks, the steps at which they occupy crossings, and how people walk."""
 
     tracks: TrafficTracks
     num_steps: int
     step_s: float
+    options: WalkingOptions
     known: dict[int, Bool[np.ndarray, "K T"]] = field(default_factory=dict)
 
     def busy_on(self, crossing: Crossing) -> Bool[np.ndarray, "K T"]:
@@ -95,12 +76,15 @@ class _Traffic:
         rows = np.flatnonzero(away < far)
         ahead = unit_vector(tracks.heading_rad[rows])
         gap = spot_m[:, None] - tracks.position_m[rows]
-        half = tracks.size_m[tracks.agent[rows]] / 2 + CLEARANCE_M
+        half = tracks.size_m[tracks.agent[rows]] / 2 + self.options.clearance_m
         covers = np.abs(np.sum(gap * ahead, axis=-1)) < half[:, 0]
         covers &= np.abs(np.sum(gap * left_of(ahead), axis=-1)) < half[:, 1]
         spot, row = np.nonzero(covers)
         step = tracks.step[rows[row]]
-        before, after = round(BEFORE_S / self.step_s), round(AFTER_S / self.step_s)
+        before, after = (
+            round(self.options.before_s / self.step_s),
+            round(self.options.after_s / self.step_s),
+        )
         # A pedestrian on a spot leaves it before a vehicle arrives, and vice versa.
         for shift in range(-after, before + 1):
             busy[spot, np.clip(step + shift, 0, self.num_steps - 1)] = True
@@ -116,11 +100,15 @@ def sample_pedestrians(
     random: np.random.Generator,
 ) -> TrafficTracks:
     """Sample tracks of pedestrians that touch neither vehicles nor each other."""
-    beside = _Traffic(tracks=traffic, num_steps=num_steps, step_s=step_s)
+    beside = _Traffic(
+        tracks=traffic, num_steps=num_steps, step_s=step_s, options=options.walking
+    )
     spread = options.pedestrian_spread
     density = random.lognormal(-0.5 * spread**2, spread)
     present = density * options.pedestrians_per_km * footways.length_m / 1000
-    stay_s = float(np.mean(WALK_S) + STANDING_SHARE * np.mean(STANDING_S))
+    walking = options.walking
+    stands_s = walking.standing_share * np.mean(walking.standing_s)
+    stay_s = float(np.mean(walking.walk_s) + stands_s)
     # Pedestrians present at the start began their walks earlier.
     count = random.poisson(present * (num_steps * step_s / stay_s + 1.0))
     tracks = traffic.taken(np.zeros(len(traffic.ids), bool))
@@ -150,14 +138,22 @@ def _person(
     random: np.random.Generator,
 ) -> TrafficTracks | None:
     """Sample one pedestrian's track within the recording; None if it is too short."""
-    name = f"pedestrian-{number:04d}"
+    name, options = f"pedestrian-{number:04d}", traffic.options
     size = sample_pedestrian_type(name, random).size_m
-    pace = float(np.clip(random.normal(*PACE_MPS), 0.7, 2.0))
-    walk = _sample_walk(footways, pace * random.uniform(*WALK_S), random)
-    aside = float(np.clip(random.normal(0.0, ASIDE_M), -MAX_ASIDE_M, MAX_ASIDE_M))
+    pace = float(np.clip(random.normal(*options.pace_mps), 0.7, 2.0))
+    walk = _sample_walk(
+        footways, pace * random.uniform(*options.walk_s), options, random
+    )
+    aside = float(
+        np.clip(
+            random.normal(0.0, options.aside_m),
+            -options.max_aside_m,
+            options.max_aside_m,
+        )
+    )
     along = _progress(walk, pace, first_step, traffic, random)
     along = along[max(-first_step, 0) : traffic.num_steps - first_step]
-    if len(along) * traffic.step_s < MIN_S:
+    if len(along) * traffic.step_s < options.min_s:
         return None
     line = _rounded(walk.line_m, aside)
     share = along / arc_length(walk.line_m)[-1]
@@ -177,7 +173,10 @@ def _person(
 
 
 def _sample_walk(
-    footways: Footways, length_m: float, random: np.random.Generator
+    footways: Footways,
+    length_m: float,
+    options: WalkingOptions,
+    random: np.random.Generator,
 ) -> _Walk:
     """Sample a walk from a random point, over some of the crossings that it passes."""
     lengths = np.array([arc_length(line)[-1] for line in footways.lines_m])
@@ -188,7 +187,7 @@ def _sample_walk(
     gone = 0.0
     while True:
         sign = 1 if random.random() < 0.5 else -1
-        rest = max(length_m - gone, MIN_WAY_M)
+        rest = max(length_m - gone, options.min_way_m)
         end = float(np.clip(at + sign * rest, 0.0, lengths[way]))
         done = [passage.crossing for passage in taken]
         found = [
@@ -198,7 +197,7 @@ def _sample_walk(
             if crossing.footway[side] == way
             and min(at, end) <= crossing.along_m[side] <= max(at, end)
             and crossing not in done
-            and random.random() < CROSSING_SHARE
+            and random.random() < options.crossing_share
         ]
         if not found:
             parts.append(_between(footways.lines_m[way], at, end))
@@ -234,18 +233,20 @@ def _progress(
     random: np.random.Generator,
 ) -> Float[np.ndarray, "T"]:
     """Distance walked at each step from the first one on."""
-    length = float(arc_length(walk.line_m)[-1])
+    length, options = float(arc_length(walk.line_m)[-1]), traffic.options
     stops: list[tuple[float, float | _Passage]] = [
         (passage.begin_m, passage) for passage in walk.passages
     ]
-    if random.random() < STANDING_SHARE:
+    if random.random() < options.standing_share:
         at = float(random.uniform(0.0, length))
         on_crossing = [
             p.begin_m
             for p in walk.passages
             if 0 <= at - p.begin_m <= arc_length(p.crossing.line_m)[-1]
         ]
-        stops.append((min([at, *on_crossing]), float(random.uniform(*STANDING_S))))
+        stops.append(
+            (min([at, *on_crossing]), float(random.uniform(*options.standing_s)))
+        )
     time, place = 0.0, 0.0
     times, places = [time], [place]
     # A stop before a crossing comes first, then the wait for traffic.
@@ -266,7 +267,7 @@ def _progress(
     places.append(length)
     steps = np.arange(int(times[-1] / traffic.step_s) + 1)
     along = np.interp(steps * traffic.step_s, times, places)
-    return smoothed(along[:, None], PACE_CHANGE_S / traffic.step_s)[:, 0]
+    return smoothed(along[:, None], options.pace_change_s / traffic.step_s)[:, 0]
 
 
 def _wait_steps(

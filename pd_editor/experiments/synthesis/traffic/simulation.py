@@ -64,8 +64,6 @@ MAX_RETRIES: Final = 2
 JAM_S: Final = 90.0
 """Vehicles that wait longer at the head of a lane are removed."""
 LEAST_GREEN_S: Final = 7.0
-ACTUATED_SHARE: Final = 0.5
-"""Share of networks with actuated lights, whose green ends without arriving vehicles."""
 
 PROGRAM_ID: Final = "sampled"
 
@@ -133,7 +131,7 @@ def _traffic(
     """Tracks of all simulated road users, and signals, after the warm-up."""
     end_s = WARM_UP_S + duration_s
     sampled = sample_demand(graph, options, end_s, random)
-    plans = sample_signal_plans(network.net_file, options.green_share, random)
+    plans = sample_signal_plans(network.net_file, options, random)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         plans.extend(state_outputs([one.attrib["id"] for one in plans]))
@@ -237,11 +235,9 @@ def _recording(
 
 
 def sample_signal_plans(
-    net_file: Path, green_share: tuple[float, float], random: np.random.Generator
+    net_file: Path, options: DemandOptions, random: np.random.Generator
 ) -> ElementTree.Element:
     """Sample an additional file for SUMO with a new program for each traffic light.
-
-    ``green_share`` is the range of the factor of netconvert's green times.
 
     Raises:
         SynthesisError: the file is missing or no SUMO network.
@@ -252,8 +248,8 @@ def sample_signal_plans(
         raise SynthesisError(
             f"{net_file} is not a readable SUMO network ({error})."
         ) from error
-    is_actuated = bool(random.random() < ACTUATED_SHARE)
-    share = random.uniform(*green_share)
+    is_actuated = bool(random.random() < options.actuated_share)
+    share = random.uniform(*options.green_share)
     root = ElementTree.Element("additional")
     for light in lights:
         root.append(_plan(light, share, is_actuated, random))

@@ -30,9 +30,8 @@ def graph(net_file: Path) -> TrafficGraph:
 
 
 def _choice(graph: TrafficGraph, aversion: float) -> RouteSampler:
-    return RouteSampler(
-        graph=graph, vehicle_class="passenger", turn_cost_s=30.0, turn_aversion=aversion
-    )
+    options = DemandOptions(turn_cost_s=30.0, turn_aversion=aversion)
+    return RouteSampler(graph=graph, vehicle_class="passenger", options=options)
 
 
 def _routes(choice: RouteSampler) -> list[tuple[str, ...]]:
@@ -82,7 +81,9 @@ def test_demand_is_in_order_of_departure_and_names_its_types(graph: TrafficGraph
 
 
 def test_signal_plans_keep_phases_and_never_flash_green(net_file: Path):
-    plans = sample_signal_plans(net_file, (0.35, 0.7), np.random.default_rng(0))
+    plans = sample_signal_plans(
+        net_file, DemandOptions(green_share=(0.35, 0.7)), np.random.default_rng(0)
+    )
     assert len(plans) > 0
     for plan in plans:
         for phase in plan:

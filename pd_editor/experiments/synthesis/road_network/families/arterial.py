@@ -1,7 +1,5 @@
 """Main roads with side streets: arterials, and rows of T-junctions."""
 
-from typing import Final
-
 import numpy as np
 from jaxtyping import Float
 
@@ -16,7 +14,9 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
 )
 from pd_editor.experiments.synthesis.road_network.street_curves import (
     curve,
+    pose_at,
     sample_curve_kind,
+    sample_main_line,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
     avenue,
@@ -26,17 +26,15 @@ from pd_editor.experiments.synthesis.road_network.street_types import (
     crossing_width_m,
     residential,
 )
-from pd_editor.scene.geometry.angles import left_of, unit_vector
+from pd_editor.scene.geometry.angles import left_of
 from pd_editor.scene.geometry.polyline import arc_length, point_at
-
-_TURN_RAD: Final = 0.9
 
 
 def generate_arterial(random: np.random.Generator) -> PlainNetwork:
     """Generate a main road with left-turn lanes that is crossed by streets."""
     main = avenue(random)
     builder = NetworkBuilder()
-    line, at = _main_line(random, 95, 180)
+    line, at = sample_main_line(random, (480, 640), (80, 120), (95, 180), 70)
     names = _main_nodes(builder, line, at)
     _join(builder, names, line, at, main, float(random.uniform(30, 55)))
     for name, place in zip(names[1:-1], at, strict=True):
@@ -54,7 +52,7 @@ def generate_t_junctions(random: np.random.Generator) -> PlainNetwork:
     """Generate a through street with side streets on alternating sides."""
     main = collector(random)
     builder = NetworkBuilder()
-    line, at = _main_line(random, 45, 110)
+    line, at = sample_main_line(random, (480, 640), (80, 120), (45, 110), 70)
     names = _main_nodes(builder, line, at)
     _join(builder, names, line, at, main, 0.0)
     side = int(random.choice([1, -1]))
@@ -67,22 +65,6 @@ def generate_t_junctions(random: np.random.Generator) -> PlainNetwork:
         _side_street(builder, name, line, place, side, style, random)
         side = -side if random.random() < 0.75 else side
     return builder.network(crossing_width_m(random))
-
-
-def _main_line(
-    random: np.random.Generator, least_m: float, most_m: float
-) -> tuple[Float[np.ndarray, "N 2"], list[float]]:
-    """Line of a road of 480-640 m, and arc lengths of its junctions."""
-    angle = float(random.uniform(0, 2 * np.pi))
-    reach = float(random.uniform(480, 640)) * unit_vector(angle)
-    kind = sample_curve_kind(random)
-    turn = float(random.uniform(-_TURN_RAD, _TURN_RAD))
-    line = curve(np.zeros(2), reach, kind, turn)
-    at, place = [], float(random.uniform(80, 120))
-    while place < arc_length(line)[-1] - 70:
-        at.append(place)
-        place += float(random.uniform(least_m, most_m))
-    return line, at
 
 
 def _main_nodes(
@@ -122,8 +104,7 @@ def _side_street(
     random: np.random.Generator,
 ) -> None:
     """Add a side street to the left (1) or right (-1), nearly perpendicular."""
-    before, here, after = point_at(line, place_m + np.array([-2.0, 0.0, 2.0]))
-    ahead = (after - before) / np.linalg.norm(after - before)
+    here, ahead = pose_at(line, place_m)
     away = side * left_of(ahead)
     away = away + float(random.normal(0.0, 0.12)) * ahead
     length = float(random.uniform(90, 200))

@@ -21,6 +21,8 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
 from pd_editor.experiments.synthesis.road_network.street_curves import (
     between_poses,
     curve,
+    direction,
+    pose_at,
     sample_curve_kind,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
@@ -29,7 +31,7 @@ from pd_editor.experiments.synthesis.road_network.street_types import (
     crossing_width_m,
     residential,
 )
-from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at
 
 _BESIDE_M: Final = (55.0, 80.0)
@@ -50,9 +52,9 @@ class _Side:
     lane: Strip
     """Strip of a ramp, and of the acceleration or deceleration lane."""
 
-    def ramp_left_m(self, at_m: float, lanes_out: int) -> Float[np.ndarray, "2 2"]:
+    def ramp_left_m(self, at_m: float) -> Float[np.ndarray, "2 2"]:
         """Two points of the left edge of the additional lane."""
-        width = self.main.lane_width_m * (self.main.num_lanes + lanes_out)
+        width = self.main.lane_width_m * self.main.num_lanes
         beside = offset_line(self.left_m, -width)
         return point_at(beside, np.array([at_m, at_m + 2.0]))
 
@@ -114,8 +116,9 @@ def _with_ramps(
     enter = max(on_m - float(random.uniform(95, 120)), leave + 45.0)
     places = [0.0, min(leave, length - 120.0), min(enter, length - 60.0), length]
     _street_beside(builder, side, beside, places, style, random)
-    _off_ramp(builder, side, names[1], off_m + off_lane_m, beside, places[1])
-    _on_ramp(builder, side, names[2], on_m, beside, places[2])
+    leaves_m = off_m + off_lane_m
+    _ramp(builder, side, names[1], leaves_m, beside, places[1], is_off=True)
+    _ramp(builder, side, names[2], on_m, beside, places[2], is_off=False)
 
 
 def _main_road(
@@ -174,54 +177,31 @@ def _street_beside(
     for k, part in enumerate(split(line, places[1:3])):
         builder.street(names[k], names[k + 1], part, style)
     for k in (1, 2):
-        before, here, after = point_at(line, places[k] + np.array([-2.0, 0.0, 2.0]))
-        along = (after - before) / np.linalg.norm(after - before)
-        out = np.array([along[1], -along[0]])
+        here, along = pose_at(line, places[k])
         far = f"{names[k]}.out"
-        builder.node(far, here + float(random.uniform(70, 120)) * out)
+        builder.node(far, here - float(random.uniform(70, 120)) * left_of(along))
         builder.street(names[k], far, builder.line_m(names[k], far), crossing)
 
 
-def _off_ramp(
+def _ramp(
     builder: NetworkBuilder,
     side: _Side,
-    fork: str,
+    node: str,
     at_m: float,
     beside: Float[np.ndarray, "N 2"],
     place_m: float,
+    *,
+    is_off: bool,
 ) -> None:
-    """Add the ramp from the deceleration lane to a junction of the parallel street."""
-    here, ahead = _pose(side.ramp_left_m(at_m + TAPER_M / 2, 0))
-    before, there, after = point_at(beside, place_m + np.array([-2.0, 0.0, 2.0]))
-    along = (after - before) / np.linalg.norm(after - before)
-    across = np.array([along[1], -along[0]])
-    end = there - 0.5 * side.lane.width_m * along
-    line = between_poses(here + 0.6 * across, ahead, end, across)
-    name = f"{side.name}.off"
-    builder.one_way(fork, name, line, (side.lane,), _RAMP_MPS)
-
-
-def _on_ramp(
-    builder: NetworkBuilder,
-    side: _Side,
-    joins: str,
-    at_m: float,
-    beside: Float[np.ndarray, "N 2"],
-    place_m: float,
-) -> None:
-    """Add the ramp from a junction of the parallel street to the acceleration lane."""
-    here, ahead = _pose(side.ramp_left_m(at_m - TAPER_M / 2 - 2.0, 0))
-    before, there, after = point_at(beside, place_m + np.array([-2.0, 0.0, 2.0]))
-    along = (after - before) / np.linalg.norm(after - before)
-    across = np.array([along[1], -along[0]])
-    start = there - 0.5 * side.lane.width_m * along
-    line = between_poses(start, -across, here + 0.6 * across, ahead)
-    name = f"{side.name}.on"
-    builder.one_way(name, joins, line, (side.lane,), _RAMP_MPS)
-
-
-def _pose(
-    points_m: Float[np.ndarray, "2 2"],
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    step = points_m[1] - points_m[0]
-    return points_m[0], step / np.linalg.norm(step)
+    """Add the ramp between an additional lane and a junction of the parallel street."""
+    first_m = TAPER_M / 2 if is_off else -TAPER_M / 2 - 2.0
+    edge = side.ramp_left_m(at_m + first_m)
+    there, along = pose_at(beside, place_m)
+    across = -left_of(along)
+    end = edge[0] + 0.6 * across, direction(edge)
+    street = there - 0.5 * side.lane.width_m * along
+    if is_off:
+        ends, line = (node, f"{side.name}.off"), between_poses(*end, street, across)
+    else:
+        ends, line = (f"{side.name}.on", node), between_poses(street, -across, *end)
+    builder.one_way(*ends, line, (side.lane,), _RAMP_MPS)

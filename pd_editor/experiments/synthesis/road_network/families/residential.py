@@ -17,9 +17,10 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
 )
 from pd_editor.experiments.synthesis.road_network.street_curves import (
     between_poses,
-    curve,
+    direction,
+    pose_at,
     random_warp,
-    sample_curve_kind,
+    sample_main_line,
     through_points,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
@@ -69,14 +70,7 @@ def generate_dead_ends(random: np.random.Generator) -> PlainNetwork:
     """Generate a through street with cul-de-sacs, most of which end in a bulb."""
     builder = NetworkBuilder()
     main = collector(random)
-    angle = float(random.uniform(0, 2 * np.pi))
-    reach = float(random.uniform(420, 560)) * unit_vector(angle)
-    kind = sample_curve_kind(random)
-    line = curve(np.zeros(2), reach, kind, float(random.uniform(-0.9, 0.9)))
-    at, place = [], float(random.uniform(70, 100))
-    while place < arc_length(line)[-1] - 60:
-        at.append(place)
-        place += float(random.uniform(55, 110))
+    line, at = sample_main_line(random, (420, 560), (70, 100), (55, 110), 60)
     places = np.array([0.0, *at, arc_length(line)[-1]])
     names = [f"m{k}" for k in range(len(places))]
     for name, point in zip(names, point_at(line, places), strict=True):
@@ -113,15 +107,6 @@ def _bends(random: np.random.Generator) -> list[Float[np.ndarray, "2"]]:
     return points
 
 
-def _square_off(
-    line: Float[np.ndarray, "N 2"], place_m: float, side: int
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Point of a line, and the perpendicular direction to its left (1) or right (-1)."""
-    before, here, after = point_at(line, place_m + np.array([-2.0, 0.0, 2.0]))
-    ahead = (after - before) / np.linalg.norm(after - before)
-    return here, side * left_of(ahead)
-
-
 def _far_name(name: str, side: int) -> str:
     return f"{name}.{'left' if side > 0 else 'right'}"
 
@@ -135,8 +120,9 @@ def _side_street(
     slant: float,
     swing: float,
 ) -> tuple[Float[np.ndarray, "M 2"], Float[np.ndarray, "2"]]:
-    """A curve that leaves a line to one side, and its direction at the end."""
-    here, away = _square_off(line, place_m, side)
+    """A curve that leaves a line to the left (1) or right (-1), and its last direction."""
+    here, ahead = pose_at(line, place_m)
+    away = side * left_of(ahead)
     across = left_of(away)
     length = float(random.uniform(*length_m))
     end = here + length * (away + float(random.uniform(-slant, slant)) * across)
@@ -173,8 +159,7 @@ def _bulb_street(
     style: Carriageway,
 ) -> None:
     """Add a street whose two directions meet at the tip of a round end."""
-    ahead = middle_m[-1] - middle_m[-2]
-    ahead = ahead / np.linalg.norm(ahead)
+    ahead = direction(middle_m[-2:])
     left = left_of(ahead)
     center = middle_m[-1] + (2.4 * _BULB_RADIUS_M) * ahead
     sweep = np.radians(np.linspace(-125.0, 0.0, 14))

@@ -1,6 +1,6 @@
 """Roundabouts, and the streets that lead to them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,6 +17,7 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
 from pd_editor.experiments.synthesis.road_network.street_curves import (
     between_poses,
     curve,
+    direction,
     sample_curve_kind,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
@@ -80,13 +81,7 @@ def generate_roundabout(random: np.random.Generator) -> PlainNetwork:
         width_m=width * num_lanes,
     )
     for leg, angle in enumerate(angles):
-        style = replace(
-            collector(random),
-            num_lanes=num_lanes,
-            bike_width_m=0.0,
-            parking_width_m=0.0,
-            sidewalk_width_m=0.0,
-        )
+        style = collector(random).lanes_only(num_lanes)
         _leg(builder, leg, float(angle), ring, style, random)
     _arcs(builder, angles, ring)
     return builder.network(crossing_width_m(random))
@@ -131,55 +126,37 @@ def _leg(
     builder.node(f"far{leg}", far, right_of_way)
     if has_junction:
         _cross_street(builder, leg, street, side, style, random)
-    _entry(builder, leg, angle + ring.half_opening_rad, ring, street, style)
-    _exit(builder, leg, angle - ring.half_opening_rad, ring, street, style)
+    for enters in (True, False):
+        _link(builder, leg, angle, ring, street, style, enters=enters)
 
 
-def _entry(
+def _link(
     builder: NetworkBuilder,
     leg: int,
-    at: float,
+    angle: float,
     ring: Ring,
     street: Float[np.ndarray, "N 2"],
     style: Carriageway,
+    *,
+    enters: bool,
 ) -> None:
-    builder.node(f"in{leg}", ring.middle_m() * unit_vector(at))
-    line = offset_line(street[::-1], -_MEDIAN_M / 2)
-    at = at - 1.3 * ring.half_gap_rad
+    """Add the direction of a leg that enters the ring, or the one that leaves it."""
+    side = 1 if enters else -1
+    at = angle + side * ring.half_opening_rad
+    name = f"{'in' if enters else 'out'}{leg}"
+    builder.node(name, ring.middle_m() * unit_vector(at))
+    line = offset_line(street[::-side], -_MEDIAN_M / 2)
+    at = at - side * 1.3 * ring.half_gap_rad
     point = (ring.radius_m + ring.width_m + _CLEAR_M) * unit_vector(at)
-    toward = np.cos(_ENTRY_RAD) * unit_vector(at + np.pi / 2) - np.sin(
-        _ENTRY_RAD
-    ) * unit_vector(at)
-    curl = between_poses(line[-1], _direction(line[-2:]), point, toward)
-    left = np.concatenate([line, curl[1:]])
-    ends = f"far{leg}", f"in{leg}"
+    around, inward = unit_vector(at + np.pi / 2), -side * unit_vector(at)
+    way = np.cos(_ENTRY_RAD) * around + np.sin(_ENTRY_RAD) * inward
+    if enters:
+        curl = between_poses(line[-1], direction(line[-2:]), point, way)
+        left, ends = np.concatenate([line, curl[1:]]), (f"far{leg}", name)
+    else:
+        curl = between_poses(point, way, line[0], direction(line[:2]))
+        left, ends = np.concatenate([curl, line[1:]]), (name, f"far{leg}")
     builder.one_way(*ends, left, style.strips(), style.speed_mps, style.num_lanes)
-
-
-def _exit(
-    builder: NetworkBuilder,
-    leg: int,
-    at: float,
-    ring: Ring,
-    street: Float[np.ndarray, "N 2"],
-    style: Carriageway,
-) -> None:
-    builder.node(f"out{leg}", ring.middle_m() * unit_vector(at))
-    line = offset_line(street, -_MEDIAN_M / 2)
-    at = at + 1.3 * ring.half_gap_rad
-    point = (ring.radius_m + ring.width_m + _CLEAR_M) * unit_vector(at)
-    away = np.cos(_ENTRY_RAD) * unit_vector(at + np.pi / 2) + np.sin(
-        _ENTRY_RAD
-    ) * unit_vector(at)
-    curl = between_poses(point, away, line[0], _direction(line[:2]))
-    left = np.concatenate([curl, line[1:]])
-    ends = f"out{leg}", f"far{leg}"
-    builder.one_way(*ends, left, style.strips(), style.speed_mps, style.num_lanes)
-
-
-def _direction(points_m: Float[np.ndarray, "2 2"]) -> Float[np.ndarray, "2"]:
-    step = points_m[1] - points_m[0]
-    return step / np.linalg.norm(step)
 
 
 def _cross_street(

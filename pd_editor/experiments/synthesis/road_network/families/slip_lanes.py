@@ -1,6 +1,5 @@
 """Junctions of main streets with slip lanes for turning right."""
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -22,6 +21,8 @@ from pd_editor.experiments.synthesis.road_network.street_curves import (
     CurveKind,
     between_poses,
     curve,
+    direction,
+    pose_at,
     sample_curve_kind,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
@@ -30,7 +31,7 @@ from pd_editor.experiments.synthesis.road_network.street_types import (
     residential,
 )
 from pd_editor.scene.geometry.angles import unit_vector
-from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at
+from pd_editor.scene.geometry.polyline import arc_length, offset_line
 
 _SLIP_MPS: Final = 8.5
 _SLIP_RAD: Final = 0.2
@@ -44,7 +45,10 @@ def generate_slip_lanes(random: np.random.Generator) -> PlainNetwork:
     builder = NetworkBuilder()
     turn = float(random.uniform(0, 2 * np.pi))
     angles = turn + np.pi / 2 * np.arange(4) + random.uniform(-0.15, 0.15, 4)
-    styles = [_main_street(random), _main_street(random)]
+    styles = [
+        avenue(random).lanes_only(int(random.choice([1, 2, 3], p=[0.25, 0.55, 0.2])))
+        for _ in range(2)
+    ]
     builder.node("c", np.zeros(2), NodeKind.SIGNALS, 10.0)
     legs = [_leg_line(float(angle), random) for angle in angles]
     has_slip = random.random(4) < 0.7
@@ -53,26 +57,15 @@ def generate_slip_lanes(random: np.random.Generator) -> PlainNetwork:
     slip_m = float(random.uniform(48, 60))
     for k, line in enumerate(legs):
         builder.node(f"far{k}", line[-1])
-        _approach(builder, k, line, styles[k % 2], slip_m, is_forked=bool(has_slip[k]))
-        joined = bool(has_slip[(k - 1) % 4])
-        _departure(builder, k, line, styles[k % 2], slip_m, is_joined=joined)
+        for arrives, slip in ((True, k), (False, (k - 1) % 4)):
+            split_m = slip_m if has_slip[slip] else None
+            _direction(builder, k, line, styles[k % 2], split_m, arrives=arrives)
     for k in range(4):
         if has_slip[k]:
             out = (k + 1) % 4
             _slip(builder, k, out, legs, (styles[k % 2], styles[out % 2]), slip_m)
         _side_streets(builder, k, legs[k], random)
     return builder.network(crossing_width_m(random))
-
-
-def _main_street(random: np.random.Generator) -> Carriageway:
-    return replace(
-        avenue(random),
-        num_lanes=int(random.choice([1, 2, 3], p=[0.25, 0.55, 0.2])),
-        has_bus_lane=False,
-        bike_width_m=0.0,
-        parking_width_m=0.0,
-        sidewalk_width_m=0.0,
-    )
 
 
 def _leg_line(angle: float, random: np.random.Generator) -> Float[np.ndarray, "N 2"]:
@@ -90,50 +83,32 @@ def _leg_line(angle: float, random: np.random.Generator) -> Float[np.ndarray, "N
     return np.concatenate([inner, line[1:]])
 
 
-def _approach(
+def _direction(
     builder: NetworkBuilder,
     leg: int,
     line: Float[np.ndarray, "N 2"],
     style: Carriageway,
-    slip_m: float,
+    slip_m: float | None,
     *,
-    is_forked: bool,
+    arrives: bool,
 ) -> None:
-    left = offset_line(line[::-1], -style.median_m / 2)
+    """Add the direction of a leg to the junction or from it, split at its slip lane."""
+    left = offset_line(line[::-1] if arrives else line, -style.median_m / 2)
     strips, speed = style.strips(), style.speed_mps
-    if not is_forked:
-        builder.one_way(f"far{leg}", "c", left, strips, speed, 3)
+    start, end = (f"far{leg}", "c") if arrives else ("c", f"far{leg}")
+    if slip_m is None:
+        builder.one_way(start, end, left, strips, speed, 3)
         return
-    forks_m = float(arc_length(left)[-1]) - slip_m - TAPER_M
-    before, taper, after = split(left, [forks_m, forks_m + TAPER_M])
-    fork = f"fork{leg}"
-    builder.node(fork, taper[0])
-    first = builder.one_way(f"far{leg}", fork, before, strips, speed, 3)
-    last = builder.one_way(fork, "c", after, strips, speed, 3)
+    length = float(arc_length(left)[-1])
+    split_m = length - slip_m - TAPER_M if arrives else slip_m
+    before, taper, after = split(left, [split_m, split_m + TAPER_M])
+    node = f"fork{leg}" if arrives else f"join{leg}"
+    builder.node(node, taper[0] if arrives else taper[-1])
+    first = builder.one_way(start, node, before, strips, speed, 3)
+    last = builder.one_way(node, end, after, strips, speed, 3)
     builder.connect(first, last, strips, [(k, k) for k in range(len(strips))])
-    builder.connect(first, f"{fork}-join{(leg + 1) % 4}", strips, [(0, 0)])
-
-
-def _departure(
-    builder: NetworkBuilder,
-    leg: int,
-    line: Float[np.ndarray, "N 2"],
-    style: Carriageway,
-    slip_m: float,
-    *,
-    is_joined: bool,
-) -> None:
-    left = offset_line(line, -style.median_m / 2)
-    strips, speed = style.strips(), style.speed_mps
-    if not is_joined:
-        builder.one_way("c", f"far{leg}", left, strips, speed, 3)
-        return
-    before, taper, after = split(left, [slip_m, slip_m + TAPER_M])
-    join = f"join{leg}"
-    builder.node(join, taper[-1])
-    first = builder.one_way("c", join, before, strips, speed, 3)
-    last = builder.one_way(join, f"far{leg}", after, strips, speed, 3)
-    builder.connect(first, last, strips, [(k, k) for k in range(len(strips))])
+    if arrives:
+        builder.connect(first, f"{node}-join{(leg + 1) % 4}", strips, [(0, 0)])
 
 
 def _slip(
@@ -152,8 +127,8 @@ def _slip(
     approach = offset_line(legs[leg][::-1], -width_in)
     departure = offset_line(legs[out], -width_out)
     total = float(arc_length(approach)[-1])
-    start, ahead = _pose(approach, total - slip_m)
-    end, onward = _pose(departure, slip_m)
+    start, ahead = pose_at(approach, total - slip_m, 1.0)
+    end, onward = pose_at(departure, slip_m, 1.0)
     ends = f"fork{leg}", f"join{out}"
     line = between_poses(
         start, _turned(ahead, -_SLIP_RAD), end, _turned(onward, _SLIP_RAD)
@@ -161,13 +136,6 @@ def _slip(
     slip = builder.one_way(*ends, line, (lane,), _SLIP_MPS)
     builder.connect(slip, f"join{out}-far{out}", (lane,), [(0, 0)])
     builder.removed.append((f"fork{leg}-c", f"c-join{out}"))
-
-
-def _pose(
-    line: Float[np.ndarray, "N 2"], at_m: float
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    before, here, after = point_at(line, at_m + np.array([-1.0, 0.0, 1.0]))
-    return here, (after - before) / np.linalg.norm(after - before)
 
 
 def _turned(direction: Float[np.ndarray, "2"], angle: float) -> Float[np.ndarray, "2"]:
@@ -187,8 +155,7 @@ def _side_streets(
     """Add a residential street across the far end of a leg, in some networks."""
     if random.random() < 0.5:
         return
-    here, ahead = line[-1], line[-1] - line[-2]
-    ahead = ahead / np.linalg.norm(ahead)
+    here, ahead = line[-1], direction(line[-2:])
     style = residential(random)
     builder.node(f"far{leg}", here, NodeKind.MINOR_STOP)
     for name, angle in (("left", np.pi / 2), ("right", -np.pi / 2)):
