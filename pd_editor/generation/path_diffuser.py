@@ -26,6 +26,7 @@ from pd_editor.generation.core.devices import (
     threads_for,
 )
 from pd_editor.generation.core.sampler import Sampler, sample_steps
+from pd_editor.generation.core.traced_step import trace_steps
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.initial_state.attributes import attribute_notes
 from pd_editor.generation.initial_state.fitting import (
@@ -161,8 +162,10 @@ class PathDiffuser:
                 with threads_for(0):
                     loaded = load_model(self._folder, STAGE_KINDS)
                     self._model = loaded.with_networks(self._networks)
-                    for stage in self._model.stages.values():
+                    for name, stage in self._model.stages.items():
                         lay_out_weights(stage.model.to(self._device))
+                        if name not in self._networks:
+                            trace_steps(stage.model)
                 keep_freed_memory()
             return self._model
 

@@ -39,8 +39,12 @@ def constant(values: Sequence[object], like: Tensor) -> Tensor:
 
 
 def is_known(fact: Bool[Tensor, ""]) -> bool:
-    """Whether something holds, and asking does not wait for a GPU."""
-    return fact.is_cpu and bool(fact)
+    """Whether something holds, and asking does not wait for a GPU.
+
+    Nothing is known while operations are traced, which are for other values as well.
+    """
+    is_traced = torch.jit.is_tracing()  # pyright: ignore[reportPrivateImportUsage]
+    return fact.is_cpu and not is_traced and bool(fact)
 
 
 def keep_freed_memory() -> None:

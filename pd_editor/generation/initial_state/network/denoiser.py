@@ -241,7 +241,6 @@ class InitialStateDenoiser(nn.Module):
                 NUM_PIECE_FEATURES + relation_width,
                 has_boundary=config.sees_boundary,
             )
-        self._num_near = [config.num_near_pieces]
         self._add_map_layers(num_near)
         self._add_statistics()
 
@@ -250,7 +249,6 @@ class InitialStateDenoiser(nn.Module):
         config = self.config
         width, relation_width = config.width, config.relation_width
         if config.sees_boundary:
-            self._num_near.append(config.num_near_boundary)
             num_shape = len(BOUNDARY_SHAPE)
             self.boundary_token = _mlp(num_shape + 2 + NUM_POSITION_FEATURES, width)
             self.boundary_in = nn.Linear(num_near, relation_width, bias=False)
@@ -344,19 +342,20 @@ class InitialStateDenoiser(nn.Module):
         self, scene: SceneTensors
     ) -> tuple[Float[Tensor, "B P D"], MapTokens | None]:
         """Embed lanes, and all map tokens for the search of near ones, with context."""
-        relates = self.config.sees_relations
+        config = self.config
+        relates = config.sees_relations
         kinds = nn.functional.one_hot(scene.piece_kind, NUM_PIECE_KINDS)
         features = torch.cat([scene.piece_shape, kinds], dim=-1)
         inputs = [_token_inputs(features, scene.piece_pose), features]
-        if self.config.sees_signals:
+        if config.sees_signals:
             inputs = [torch.cat([one, scene.piece_signal], dim=-1) for one in inputs]
         tokens = [self.map_token(inputs[0])]
         near = [self.near_token_in(inputs[1])] if relates else []
-        if self.config.sees_boundary:
+        if config.sees_boundary:
             shape, pose = scene.boundary_shape, scene.boundary_pose
             tokens.append(self.boundary_token(_token_inputs(shape, pose)))
             near.append(self.boundary_token_in(shape))
-        if self.config.relates_map_tokens:
+        if config.relates_map_tokens:
             number = len(tokens)
             poses = torch.cat([scene.piece_pose, scene.boundary_pose][:number], dim=1)
             exists = torch.cat([scene.has_piece, scene.has_boundary][:number], dim=1)
@@ -368,9 +367,11 @@ class InitialStateDenoiser(nn.Module):
                 near = [one + more for one, more in zip(near, aware, strict=True)]
         if not relates:
             return tokens[0], None
-        groups = [TokenGroup.of_lanes(scene, near[0])]
-        if self.config.sees_boundary:
-            groups.append(TokenGroup.of_boundary(scene, near[1]))
+        groups = [TokenGroup.of_lanes(scene, near[0], config.num_near_pieces)]
+        if config.sees_boundary:
+            groups.append(
+                TokenGroup.of_boundary(scene, near[1], config.num_near_boundary)
+            )
         return tokens[0], MapTokens.of(*groups)
 
     def encode_level(
@@ -460,9 +461,7 @@ class InitialStateDenoiser(nn.Module):
         folds, num_versions = self.config.folds_turns, token.shape[1]
         near, of_groups, near_edges, near_mask = None, [], None, None
         if context.map_tokens is not None:
-            near = context.map_tokens.near(
-                poses, level.near, *self._num_near, folds_turns=folds
-            )
+            near = context.map_tokens.near(poses, level.near, folds_turns=folds)
             of_groups, near_edges = self._near_edges(near)
             near_mask = near.mask.mapped(self._for_heads)
             relations = agent_relations(
@@ -522,7 +521,7 @@ class InitialStateDenoiser(nn.Module):
     def _for_heads(self, mask: Float[Tensor, "B S A G _"]) -> Float[Tensor, "N A H _"]:
         """The part of a mask for the heads of all groups, scenes in a row."""
         mask = mask.flatten(0, 1)
-        if mask.shape[2] == 1:
+        if not self.config.sees_boundary:
             return mask
         return mask.repeat_interleave(self.config.num_heads, dim=2)
 
@@ -599,7 +598,7 @@ class InitialStateLayer(nn.Module):
         """Apply the layer to the tokens of S versions of B scenes."""
         shape = token.shape
         # One row of agents per map, which several scenes may share.
-        num_maps = len(seen.values) // self.map_attention.num_heads
+        num_maps = seen.values.shape[0] // self.map_attention.num_heads
         token = token.reshape(num_maps, -1, shape[-1])
         token = token + self.map_attention(self.norms[0](token), seen)
         token = token.view(shape).flatten(0, 1)

@@ -33,8 +33,12 @@ class TokenGroup(NamedTuple):
     """Embeddings, which do not depend on poses."""
     exists: Bool[Tensor, "B P"] | None
     """Mask of tokens; None if there is no padding."""
-    least: int
-    """Least number of tokens of a scene."""
+    num_near: int
+    """Number of tokens near an agent."""
+    can_lack: bool
+    """Whether a scene may have fewer tokens than that."""
+    first: Int[Tensor, "B 1 1 1"]
+    """Row of each scene's first token in the table of all groups."""
     is_crossing: Bool[Tensor, "B P"] | None = None
     """Crosswalks; None if there are none."""
     factors: Float[Tensor, "_ 1 A P"] | None = None
@@ -42,21 +46,21 @@ class TokenGroup(NamedTuple):
 
     @classmethod
     def of_lanes(
-        cls, scene: SceneTensors, encoded: Float[Tensor, "B P C"]
+        cls, scene: SceneTensors, encoded: Float[Tensor, "B P C"], most_near: int
     ) -> "TokenGroup":
-        """Tokens of lanes and crosswalks."""
+        """Tokens of lanes and crosswalks, of which an agent is near ``most_near``."""
         is_crossing = scene.piece_kind == CROSSWALK_KIND
-        group = cls._of(scene.piece_pose, scene.has_piece, encoded)
+        group = cls._of(scene.piece_pose, scene.has_piece, encoded, most_near)
         return group._replace(
             is_crossing=None if is_known(~is_crossing.any()) else is_crossing
         )
 
     @classmethod
     def of_boundary(
-        cls, scene: SceneTensors, encoded: Float[Tensor, "B E C"]
+        cls, scene: SceneTensors, encoded: Float[Tensor, "B E C"], most_near: int
     ) -> "TokenGroup":
-        """Tokens of the drivable area's boundary."""
-        return cls._of(scene.boundary_pose, scene.has_boundary, encoded)
+        """Tokens of the drivable area's boundary, of which an agent is near ``most_near``."""
+        return cls._of(scene.boundary_pose, scene.has_boundary, encoded, most_near)
 
     @classmethod
     def _of(
@@ -64,13 +68,21 @@ class TokenGroup(NamedTuple):
         pose: Float[Tensor, "B P 3"],
         exists: Bool[Tensor, "B P"],
         encoded: Float[Tensor, "B P C"],
+        most_near: int,
     ) -> "TokenGroup":
+        num_scenes, num_tokens = exists.shape
+        first = torch.arange(num_scenes, device=exists.device) * num_tokens
+        num_near = min(most_near, num_tokens)
+        least = int(exists.sum(dim=-1).min()) if exists.is_cpu else 0
+        is_full = is_known(exists.all())
         return cls(
             middle_m=pose[..., :2].contiguous(),
             axis=torch.complex(pose[..., 2].cos(), pose[..., 2].sin()),
             encoded=encoded,
-            exists=None if is_known(exists.all()) else exists,
-            least=int(exists.sum(dim=-1).min()) if exists.is_cpu else 0,
+            exists=None if is_full else exists,
+            num_near=num_near,
+            can_lack=not is_full and num_near > least,
+            first=first[:, None, None, None],
         )
 
     def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "TokenGroup":
@@ -81,10 +93,8 @@ class TokenGroup(NamedTuple):
         factors = crossing_factors(is_walking, self.is_crossing)[:, None]
         return self._replace(factors=factors.square())
 
-    def nearest(
-        self, poses: NoisyPoses, number: int
-    ) -> tuple[Int[Tensor, "B S A M"], Mask]:
-        """Indices of the tokens nearest to each pose, in any order."""
+    def nearest(self, poses: NoisyPoses) -> Int[Tensor, "B S A M"]:
+        """Rows of the tokens nearest to each pose, in any order."""
         own_x, own_y = torch.view_as_real(poses.position_m)[..., None, :].unbind(-1)
         x, y = self.middle_m[:, None, None].unbind(-1)
         x, y = own_x - x, own_y - y
@@ -93,13 +103,8 @@ class TokenGroup(NamedTuple):
             square = square * self.factors
         if self.exists is not None:
             square = square.masked_fill(~self.exists[:, None, None], math.inf)
-        number = min(number, self.middle_m.shape[1])
-        index = square.topk(number, dim=-1, largest=False, sorted=False).indices
-        if self.exists is None or number <= self.least:
-            return index, Mask(None, None)
-        scene = torch.arange(len(self.exists), device=index.device)
-        is_token = self.exists[scene[:, None, None, None], index]
-        return index, Mask.of(is_token[..., None, :])
+        nearest = square.topk(self.num_near, dim=-1, largest=False, sorted=False)
+        return nearest.indices + self.first
 
 
 class NearTokens(NamedTuple):
@@ -126,16 +131,38 @@ class MapTokens:
     pose: Complex[Tensor, "T 2"]
     """Midpoint and direction, of all groups and scenes, concatenated."""
     encoded: Float[Tensor, "T C"]
+    exists: Bool[Tensor, "T"] | None
+    """Mask of tokens; None if no agent can be near padding."""
 
     @classmethod
     def of(cls, *groups: TokenGroup) -> "MapTokens":
         """Concatenate groups of tokens."""
+        sizes = [one.axis.numel() for one in groups]
+        groups = tuple(
+            one._replace(first=one.first + sum(sizes[:index]))
+            for index, one in enumerate(groups)
+        )
+        exists = [
+            torch.ones_like(one.axis, dtype=torch.bool)
+            if one.exists is None
+            else one.exists
+            for one in groups
+        ]
         pose = [
             torch.stack([as_complex(one.middle_m), one.axis], dim=-1).flatten(0, 1)
             for one in groups
         ]
         encoded = [one.encoded.flatten(0, 1) for one in groups]
-        return cls(groups=groups, pose=torch.cat(pose), encoded=torch.cat(encoded))
+        return cls(
+            groups=groups,
+            pose=torch.cat(pose),
+            encoded=torch.cat(encoded),
+            exists=(
+                torch.cat([one.flatten() for one in exists])
+                if any(one.can_lack for one in groups)
+                else None
+            ),
+        )
 
     def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "MapTokens":
         """The tokens with the distances of agents of some kinds."""
@@ -146,25 +173,20 @@ class MapTokens:
         self,
         poses: NoisyPoses,
         noise: NoiseFactors,
-        *num_nearest: int,
+        *,
         folds_turns: bool = False,
     ) -> NearTokens:
         """The tokens of each group that are nearest to each pose, in any order."""
-        rows: list[Tensor] = []
-        masks: list[Mask] = []
-        first = 0
-        for group, number in zip(self.groups, num_nearest, strict=True):
-            index, mask = group.nearest(poses, number)
-            num_scenes, num_tokens = group.axis.shape
-            if num_scenes > 1:
-                scene = torch.arange(num_scenes, device=index.device) * num_tokens
-                index = index + scene[:, None, None, None]
-            rows.append(index + first if first else index)
-            masks.append(mask)
-            first += group.axis.numel()
+        rows = [one.nearest(poses) for one in self.groups]
         row = rows[0] if len(rows) == 1 else torch.cat(rows, dim=-1)
+        masks = [
+            Mask.of(selected(self.exists, of_group)[..., None, :])
+            if self.exists is not None and group.can_lack
+            else Mask(None, None)
+            for group, of_group in zip(self.groups, rows, strict=True)
+        ]
         middle_m, axis = selected(self.pose, row).unbind(-1)
-        numbers = tuple(one.shape[-1] for one in rows)
+        numbers = tuple(one.num_near for one in self.groups)
         return NearTokens(
             relations=piece_relations(
                 poses, middle_m, axis, noise, folds_turns=folds_turns

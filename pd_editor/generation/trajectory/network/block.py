@@ -147,12 +147,12 @@ class AgentBlock(nn.Module):
         self, queries: Float[Tensor, "S B A QE"], sets: tuple[Tokens, Tokens]
     ) -> Float[Tensor, "S B A QE"]:
         """Weighted sums of the values of tokens, of each set."""
-        samples, heads = len(queries), self.num_heads
+        samples, heads = queries.shape[0], self.num_heads
         parts = queries.flatten(1, 2).unflatten(-1, (len(sets), heads, -1))
         # All samples of an agent attend to the same tokens.
         parts = parts.permute(2, 3, 1, 0, 4).flatten(1, 2)
         found: list[Tensor] = []
-        for query, tokens in zip(parts, sets, strict=True):
+        for query, tokens in zip(parts.unbind(), sets, strict=True):
             logits = torch.baddbmm(tokens.mask, query, tokens.keys.mT)
             weights = logits.softmax(dim=-1).to(tokens.values.dtype)
             found.append(torch.bmm(weights, tokens.values))

@@ -84,20 +84,20 @@ class InteractionGeometry:
         With gaps, also the gap between the boxes, and the distance to the neighbour along
         the agent's own path.
         """
-        samples, num_agents = len(latent), self.half_size.shape[1]
+        samples, num_agents = latent.shape[0], self.half_size.shape[1]
         # Latents are transposed: rows of agents come last.
         found = self.matrix @ latent.flatten(0, -2).T
         found = found.view(-1, samples, num_agents) + self.offset
-        own, ways = found.view(2, 2, NUM_WAYPOINTS, samples, num_agents)
+        own, ways = found.view(2, 2, NUM_WAYPOINTS, samples, num_agents).unbind()
         if not with_gaps:
-            x, y = self._seen(own) + self.position - own[..., None]
+            x, y = (self._seen(own) + self.position - own[..., None]).unbind()
             closeness = _closeness(x, y)
             parts = [x * closeness, y * closeness, closeness]
         else:
-            direction = ways * _square_distance(*ways).rsqrt_()
+            direction = ways * _square_distance(*ways.unbind()).rsqrt_()
             seen = self._seen(torch.cat([own, direction], dim=1))
             theirs, their_direction = seen.chunk(2, dim=1)
-            x, y = theirs + self.position - own[..., None]
+            x, y = (theirs + self.position - own[..., None]).unbind()
             closeness = _closeness(x, y)
             gap, ahead = self._gaps(direction[..., None], their_direction, x, y)
             gap = gap.mul_(_GAP_SCALE).tanh_()
@@ -116,14 +116,14 @@ class InteractionGeometry:
         The gap is negative where boxes overlap. The axes of the neighbour's box are covered
         by the reverse pair.
         """
-        cos, sin = direction
-        their_cos, their_sin = their_direction
+        cos, sin = direction.unbind()
+        their_cos, their_sin = their_direction.unbind()
         ahead = torch.addcmul(x * cos, y, sin)
         aside = torch.addcmul(y * cos, x, sin, value=-1)
         straight = torch.addcmul(their_cos * cos, their_sin, sin).abs_()
         across = torch.addcmul(their_sin * cos, their_cos, sin, value=-1).abs_()
-        length, width = self.half_size
-        their_length, their_width = self.near_half_size
+        length, width = self.half_size.unbind()
+        their_length, their_width = self.near_half_size.unbind()
         reach = length + torch.addcmul(their_length * straight, their_width, across)
         side = width + torch.addcmul(their_length * across, their_width, straight)
         gap = torch.maximum(ahead.abs() - reach, aside.abs() - side)
@@ -133,7 +133,7 @@ class InteractionGeometry:
         """Vectors of the neighbours, turned to the frame of each agent."""
         # On tables of two axes, far faster than on others.
         theirs = vectors.flatten(0, -2).index_select(1, self.row)
-        x, y = theirs.view(*vectors.shape[:-1], len(self.row))
+        x, y = theirs.view(*vectors.shape[:-1], self.row.shape[0]).unbind()
         turned = [
             torch.addcmul(self.cos * x, self.sin, y, value=-1),
             torch.addcmul(self.cos * y, self.sin, x),

@@ -24,8 +24,8 @@ def near(scene: SceneTensors, position_m: torch.Tensor, number: int) -> NearToke
     encoded = index.expand(scene.has_piece.shape)[..., None].contiguous()
     poses = NoisyPoses(position_m[:, None], torch.ones_like(position_m)[:, None])
     noise = noise_factors(torch.tensor(1.0), torch.tensor(1.0), num_offsets=2)
-    tokens = MapTokens.of(TokenGroup.of_lanes(scene, encoded))
-    return tokens.seen_by(scene.agent_kind).near(poses, noise, number)
+    tokens = MapTokens.of(TokenGroup.of_lanes(scene, encoded, number))
+    return tokens.seen_by(scene.agent_kind).near(poses, noise)
 
 
 def test_nearest_tokens_by_brute_force():
@@ -90,9 +90,9 @@ def test_the_boundary_has_a_quota_of_its_own():
     scene = replace(scene, boundary_pose=pose, has_boundary=has_boundary)
     boundary = torch.arange(pose.shape[1]).float().expand(pose.shape[:2])[..., None] + 1
     tokens = MapTokens.of(
-        TokenGroup.of_lanes(scene, lanes), TokenGroup.of_boundary(scene, boundary)
+        TokenGroup.of_lanes(scene, lanes, 5), TokenGroup.of_boundary(scene, boundary, 3)
     )
-    found = tokens.near(poses, noise, 5, 3)
+    found = tokens.near(poses, noise)
     assert found.numbers == (5, 3)
     assert (found.encoded[..., :5, :] == 0).all()
     seen = found.mask.added

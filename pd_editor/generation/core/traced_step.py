@@ -1,0 +1,94 @@
+"""Denoising steps whose operations are recorded once, then run without Python."""
+
+import dataclasses
+import sys
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import torch
+from torch import Tensor, nn
+
+_CALLS_BEFORE: Final = 24
+"""Calls with inputs of one form before it is traced, which takes as long as 30 save."""
+_LARGE: Final = 16
+"""Sizes from here on are of one form: no operation depends on which one it is."""
+
+
+class TracedStep:
+    """A function of tensors, and of tuples and dataclasses of them, that gives a tensor.
+
+    Steps of few agents are short, and most of their time is that of Python. After some
+    calls with inputs of one form the operations are traced; results stay equal bit by bit.
+    Only calls on a processor and without gradients count. The function may branch on what
+    is None, on numbers that are no tensors, and on sizes below 16, but not on values.
+    """
+
+    def __init__(self, step: Callable[..., Tensor]) -> None:
+        self._step = step
+        self._calls: Counter[object] = Counter()
+        self._traced: dict[object, Callable[..., Tensor]] = {}
+
+    def __call__(self, *inputs: Any) -> Tensor:
+        """Run the function, or the operations that are known of inputs of this form."""
+        tensors: list[Tensor] = []
+        # Torch's tracer ends with Python 3.13.
+        if sys.version_info >= (3, 14) or not torch.is_inference_mode_enabled():
+            return self._step(*inputs)
+        form = _form(inputs, tensors), torch.is_autocast_enabled("cpu")
+        if not tensors[0].is_cpu:
+            return self._step(*inputs)
+        traced = self._traced.get(form)
+        if traced is None:
+            self._calls[form] += 1
+            if self._calls[form] <= _CALLS_BEFORE:
+                return self._step(*inputs)
+            traced = self._traced[form] = self._trace(inputs, tensors)
+        # The plain executor: the other one takes a tenth of a second for each function.
+        with torch.jit.optimized_execution(  # pyright: ignore[reportPrivateImportUsage]
+            should_optimize=False
+        ):
+            return traced(*tensors)
+
+    def _trace(self, inputs: Any, tensors: list[Tensor]) -> Callable[..., Tensor]:
+        def of_tensors(*tensors: Tensor) -> Tensor:
+            return self._step(*_filled(inputs, iter(tensors)))
+
+        with warnings.catch_warnings():
+            # That it may go, and what it cannot know of branches: see above.
+            warnings.simplefilter("ignore")
+            traced: Any = torch.jit.trace(of_tensors, tuple(tensors), check_trace=False)
+            return traced
+
+
+def trace_steps(model: nn.Module) -> None:
+    """Let a model's ``denoise`` be traced, where the model has it."""
+    step = getattr(model, "denoise", None)
+    if step is not None:
+        vars(model)["denoise"] = TracedStep(step)
+
+
+def _form(value: Any, tensors: list[Tensor]) -> object:
+    """What traced operations depend on; the tensors are appended."""
+    if isinstance(value, Tensor):
+        tensors.append(value)
+        return value.dtype, *(min(size, _LARGE) for size in value.shape)
+    if isinstance(value, tuple):
+        return type(value), *(_form(one, tensors) for one in value)
+    if dataclasses.is_dataclass(value):
+        return type(value), *(_form(one, tensors) for one in vars(value).values())
+    return value
+
+
+def _filled(value: Any, tensors: Iterator[Tensor]) -> Any:
+    """The same value with other tensors."""
+    if isinstance(value, Tensor):
+        return next(tensors)
+    if isinstance(value, tuple):
+        parts = [_filled(one, tensors) for one in value]
+        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {key: _filled(one, tensors) for key, one in vars(value).items()}
+        return dataclasses.replace(value, **fields)
+    return value
