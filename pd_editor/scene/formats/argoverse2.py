@@ -24,7 +24,6 @@ def _write(scenario: Scenario) -> WrittenScene:
 ARGOVERSE2: Final = SceneFormat(
     name="av2",
     title="Argoverse 2",
-    endings=(),
     recognises=_recognises,
     read=read_scenario,
     write=_write,

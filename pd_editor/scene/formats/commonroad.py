@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.formats.commonroad_writer import write
+from pd_editor.scene.formats.commonroad_writer import LANE_TYPES, MARKS, TYPES, write
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack, headings_on_the_way
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
-from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
-from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.packed_file import stem_of
+from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
-from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.geometry.polyline import (
     midline,
@@ -28,38 +28,26 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STEPS
 
 VERSIONS: Final = ("2018b", "2020a")
+_VEHICLES: Final = ("truck", "taxi", "priorityVehicle", "parkedVehicle")
+_STATIC: Final = ("roadBoundary", "building", "pillar", "median_strip")
 _KINDS: Final = {
-    "car": AgentKind.VEHICLE,
-    "truck": AgentKind.VEHICLE,
-    "taxi": AgentKind.VEHICLE,
-    "priorityVehicle": AgentKind.VEHICLE,
-    "parkedVehicle": AgentKind.VEHICLE,
-    "bus": AgentKind.BUS,
+    **{word: kind for kind, word in TYPES.items()},
+    **dict.fromkeys(_VEHICLES, AgentKind.VEHICLE),
+    **dict.fromkeys(_STATIC, AgentKind.STATIC),
     "train": AgentKind.BUS,
-    "motorcycle": AgentKind.MOTORCYCLIST,
-    "bicycle": AgentKind.CYCLIST,
-    "pedestrian": AgentKind.PEDESTRIAN,
     "constructionZone": AgentKind.CONSTRUCTION,
-    "roadBoundary": AgentKind.STATIC,
-    "building": AgentKind.STATIC,
-    "pillar": AgentKind.STATIC,
-    "median_strip": AgentKind.STATIC,
 }
 """Kinds of obstacles; all others are of unknown kind."""
 _FINEST: Final = 100
 """Steps of a file for one of a scene, at most."""
 _OBSTACLES: Final = frozenset({"obstacle", "staticObstacle", "dynamicObstacle"})
-_LANE_KINDS: Final = {"bicycleLane": LaneKind.BIKE, "busLane": LaneKind.BUS}
+_LANE_KINDS: Final = {word: kind for kind, word in LANE_TYPES.items()}
 _NO_LANES: Final = frozenset({"crosswalk", "sidewalk"})
 _SOURCES: Final = (
     "author", "affiliation", "source", "license", "licence", "copyright"
 )  # fmt: skip
 _MARKS: Final = {
-    "solid": LaneMark.SOLID_WHITE,
-    "broad_solid": LaneMark.SOLID_WHITE,
-    "dashed": LaneMark.DASHED_WHITE,
-    "broad_dashed": LaneMark.DASHED_WHITE,
-    "no_marking": LaneMark.NONE,
+    f"{wide}{word}": mark for mark, word in MARKS.items() for wide in ("", "broad_")
 }
 
 
@@ -71,8 +59,7 @@ def read(path: Path) -> Scenario:
     Raises:
         FormatError: the file is damaged, or of another version.
     """
-    element, data = parse_xml(path, "commonRoad")
-    root = Place(path, element)
+    root, data = parse_xml(path, "commonRoad")
     version = root.attribute("commonRoadVersion")
     if version not in VERSIONS:
         raise root.error(
@@ -109,7 +96,7 @@ def read(path: Path) -> Scenario:
         notes.append(f"{others} environment and phantom obstacles are left out.")
     return FileScene(
         path=path,
-        name=element.get("benchmarkID") or stem_of(path),
+        name=root.get("benchmarkID", stem_of(path)),
         lanes=lanes,
         crosswalks=crosswalks,
         tracks=tuple(tracks),
@@ -117,7 +104,7 @@ def read(path: Path) -> Scenario:
         current_s=now_s,
         ego_id=ego_id,
         notes=tuple(notes),
-        attribution=told_of(element, *_SOURCES),
+        attribution=told_of(root.element, *_SOURCES),
     ).scenario(data)
 
 
@@ -212,14 +199,12 @@ def _bound(place: Place, name: str) -> Float[np.ndarray, "N 3"]:
 
 
 def _point(place: Place) -> tuple[float, float, float]:
-    height = place.element.find("z")
-    z = 0.0 if height is None else Place(place.path, height).number()
+    z = next((one.number() for one in place.children("z")), 0.0)
     return place.child("x").number(), place.child("y").number(), z
 
 
 def _mark(bound: Place) -> LaneMark:
-    text = bound.element.findtext("lineMarking") or ""
-    return _MARKS.get(text, LaneMark.UNKNOWN)
+    return _MARKS.get(bound.text("lineMarking"), LaneMark.UNKNOWN)
 
 
 def _signals(root: Place, step_s: float) -> Iterator[FileSignal]:
@@ -236,13 +221,12 @@ def _signals(root: Place, step_s: float) -> Iterator[FileSignal]:
             for number in lights:
                 stops.setdefault(number, {})[lanelet.integer("id")] = stop
     for light in root.children("trafficLight"):
-        is_off = (light.element.findtext("active") or "").strip() == "false"
-        cycles = [] if is_off else light.children("cycle")
+        cycles = [] if light.text("active") == "false" else light.children("cycle")
         parts = [part for one in cycles for part in one.children("cycleElement")]
         steps = [part.child("duration").number() for part in parts]
         if not all(one > 0 for one in steps):
             raise light.error("has an element that does not last; expected steps.")
-        colors = [(part.child("color").element.text or "").strip() for part in parts]
+        colors = [part.text("color") for part in parts]
         offset = sum(n.number() for one in cycles for n in one.children("timeOffset"))
         yield cyclic_signal(
             str(light.integer("id")),
@@ -258,21 +242,21 @@ def _refs(place: Place, name: str) -> tuple[int, ...]:
 
 def _neighbor(place: Place, name: str) -> int | None:
     """The adjacent lanelet, if it leads the same way."""
-    for one in place.children(name):
-        if one.element.get("drivingDir") == "same":
-            return one.integer("ref")
-    return None
+    ways = (one for one in place.children(name) if one.get("drivingDir") == "same")
+    return next((one.integer("ref") for one in ways), None)
 
 
 def _obstacles(root: Place, step_s: float) -> tuple[list[FileTrack], list[str]]:
     tracks: list[FileTrack] = []
     notes: list[str] = []
-    last_s = max(
-        (step_s * _value(one, "time") for one in _states(root)), default=step_s
-    )
-    for element in root.element:
-        if element.tag in _OBSTACLES:
-            place = Place(root.path, element)
+    states = [
+        state
+        for tag in ("obstacle", "dynamicObstacle")
+        for state in root.children(f"{tag}/trajectory/state")
+    ]
+    last_s = max((step_s * _value(one, "time") for one in states), default=step_s)
+    for place in root.children("*"):
+        if place.element.tag in _OBSTACLES:
             track = _obstacle(place, step_s, last_s)
             if track.track_id in {one.track_id for one in tracks}:
                 raise place.error("comes twice; expected ids that are unique.")
@@ -286,27 +270,10 @@ def _obstacles(root: Place, step_s: float) -> tuple[list[FileTrack], list[str]]:
     return tracks, notes
 
 
-def _states(root: Place) -> list[Place]:
-    return [
-        Place(root.path, state)
-        for tag in ("obstacle", "dynamicObstacle")
-        for obstacle in root.element.findall(tag)
-        for state in obstacle.findall("trajectory/state")
-    ]
-
-
 def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
-    is_static = (
-        place.element.tag == "staticObstacle"
-        or place.element.findtext("role") == "static"
-    )
-    kind = _KINDS.get(place.element.findtext("type") or "", AgentKind.UNKNOWN)
+    is_static = place.element.tag == "staticObstacle" or place.text("role") == "static"
     size, turn, offset = _shape(place)
-    first = place.child("initialState")
-    states = [
-        first,
-        *(Place(place.path, s) for s in place.element.findall("trajectory/state")),
-    ]
+    states = [place.child("initialState"), *place.children("trajectory/state")]
     time = np.array([step_s * _value(one, "time") for one in states])
     position = np.array([_position(one) for one in states])
     told = np.array([_value(one, "orientation", np.nan) for one in states])
@@ -323,19 +290,16 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
     if is_static:
         time = np.arange(time[0], last_s + step_s / 2, step_s)
         position, heading = (
-            position[:1].repeat(len(time), 0),
-            heading[:1].repeat(len(time)),
+            one[:1].repeat(len(time), 0) for one in (position, heading)
         )
         velocity = np.zeros((len(time), 2))
     if (np.diff(time) <= 0).any():
         raise place.error("has states whose times do not increase.")
-    cos, sin = np.cos(heading), np.sin(heading)
-    position = position + np.stack(
-        [cos * offset[0] - sin * offset[1], sin * offset[0] + cos * offset[1]], axis=-1
-    )
+    ahead = unit_vector(heading)
+    position = position + offset[0] * ahead + offset[1] * left_of(ahead)
     return FileTrack(
         track_id=place.attribute("id"),
-        kind=kind,
+        kind=_KINDS.get(place.text("type"), AgentKind.UNKNOWN),
         size_m=size,
         time_s=time,
         position_m=position,
@@ -364,8 +328,7 @@ def _shape(
     place: Place,
 ) -> tuple[tuple[float, float] | None, float, tuple[float, float]]:
     """Length and width of the box, its turn and its centre in the obstacle's frame."""
-    found = [_box(Place(place.path, one)) for one in place.child("shape").element]
-    boxes = [one for one in found if one is not None]
+    boxes = [box for one in place.children("shape/*") if (box := _box(one))]
     if len(boxes) <= 1:
         return boxes[0] if boxes else (None, 0.0, (0.0, 0.0))
     corners = [
@@ -401,16 +364,13 @@ def _around(
 def _position(state: Place) -> tuple[float, float]:
     """A point, or the centre of a shape."""
     position = state.child("position")
-    for one in position.children("point"):
-        return _point(one)[:2]
-    for tag in ("rectangle", "circle"):
-        for one in position.children(tag):
-            return _point(one.child("center"))[:2]
-    for one in position.children("polygon"):
-        (_, _, middle) = _around(
-            np.array([_point(p)[:2] for p in one.children("point")])
-        )
-        return middle
+    for one in position.children("*"):
+        if one.element.tag in ("point", "rectangle", "circle"):
+            return _point(one if one.element.tag == "point" else one.child("center"))[
+                :2
+            ]
+        if (box := _box(one)) is not None:
+            return box[2]
     raise position.error("has no point; expected one.")
 
 
@@ -425,15 +385,11 @@ def _value(state: Place, name: str, default: float | None = None) -> float:
     return (low.number() + high.number()) / 2
 
 
-def _recognises(path: Path) -> bool:
-    return ending_of(path) == ".xml" and b"<commonroad" in head_of(path)
-
-
 COMMONROAD: Final = SceneFormat(
     name="commonroad",
     title="CommonRoad",
     endings=(".xml",),
-    recognises=_recognises,
+    recognises=has_root("commonroad"),
     read=read,
     write=write,
 )

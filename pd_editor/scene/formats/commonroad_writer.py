@@ -1,7 +1,5 @@
 """Writes scenes as CommonRoad 2020a scenarios."""
 
-import csv
-import io
 from typing import Final
 
 import numpy as np
@@ -11,7 +9,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
-from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, ids_file
 from pd_editor.scene.formats.xml_file import as_file
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
@@ -19,8 +17,7 @@ from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState
 
-IDS_NAME: Final = "ids.csv"
-_TYPES: Final = {
+TYPES: Final = {
     AgentKind.VEHICLE: "car",
     AgentKind.BUS: "bus",
     AgentKind.MOTORCYCLIST: "motorcycle",
@@ -28,13 +25,13 @@ _TYPES: Final = {
     AgentKind.PEDESTRIAN: "pedestrian",
 }
 """Types of obstacles; those of other kinds are unknown."""
-_MARKS: Final = {
+MARKS: Final = {
     LaneMark.SOLID_WHITE: "solid",
     LaneMark.DASHED_WHITE: "dashed",
     LaneMark.NONE: "no_marking",
 }
 """Markings; those of other colours, and double ones, are unknown."""
-_LANE_TYPES: Final = {LaneKind.BIKE: "bicycleLane", LaneKind.BUS: "busLane"}
+LANE_TYPES: Final = {LaneKind.BIKE: "bicycleLane", LaneKind.BUS: "busLane"}
 _DECIMALS: Final = 4
 _ANGLE_DECIMALS: Final = 6
 _GOAL_M: Final = (5.0, 2.0)
@@ -91,12 +88,10 @@ def write(scenario: Scenario) -> WrittenScene:
         losses.append("Signals after the last step: their states begin again.")
     if split:
         losses.append(f"Gaps in tracks: {split} further obstacles go on after one.")
-    table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows([("agent", "obstacle"), *rows])
     return WrittenScene(
         files={
             f"{scenario.scenario_id}.xml": as_file(root),
-            IDS_NAME: table.getvalue().encode(),
+            IDS_NAME: ids_file(("agent", "obstacle"), *rows),
         },
         losses=tuple(losses),
     )
@@ -140,8 +135,8 @@ def _lanelet(
     found = _child(root, "lanelet", id=str(lane.lane_id))
     left, right = _bounds_around(lane)
     left, right = left + origin, right + origin
-    _bound(found, "leftBound", left, _MARKS.get(lane.left_mark, "unknown"))
-    _bound(found, "rightBound", right, _MARKS.get(lane.right_mark, "unknown"))
+    _bound(found, "leftBound", left, MARKS.get(lane.left_mark, "unknown"))
+    _bound(found, "rightBound", right, MARKS.get(lane.right_mark, "unknown"))
     for tag, ids in (
         ("predecessor", lane.predecessors),
         ("successor", lane.successors),
@@ -155,7 +150,7 @@ def _lanelet(
     ):
         if one in known:
             _child(found, tag, ref=str(one), drivingDir="same")
-    _child(found, "laneletType", _LANE_TYPES.get(lane.kind, "urban"))
+    _child(found, "laneletType", LANE_TYPES.get(lane.kind, "urban"))
     if lane.is_intersection:
         _child(found, "laneletType", "intersection")
 
@@ -281,7 +276,7 @@ def _obstacle(
 ) -> None:
     agents = scenario.agents
     found = _child(root, "dynamicObstacle", id=str(number))
-    _child(found, "type", _TYPES.get(agents.kinds[row], "unknown"))
+    _child(found, "type", TYPES.get(agents.kinds[row], "unknown"))
     box = _child(_child(found, "shape"), "rectangle")
     for tag, value in zip(("length", "width"), agents.size_m[row], strict=True):
         _child(box, tag, _text(value))

@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.base.errors import FormatError
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.file_scene import NO_HEADINGS, FileScene, FileTrack
 from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import (
@@ -20,25 +20,33 @@ from pd_editor.scene.formats.packed_file import (
     stem_of,
 )
 from pd_editor.scene.formats.recorded_map import (
+    KINDS,
+    TYPES,
     CenterLane,
-    crosswalks_of,
     distinct_points,
+    ego_of,
     lane_numbers,
-    lanes_of,
+    lights_of,
     made_of,
+    map_of,
     read_as,
 )
-from pd_editor.scene.formats.recording_writers import WAYMO_CURRENT_STEP, gpudrive_files
-from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.geometry.paved_area import valid_area
+from pd_editor.scene.formats.scene_format import (
+    IDS_NAME,
+    SceneFormat,
+    WrittenScene,
+    ids_file,
+)
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
-_KINDS: Final = {
-    "vehicle": AgentKind.VEHICLE,
-    "pedestrian": AgentKind.PEDESTRIAN,
-    "cyclist": AgentKind.CYCLIST,
-}
+WAYMO_STEPS: Final = 91
+WAYMO_CURRENT_STEP: Final = 10
+"""Waymo's motion prediction: 1.1 s are observed, 8 s follow."""
+UNKNOWN_M: Final = -10_000.0
+"""Waymo's place of agents that are not there."""
+_ELEMENTS: Final = {"lane": 2, "road_line": 6, "road_edge": 15, "crosswalk": 18}
+"""Waymo's numbers of the types of map elements."""
 
 
 class _Asked(msgspec.Struct):
@@ -130,21 +138,17 @@ def _scene(path: Path, found: _File) -> FileScene:
         for row, kind, line in roads
         if kind == "lane"
     ]
+    areas = ((10**6 + row, kind, line) for row, kind, line in roads)
     numbers = lane_numbers(lanes)
     states = found.tl_states or {}
     signals = [
         _signal(key, one, numbers.get(row_of.get(key, "")), step_s)
         for key, one in states.items()
     ]
-    areas = [one for one in roads if len(one[2]) > 2]
     return FileScene(
         path=path,
         name=str(found.scenario_id or stem_of(path)),
-        lanes=made_of(path, "map", lanes_of, lanes),
-        crosswalks=crosswalks_of(
-            (10**6 + row, line) for row, kind, line in areas if kind == "crosswalk"
-        ),
-        more_paved=[valid_area(line) for _, kind, line in areas if kind == "driveway"],
+        **map_of(path, lanes, areas),
         tracks=tuple(one for one in tracks if one is not None),
         signals=tuple(signals),
         current_s=step_s * min(WAYMO_CURRENT_STEP, max(number - 2, 0)),
@@ -202,7 +206,7 @@ def _track(row: int, one: _Object, step_s: float, turn: float) -> FileTrack | No
     )
     return FileTrack(
         track_id=_name(row, one),
-        kind=_KINDS.get(one.type, AgentKind.UNKNOWN),
+        kind=KINDS.get(one.type.upper(), AgentKind.UNKNOWN),
         size_m=(length, width) if min(length, width) > 0 else None,
         time_s=step_s * np.flatnonzero(is_valid),
         position_m=position[is_valid],
@@ -234,11 +238,127 @@ def _recognises(path: Path) -> bool:
     return b'"objects"' in head or b'"roads"' in head
 
 
+def write(scenario: Scenario) -> WrittenScene:
+    """File of a GPUDrive scene: Waymo's 91 steps around the current one.
+
+    Coordinates are those of the city.
+
+    Raises:
+        ExportError: there is neither ego nor focal agent at the current step.
+    """
+    agents, ego = scenario.agents, ego_of(scenario)
+    steps = scenario.current_step + np.arange(WAYMO_STEPS) - WAYMO_CURRENT_STEP
+    known = (steps >= 0) & (steps < agents.num_steps)
+    column = np.clip(steps, 0, agents.num_steps - 1)
+    is_valid = agents.is_valid[:, column] & known
+    rows = np.flatnonzero(is_valid.any(axis=1)).tolist()
+    place = agents.position_m + scenario.origin_city_m
+    objects = [
+        _object(scenario, row, number, place[row], column, is_valid[row])
+        for number, row in enumerate(rows)
+    ]
+    index, focal = {agents.ids[row]: n for n, row in enumerate(rows)}, scenario.focal_id
+    rank = {lane: number for number, lane in enumerate(scenario.road_map.lane_of)}
+    content = {
+        "name": f"{scenario.scenario_id}.json",
+        "scenario_id": scenario.scenario_id,
+        "objects": objects,
+        "roads": _roads(scenario),
+        "tl_states": {
+            str(rank[lane]): {
+                "state": [words[step] for step in column[known]],
+                "x": [float(stop[0])] * int(known.sum()),
+                "y": [float(stop[1])] * int(known.sum()),
+                "z": [0.0] * int(known.sum()),
+                "time_index": np.flatnonzero(known).tolist(),
+            }
+            for lane, stop, words in lights_of(scenario)
+        },
+        "metadata": {
+            "sdc_track_index": index[ego],
+            "objects_of_interest": [],
+            "tracks_to_predict": (
+                [{"track_index": index[focal], "difficulty": 0}]
+                if focal in index
+                else []
+            ),
+        },
+    }
+    return WrittenScene(
+        files={
+            f"{scenario.scenario_id}.json": msgspec.json.encode(content),
+            IDS_NAME: ids_file(("agent", "object"), *index.items()),
+        },
+        losses=(
+            f"Steps: {WAYMO_CURRENT_STEP} before the current one and "
+            f"{WAYMO_STEPS - WAYMO_CURRENT_STEP - 1} after it.",
+            "Kinds: vehicles, pedestrians, cyclists and others.",
+            "Links, neighbours, kinds and markings of lanes.",
+            "Ids: objects are numbered; ids.csv has both.",
+        ),
+    )
+
+
+def _object(
+    scenario: Scenario,
+    row: int,
+    number: int,
+    place: Float[np.ndarray, "T 2"],
+    column: Int[np.ndarray, "S"],
+    there: Bool[np.ndarray, "S"],
+) -> dict[str, Any]:
+    """An agent at some steps, at which it may not be there."""
+    agents = scenario.agents
+    x, y = place[column[np.flatnonzero(there)[-1]]].tolist()
+    kind = TYPES.get(agents.kinds[row], "other").lower()
+    heading = np.where(there, agents.heading_rad[row, column], UNKNOWN_M)
+    return {
+        "position": _points(place[column], there),
+        "width": float(agents.size_m[row, 1]),
+        "length": float(agents.size_m[row, 0]),
+        "height": DEFAULT_HEIGHT_M[agents.kinds[row]],
+        "heading": heading.tolist(),
+        "velocity": _points(agents.velocity_mps[row, column], there, False),
+        "valid": there.tolist(),
+        "goalPosition": {"x": x, "y": y, "z": 0.0},
+        "type": kind if kind in ("vehicle", "pedestrian", "cyclist") else "other",
+        "id": number,
+        "mark_as_expert": False,
+    }
+
+
+def _roads(scenario: Scenario) -> list[dict[str, Any]]:
+    origin, road_map = scenario.origin_city_m, scenario.road_map
+    lines = [("lane", lane.centerline_m) for lane in road_map.lanes]
+    lines += [("crosswalk", walk.outline_m()) for walk in road_map.crosswalks]
+    for area in road_map.drivable_areas:
+        ring = area.boundary[:, :2]
+        lines.append(("road_edge", np.concatenate([ring, ring[:1]])))
+    everywhere = np.ones(max(len(line) for _, line in lines), bool)
+    return [
+        {
+            "geometry": _points(line + origin, everywhere[: len(line)]),
+            "type": kind,
+            "map_element_id": _ELEMENTS[kind],
+            "id": number,
+        }
+        for number, (kind, line) in enumerate(lines)
+    ]
+
+
+def _points(
+    table: Float[np.ndarray, "N 2"], there: np.ndarray, has_height: bool = True
+) -> list[dict[str, float]]:
+    known = np.where(there[:, None], table, UNKNOWN_M).tolist()
+    more = {"z": 0.0} if has_height else {}
+    return [{"x": x, "y": y, **more} for x, y in known]
+
+
 GPUDRIVE: Final = SceneFormat(
     name="gpudrive",
     title="GPUDrive",
     endings=(".json",),
     recognises=_recognises,
     read=read,
-    write=gpudrive_files,
+    write=write,
 )

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
-from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
-from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.packed_file import stem_of
+from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.xml_file import Place, parse_xml
 from pd_editor.scene.geometry.map_projection import utm, utm_zone
 from pd_editor.scene.geometry.paved_area import valid_area
@@ -72,8 +72,8 @@ def read(path: Path) -> Scenario:
     Raises:
         FormatError: the file is damaged, has no lanelets, or names what it lacks.
     """
-    element, data = parse_xml(path, "osm")
-    file = _File(Place(path, element))
+    root, data = parse_xml(path, "osm")
+    file = _File(root)
     courses = [course for place in file.lanelets for course in _courses(file, place)]
     walks = [one for one in courses if one.tags.get("subtype") == "crosswalk"]
     shoulders = [one for one in courses if one.tags.get("subtype") in _SHOULDERS]
@@ -117,7 +117,7 @@ class _File:
 
     def __init__(self, root: Place) -> None:
         present = {
-            tag: [n for n in root.children(tag) if n.element.get("action") != "delete"]
+            tag: [n for n in root.children(tag) if n.get("action") != "delete"]
             for tag in ("node", "way", "relation")
         }
         self._root = root
@@ -155,7 +155,7 @@ class _File:
         found = [
             one.attribute("ref")
             for one in place.children("member")
-            if one.element.get("role") == role and one.element.get("type") == "way"
+            if one.get("role") == role and one.get("type") == "way"
         ]
         for one in found:
             if one not in self._ways:
@@ -189,7 +189,7 @@ class _File:
         if not np.ptp(table, axis=0).max() >= _LEAST_SPAN_M:
             raise self._root.error("spans less than a metre; expected metres.")
         height = [
-            _as_number(one.get("ele") or place.element.get("ele"))
+            _as_number(one.get("ele") or place.get("ele"))
             for one, place in zip(tags, places, strict=True)
         ]
         rows = {name: row for row, name in enumerate(names)}
@@ -260,12 +260,11 @@ class _File:
 
 
 def _tags(place: Place) -> dict[str, str]:
-    found = place.element.findall("tag")
-    return {one.get("k") or "": one.get("v") or "" for one in found}
+    return {one.get("k"): one.get("v") for one in place.children("tag")}
 
 
 def _local(place: Place) -> list[float]:
-    found = {one.element.get("k"): one for one in place.children("tag")}
+    found = {one.get("k"): one for one in place.children("tag")}
     return [found[name].number("v") for name in ("local_x", "local_y")]
 
 
@@ -414,15 +413,10 @@ def _mark(file: _File, bound: Bound) -> LaneMark:
     return LaneMark.UNKNOWN if shape is None else LaneMark(f"{shape}_{color}")
 
 
-def _recognises(path: Path) -> bool:
-    ending = ending_of(path)
-    return ending == ".osm" or (ending == ".xml" and b"<osm" in head_of(path))
-
-
 LANELET2: Final = SceneFormat(
     name="lanelet2",
     title="Lanelet2",
     endings=(".osm",),
-    recognises=_recognises,
+    recognises=has_root("osm", ".osm"),
     read=read,
 )

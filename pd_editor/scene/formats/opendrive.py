@@ -34,7 +34,7 @@ from pd_editor.scene.formats.openscenario import (
 from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
-from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
@@ -87,8 +87,7 @@ def read(path: Path) -> Scenario:
     )
     scenario = scenario_root(story) if story.exists() else None
     roads_at = road_network_of(scenario[0]) if scenario and story == path else path
-    element, data = parse_xml(roads_at, "OpenDRIVE")
-    root = Place(roads_at, element)
+    root, data = parse_xml(roads_at, "OpenDRIVE")
     header = root.child("header")
     major, minor = header.integer("revMajor"), header.integer("revMinor")
     if major != 1 or not 0 <= minor <= MOST_MINOR:
@@ -105,8 +104,8 @@ def read(path: Path) -> Scenario:
     signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")
-    if places := int(element.xpath("count(junction[@type='virtual'])")):
-        notes = (*notes, f"{places} virtual junctions join nothing.")
+    if places := root.children("junction[@type='virtual']"):
+        notes = (*notes, f"{len(places)} virtual junctions join nothing.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
     scene = FileScene(
@@ -139,10 +138,7 @@ def _offset(header: Place) -> Float[np.ndarray, "2"]:
     """Way from the file's origin to that of its projection; 0 where it is turned, too."""
     for one in header.children("offset"):
         shift = np.array([one.number("x"), one.number("y")])
-        if (
-            not (one.element.get("hdg") and one.number("hdg"))
-            and np.abs(shift).max() <= MAX_COORDINATE_M
-        ):
+        if not one.number("hdg", 0.0) and np.abs(shift).max() <= MAX_COORDINATE_M:
             return shift
     return np.zeros(2)
 
@@ -158,7 +154,7 @@ def _pose(roads: Mapping[str, "_Road"], place: Place) -> Pose:
         raise place.error("names no lane of the road there.")
     x, y, heading = road.line.at(np.array([s]))[0, :3].tolist()
     beside = float(np.interp(s, section.s_m, section.middle(lane)))
-    beside += place.number("offset") if "offset" in place.element.attrib else 0.0
+    beside += place.number("offset", 0.0)
     turn = 0.0 if road.leads_on(lane, section.lanes[lane])[0] else np.pi
     return x - beside * np.sin(heading), y + beside * np.cos(heading), heading + turn
 
@@ -210,8 +206,8 @@ class _Road:
                 f"is {self.length_m:g} m long; expected 0 or more, and at most "
                 f"{MAX_LINES_M:g}."
             )
-        self.drives_left = (place.element.get("rule") or "RHT").upper() == "LHT"
-        junction = place.element.get("junction") or "-1"
+        self.drives_left = place.get("rule").upper() == "LHT"
+        junction = place.get("junction", "-1")
         self.junction = "" if junction == "-1" else junction
 
     @cached_property
@@ -237,7 +233,7 @@ class _Road:
         }
         if len(sides) > 1:
             for one in places:
-                if one.element.get("singleSide") in ("true", "1"):
+                if one.get("singleSide") in ("true", "1"):
                     raise one.error(
                         "is for one side of the road only (singleSide), which is not read."
                     )
@@ -291,16 +287,15 @@ class _Road:
         """Sections, ids and directions of the lanes that are driven on."""
         for section in self.sections:
             for number, place in section.lanes.items():
-                kind = place.element.get("type") or "none"
-                if kind in _LANE_KINDS and section.is_wide(number):
+                if place.get("type") in _LANE_KINDS and section.is_wide(number):
                     for leads_on in self.leads_on(number, place):
                         yield section, number, leads_on
 
     def leads_on(self, lane: int, place: Place) -> tuple[bool, ...]:
         """Whether a lane is driven in the direction of the road; two-way ones are twice."""
-        told = place.element.get("direction")
+        told = place.get("direction")
         usual = ((lane < 0) != self.drives_left) != (told == "reversed")
-        if told == "both" or place.element.get("type") == "bidirectional":
+        if told == "both" or place.get("type") == "bidirectional":
             return usual, not usual
         return (usual,)
 
@@ -308,38 +303,35 @@ class _Road:
         """Areas of asphalt, and of lanes that are drivable, but lead nowhere."""
         for section in self.sections:
             for number, place in section.lanes.items():
-                if (place.element.get("type") or "none") in _PAVED:
+                if place.get("type") in _PAVED:
                     inner = section.points(section.border_m[section.inner(number)])
                     outer = section.points(section.border_m[number])
                     yield valid_area(np.concatenate([inner, outer[::-1]])[:, :2])
-        for one in self.place.element.findall("objects/object"):
-            if (one.get("type") or "none").lower() == "none" and (
-                one.find(f".//outline[@fillType='{PAVING}']") is not None
+        for one in self.place.children("objects/object"):
+            if one.get("type", "none").lower() == "none" and (
+                one.children(f".//outline[@fillType='{PAVING}']")
             ):
-                yield valid_area(self._corners(Place(self.place.path, one)))
+                yield valid_area(self._corners(one))
 
     def crosswalks(self) -> Iterator[Float[np.ndarray, "_ 2"]]:
         """Corners of the objects that are crosswalks."""
-        for one in self.place.element.findall("objects/object"):
-            is_placed = {"length", "width"} <= set(one.keys())
-            is_placed |= one.find(".//outline") is not None
-            if (one.get("type") or "").lower() == "crosswalk" and is_placed:
-                yield self._corners(Place(self.place.path, one))
+        for one in self.place.children("objects/object"):
+            is_placed = one.get("length") and one.get("width")
+            if one.get("type").lower() == "crosswalk" and (
+                is_placed or one.children(".//outline")
+            ):
+                yield self._corners(one)
 
     def _corners(self, place: Place) -> Float[np.ndarray, "N 2"]:
         s, t = place.number("s"), place.number("t")
         x, y, heading, _ = self.line.at(np.array([s]))[0]
         center = np.array([x - t * np.sin(heading), y + t * np.cos(heading)])
-        turn = heading + (place.number("hdg") if place.element.get("hdg") else 0.0)
+        turn = heading + place.number("hdg", 0.0)
         axis = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        local = place.element.findall(".//cornerLocal")
-        if local:
-            corners = [Place(place.path, one) for one in local]
+        if corners := place.children(".//cornerLocal"):
             uv = np.array([(one.number("u"), one.number("v")) for one in corners])
             return center + uv @ axis
-        road = place.element.findall(".//cornerRoad")
-        if road:
-            corners = [Place(place.path, one) for one in road]
+        if corners := place.children(".//cornerRoad"):
             line = self.line.at(np.array([one.number("s") for one in corners]))
             beside = np.array([one.number("t") for one in corners])
             normal = np.stack([-np.sin(line[:, 2]), np.cos(line[:, 2])], axis=-1)
@@ -349,7 +341,7 @@ class _Road:
 
     def obeying(self, place: Place) -> dict[Key, Float[np.ndarray, "2"]]:
         """Lanes for which a signal, or a reference to one, is valid, and places on them."""
-        s, way = place.number("s"), place.element.get("orientation")
+        s, way = place.number("s"), place.get("orientation", "none")
         section, found = self.section_at(s), {}
         spans = [
             sorted((one.integer("fromLane"), one.integer("toLane")))
@@ -358,7 +350,7 @@ class _Road:
         for one, lane, leads_on in self.driven():
             if one is not section:
                 continue
-            fits = way in (None, "none", "+-"[not leads_on])
+            fits = way in ("none", "+-"[not leads_on])
             told = [
                 low * high > 0 or fits for low, high in spans if low <= lane <= high
             ]
@@ -373,6 +365,10 @@ class _Road:
         """The section at a place along the road."""
         index = max(int(sum(one.s_m[0] <= s for one in self.sections)) - 1, 0)
         return self.sections[index]
+
+    def row(self, end: End) -> int:
+        """Index of the section at an end."""
+        return 0 if end == "start" else len(self.sections) - 1
 
     def end_m(self, end: End) -> Float[np.ndarray, "2"]:
         """Place of an end of the reference line."""
@@ -400,7 +396,7 @@ class _Network:
         self._direct = {
             one.attribute("id")
             for one in root.children("junction")
-            if one.element.get("type") == "direct"
+            if one.get("type") == "direct"
         }
 
     def lanes(self) -> tuple[Lane, ...]:
@@ -434,12 +430,12 @@ class _Network:
         lines: dict[int, Float[np.ndarray, "2"]] = {}
         heads: defaultdict[str, dict[int, Any]] = defaultdict(dict)
         for road in self._roads.values():
-            for one in road.place.element.iterfind("signals/*"):
+            for one in road.place.children("signals/*"):
                 sign = known.get(one.get("id"))
                 kind = None if sign is None else _kind_of_sign(sign)
-                if kind is not None and one.tag in ("signal", "signalReference"):
-                    here = lines if kind == _STOP_LINE else heads[one.get("id") or ""]
-                    for key, at in road.obeying(Place(road.place.path, one)).items():
+                if kind and one.element.tag in ("signal", "signalReference"):
+                    here = lines if kind == _STOP_LINE else heads[one.get("id")]
+                    for key, at in road.obeying(one).items():
                         if key in self._number:
                             here[self._number[key]] = at
         taken: set[int] = set()
@@ -525,10 +521,7 @@ class _Network:
     ) -> Iterator[tuple[tuple[str, int, int], End]]:
         """Lanes at an end of a lane, with their end there, by its own links."""
         tag = "predecessor" if end == "start" else "successor"
-        ids = [
-            Place(road.place.path, one).integer("id")
-            for one in section.lanes[lane].element.findall(f"link/{tag}")
-        ]
+        ids = [one.integer("id") for one in section.lanes[lane].children(f"link/{tag}")]
         near = section.index + (1 if end == "end" else -1)
         if 0 <= near < len(road.sections):
             for one in ids:
@@ -538,41 +531,31 @@ class _Network:
         for link in road.place.element.xpath(f"link/{tag}[not(@elementS)]"):
             other = self._roads.get(link.get("elementId") or "")
             if link.get("elementType") == "road" and other is not None:
-                contact: End = "end" if link.get("contactPoint") == "end" else "start"
-                row = 0 if contact == "start" else len(other.sections) - 1
+                contact = _contact(link)
                 for one in ids:
-                    yield (other.name, row, one), contact
+                    yield (other.name, other.row(contact), one), contact
 
     def _through_junctions(self) -> Iterator[tuple[int, int]]:
         for junction in self._root.children("junction"):
-            if junction.element.get("type") == "virtual":
+            if junction.get("type") == "virtual":
                 continue
             for connection in junction.children("connection"):
-                first = self._roads.get(connection.element.get("incomingRoad") or "")
-                name = connection.element.get("connectingRoad")
-                name = name or connection.element.get("linkedRoad")
-                second = self._roads.get(name or "")
+                first = self._roads.get(connection.get("incomingRoad"))
+                name = connection.get("connectingRoad", connection.get("linkedRoad"))
+                second = self._roads.get(name)
                 if first is None or second is None:
                     continue
-                contact: End = (
-                    "end"
-                    if connection.element.get("contactPoint") == "end"
-                    else "start"
-                )
+                contact = _contact(connection.element)
                 gaps = {
                     end: float(np.hypot(*(first.end_m(end) - second.end_m(contact))))
                     for end in ("start", "end")
                 }
                 own: End = "start" if gaps["start"] < gaps["end"] else "end"
-                rows = (
-                    0 if own == "start" else len(first.sections) - 1,
-                    0 if contact == "start" else len(second.sections) - 1,
-                )
                 for link in connection.children("laneLink"):
                     yield from self._joined(
-                        (first.name, rows[0], link.integer("from")),
+                        (first.name, first.row(own), link.integer("from")),
                         own,
-                        (second.name, rows[1], link.integer("to")),
+                        (second.name, second.row(contact), link.integer("to")),
                         contact,
                     )
 
@@ -590,6 +573,10 @@ class _Network:
         ):
             if first in self._number and second in self._number:
                 yield self._number[first], self._number[second]
+
+
+def _contact(link: Any) -> End:
+    return "end" if link.get("contactPoint") == "end" else "start"
 
 
 def _kind_of_sign(sign: Any) -> str | None:
@@ -620,11 +607,13 @@ def _simplified(line: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
     return shapely.get_coordinates(kept, include_z=True)
 
 
+_is_network: Final = has_root("opendrive", ".xodr")
+
+
 def _recognises(path: Path) -> bool:
-    ending = ending_of(path)
-    if ending == ENDING:
-        return b"<logicfile" in head_of(path)
-    return ending == ".xodr" or (ending == ".xml" and b"<opendrive" in head_of(path))
+    # Catalogs of OpenSCENARIO name no road network.
+    is_scenario = ending_of(path) == ENDING and b"<logicfile" in head_of(path)
+    return is_scenario or _is_network(path)
 
 
 OPENDRIVE: Final = SceneFormat(

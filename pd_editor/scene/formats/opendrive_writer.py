@@ -6,8 +6,6 @@ directly. Where lanes part or merge, the roads before end a little earlier, and 
 roads of a junction bridge the way; all roads that meet there have one heading.
 """
 
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, pairwise
@@ -19,13 +17,12 @@ from jaxtyping import Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import ExportError
-from pd_editor.scene.formats.commonroad_writer import IDS_NAME
 from pd_editor.scene.formats.openscenario_writer import (
     entity_names,
     light_ids,
     openscenario_file,
 )
-from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, ids_file
 from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, without_repeats
@@ -143,7 +140,6 @@ def write(scenario: Scenario) -> WrittenScene:
     names = entity_names(scenario.agents.ids)
     if names:
         files[f"{name}.xosc"] = openscenario_file(scenario, f"{name}.xodr", names)
-    table = io.StringIO()
     rows = [("kind", "id", "id in the file")]
     rows += [("agent", *pair) for pair in names.items()]
     rows += [
@@ -151,8 +147,7 @@ def write(scenario: Scenario) -> WrittenScene:
         for one in scenario.road_map.lane_of
     ]
     rows += [("signal", key[0], str(one)) for key, one in light_ids(scenario).items()]
-    csv.writer(table, lineterminator="\n").writerows(rows)
-    files[IDS_NAME] = table.getvalue().encode()
+    files[IDS_NAME] = ids_file(*rows)
     only = "only this editor reads that, as user data."
     own = f"Which lanes are in an intersection: {only}"
     askew = f"{len(untold)} of {count} neighbours end askew or go the other way: {only}"

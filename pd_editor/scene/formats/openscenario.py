@@ -60,16 +60,15 @@ def scenario_root(path: Path) -> tuple[Place, bytes]:
     Raises:
         FormatError: the file is damaged, or of another version than 1.
     """
-    element, data = parse_xml(path, "OpenSCENARIO")
-    root = Place(path, element)
+    root, data = parse_xml(path, "OpenSCENARIO")
     header = root.child("FileHeader")
     if (major := header.integer("revMajor")) != 1:
         raise header.error(f"is of version {major}; expected 1.")
     declared = {
         f"${one.get('name')}": one.get("value") or ""
-        for one in element.iter("ParameterDeclaration")
+        for one in root.element.iter("ParameterDeclaration")
     }
-    for one in element.iter("*") if declared else ():
+    for one in root.element.iter("*") if declared else ():
         for name, text in one.items():
             one.set(name, declared.get(text, text))
     return root, data
@@ -97,7 +96,7 @@ def motion_of(root: Place, data: bytes, locate: Locate) -> Motion:
         FormatError: an element is damaged, or names a place that is not there.
     """
     tracks, notes = _Story(root, locate).tracks()
-    described = root.child("FileHeader").element.get("description") or ""
+    described = root.child("FileHeader").get("description")
     current = re.search(r"current at (\d+(?:\.\d*)?) s$", described)
     # How those go on that have a first state alone is up to a controller.
     is_open = any(len(one.time_s) == 1 for one in tracks)
@@ -192,12 +191,11 @@ class _Story:
         if any("$" in text for text in told.values()):
             self._unread.add(f"{tag} of expressions")
         elif tag == "WorldPosition":
-            heading = one.number("h") if "h" in told else np.nan
-            return one.number("x"), one.number("y"), heading
+            return one.number("x"), one.number("y"), one.number("h", np.nan)
         elif tag == "LanePosition":
             x, y, heading = self._locate(one)
             for turn in one.children("Orientation[@h]"):
-                is_absolute = turn.element.get("type") == "absolute"
+                is_absolute = turn.get("type") == "absolute"
                 heading = (0 if is_absolute else heading) + turn.number("h")
             return x, y, heading
         else:
@@ -249,8 +247,8 @@ def _body(
 ) -> tuple[AgentKind, tuple[float, float] | None, tuple[float, float]]:
     """Kind, size, and where the box's centre is from an entity's point of reference."""
     (body,) = place.children("*")[:1] or [place]
-    kind = _KINDS.get(body.element.get("vehicleCategory") or "", AgentKind.VEHICLE)
-    told = body.element.get("catalogName", body.element.tag)
+    kind = _KINDS.get(body.get("vehicleCategory"), AgentKind.VEHICLE)
+    told = body.get("catalogName", body.element.tag)
     for word, other in _OTHER_KINDS.items():
         kind = other if word in told else kind
     for box in body.children("BoundingBox"):
@@ -269,10 +267,8 @@ def _start_s(place: Place) -> float:
     times = place.children("StartTrigger//SimulationTimeCondition")
     if len(conditions) != len(times) or len(times) > 1:
         return np.inf
-    delays = [
-        one.number("delay") for one in conditions if "delay" in one.element.attrib
-    ]
-    return sum(delays) + sum(one.number("value") for one in times)
+    delays = sum(one.number("delay", 0.0) for one in conditions)
+    return delays + sum(one.number("value") for one in times)
 
 
 def _phases(root: Place) -> Phases:

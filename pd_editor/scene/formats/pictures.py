@@ -5,7 +5,7 @@ from typing import Final
 
 from pd_editor.scene.formats.figure import FigureLook, figure
 from pd_editor.scene.formats.film import FilmLook, Told, film
-from pd_editor.scene.formats.scene_format import WrittenScene, format_to_write
+from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
 from pd_editor.scene.scenario import Scenario
 
 LOOKS: Final[dict[str, FigureLook | FilmLook]] = {
@@ -46,5 +46,6 @@ def _title(ending: str) -> str:
 
 
 PICTURES: Final = tuple(
-    format_to_write(ending, _title(ending), partial(_write, ending)) for ending in LOOKS
+    SceneFormat(name=one, title=_title(one), write=partial(_write, one))
+    for one in LOOKS
 )

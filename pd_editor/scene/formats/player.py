@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.formats.scene_format import WrittenScene, format_to_write
+from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.lane_marks import DASH_M, GAP_M, boundaries
 from pd_editor.scene.palette import DARK, LIGHT, Rgb, agent_color
@@ -232,4 +232,4 @@ def _write(scenario: Scenario) -> WrittenScene:
     return WrittenScene(files={f"{scenario.scenario_id}.html": player_page([scenario])})
 
 
-PLAYER: Final = format_to_write("player", "Player (HTML)", _write)
+PLAYER: Final = SceneFormat(name="player", title="Player (HTML)", write=_write)

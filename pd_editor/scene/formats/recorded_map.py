@@ -1,4 +1,4 @@
-"""Lanes of recorded maps that know centre lines only (Waymo, nuScenes, GPUDrive)."""
+"""What recordings with centre lines only share (ScenarioNet, GPUDrive), read and written."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,7 +10,9 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from pd_editor.base.errors import FormatError
+from pd_editor.base.errors import ExportError, FormatError
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import (
@@ -20,9 +22,23 @@ from pd_editor.scene.geometry.polyline import (
     without_repeats,
 )
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
+from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.scene_limits import MAX_COORDINATE_M
+from pd_editor.scene.signals import SignalState
 
 Result = TypeVar("Result")
+
+TYPES: Final = {
+    AgentKind.BUS: "VEHICLE",
+    AgentKind.VEHICLE: "VEHICLE",
+    AgentKind.MOTORCYCLIST: "CYCLIST",
+    AgentKind.CYCLIST: "CYCLIST",
+    AgentKind.PEDESTRIAN: "PEDESTRIAN",
+    AgentKind.CONSTRUCTION: "TRAFFIC_CONE",
+    AgentKind.STATIC: "TRAFFIC_BARRIER",
+}
+"""MetaDrive's types of agents; others are ``OTHER``."""
+KINDS: Final = {word: kind for kind, word in TYPES.items()}
 
 _FAULTS: Final = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 """What values of other kinds and shapes than expected raise."""
@@ -169,8 +185,29 @@ def read_as(path: Path, noun: str) -> Iterator[None]:
         ) from error
 
 
+def map_of(
+    path: Path,
+    lanes: Sequence[CenterLane],
+    areas: Iterable[tuple[int, str, Float[np.ndarray, "_ 2"]]],
+) -> dict[str, Any]:
+    """Lanes, crosswalks and driveways of a scene; areas have a number, kind and ring.
+
+    Raises:
+        FormatError: a lane is damaged.
+    """
+    of_kind: dict[str, list[tuple[int, np.ndarray]]] = {"crosswalk": [], "driveway": []}
+    for number, kind, ring in areas:
+        if kind.lower() in of_kind and len(ring) > 2:
+            of_kind[kind.lower()].append((number, ring))
+    return {
+        "lanes": made_of(path, "map", lanes_of, lanes),
+        "crosswalks": crosswalks_of(of_kind["crosswalk"]),
+        "more_paved": [valid_area(ring) for _, ring in of_kind["driveway"]],
+    }
+
+
 def crosswalks_of(
-    rings: Iterable[tuple[int, Float[np.ndarray, "N 2"]]],
+    rings: Iterable[tuple[int, Float[np.ndarray, "_ 2"]]],
 ) -> tuple[Crosswalk, ...]:
     """Crosswalks of numbered polygons; what is none is left out."""
     found = (crosswalk_of(number, ring) for number, ring in rings)
@@ -312,3 +349,27 @@ def _simplified(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "M 2"]:
 
 def _unit(vector: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
     return vector / max(float(np.hypot(*vector)), 1e-9)
+
+
+def ego_of(scenario: Scenario) -> str:
+    """The car that drives itself: the ego, else the focal agent; raises if neither is there."""
+    agents, now = scenario.agents, scenario.current_step
+    for name in (EGO_ID, scenario.focal_id):
+        if name in agents.row_of and agents.is_valid[agents.row_of[name], now]:
+            return name
+    raise ExportError(
+        f"Scenario {scenario.scenario_id} has neither ego nor focal agent at the "
+        "current step; the format needs one as the car that drives itself (place agents, "
+        "or fill it by pd-editor generate --num-agents fit)."
+    )
+
+
+def lights_of(
+    scenario: Scenario,
+) -> Iterator[tuple[int, Float[np.ndarray, "2"], list[str]]]:
+    """Id, place of the stop line and Waymo's words of each lane that obeys a signal."""
+    stops = iter(scenario.stop_lines_m()[:, 1] + scenario.origin_city_m)
+    for signal in scenario.signals:
+        words = [WORDS[SignalState(one)][0] for one in signal.states]
+        for lane in signal.lane_ids:
+            yield lane, next(stops), words

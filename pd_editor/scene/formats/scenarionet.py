@@ -1,13 +1,16 @@
 """ScenarioNet (MetaDrive) scenario descriptions: recordings of Waymo, nuPlan, nuScenes."""
 
+import pickle
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 
 from pd_editor.base.errors import FormatError
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.file_scene import (
     NO_HEADINGS,
     FileScene,
@@ -18,32 +21,39 @@ from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.packed_file import ending_of, stem_of
 from pd_editor.scene.formats.plain_pickle import read_plain_pickle
 from pd_editor.scene.formats.recorded_map import (
+    KINDS,
+    TYPES,
     CenterLane,
-    crosswalks_of,
+    ego_of,
     lane_numbers,
-    lanes_of,
+    lights_of,
     made_of,
+    map_of,
     numbers_of,
     points_of,
     read_as,
 )
-from pd_editor.scene.formats.recording_writers import scenarionet_files
-from pd_editor.scene.formats.scene_format import SceneFormat
-from pd_editor.scene.geometry.paved_area import valid_area
-from pd_editor.scene.road_map import LaneKind
+from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
+from pd_editor.scene.geometry.polyline import at_height_zero
+from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
-_KINDS: Final = {
-    "VEHICLE": AgentKind.VEHICLE,
-    "PEDESTRIAN": AgentKind.PEDESTRIAN,
-    "CYCLIST": AgentKind.CYCLIST,
-    "TRAFFIC_CONE": AgentKind.CONSTRUCTION,
-    "TRAFFIC_BARRIER": AgentKind.STATIC,
-}
+DATASET: Final = "pd-editor"
+VERSION: Final = "1.0"
 _FINER_KINDS: Final = {"motorcycle": AgentKind.MOTORCYCLIST, "bus": AgentKind.BUS}
 """Parts of the names that data sets give to kinds."""
 _LANE_KINDS: Final = {"LANE_BIKE_LANE": LaneKind.BIKE, "LANE_BUS_LANE": LaneKind.BUS}
+_LANE_TYPES: Final = {LaneKind.BIKE: "LANE_BIKE_LANE"}
+"""Types of lanes; others are ``LANE_SURFACE_STREET``."""
+_LINES: Final = {
+    LaneMark.SOLID_WHITE: "ROAD_LINE_SOLID_SINGLE_WHITE",
+    LaneMark.DASHED_WHITE: "ROAD_LINE_BROKEN_SINGLE_WHITE",
+    LaneMark.DOUBLE_SOLID_WHITE: "ROAD_LINE_SOLID_DOUBLE_WHITE",
+    LaneMark.SOLID_YELLOW: "ROAD_LINE_SOLID_SINGLE_YELLOW",
+    LaneMark.DASHED_YELLOW: "ROAD_LINE_BROKEN_SINGLE_YELLOW",
+    LaneMark.DOUBLE_SOLID_YELLOW: "ROAD_LINE_SOLID_DOUBLE_YELLOW",
+}
 _SUMMARIES: Final = frozenset({"dataset_summary.pkl", "dataset_mapping.pkl"})
 
 
@@ -82,7 +92,7 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         for key, one in features.items()
     ]
     lanes = [one for one in made if isinstance(one, CenterLane)]
-    areas = {n: one for n, one in enumerate(made, 10**6) if isinstance(one, tuple)}
+    areas = ((n, *one) for n, one in enumerate(made, 10**6) if isinstance(one, tuple))
     numbers = lane_numbers(lanes)
     states = found.get("dynamic_map_states") or {}
     signals = [
@@ -100,15 +110,7 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
     return FileScene(
         path=path,
         name=str(found.get("id") or stem_of(path)),
-        lanes=made_of(path, "map", lanes_of, lanes),
-        crosswalks=crosswalks_of(
-            (n, ring) for n, (kind, ring) in areas.items() if kind == "CROSSWALK"
-        ),
-        more_paved=[
-            valid_area(ring)
-            for kind, ring in areas.values()
-            if kind == "DRIVEWAY" and len(ring) > 2
-        ],
+        **map_of(path, lanes, areas),
         tracks=tuple(tracks),
         signals=tuple(signals),
         current_s=float(time_s[now]) if 0 < now < len(time_s) else usual_s,
@@ -163,7 +165,7 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
     finer = str((found.get("metadata") or {}).get("type", "")).lower()
     kind = next(
         (kind for part, kind in _FINER_KINDS.items() if part in finer),
-        _KINDS.get(str(found["type"]), AgentKind.UNKNOWN),
+        KINDS.get(str(found["type"]), AgentKind.UNKNOWN),
     )
     return FileTrack(
         track_id=name,
@@ -239,11 +241,220 @@ def _recognises(path: Path) -> bool:
     return ending_of(path) == ".pkl" and path.name not in _SUMMARIES
 
 
+def write(scenario: Scenario) -> WrittenScene:
+    """Files of a ScenarioNet data set of one scene, with its summary and mapping.
+
+    The ego, or without one the focal agent, is the car that drives itself, with whose first
+    step the file begins: replays begin with it. Coordinates are those of the city.
+
+    Raises:
+        ExportError: there is neither of them at the current step.
+    """
+    ego = ego_of(scenario)
+    first = int(scenario.agents.is_valid[scenario.agents.row_of[ego]].argmax())
+    scenario = _since(scenario, first) if first else scenario
+    agents, axis = scenario.agents, scenario.time_axis
+    place = agents.position_m + scenario.origin_city_m
+    tracks = {
+        name: _written_track(scenario, row, name, place[row])
+        for row, name in enumerate(agents.ids)
+    }
+    about = _about(scenario, ego, tracks)
+    name = f"sd_{DATASET}_{VERSION}_{scenario.scenario_id}.pkl"
+    content = {
+        "id": scenario.scenario_id,
+        "version": VERSION,
+        "length": axis.num_steps,
+        "metadata": about,
+        "tracks": tracks,
+        "dynamic_map_states": {
+            str(lane): _light(str(lane), place, words)
+            for lane, place, words in lights_of(scenario)
+        },
+        "map_features": _map_features(scenario),
+    }
+    files = {
+        name: content,
+        "dataset_summary.pkl": {name: about},
+        "dataset_mapping.pkl": {name: ""},
+    }
+    return WrittenScene(
+        files={name: pickle.dumps(one, protocol=4) for name, one in files.items()},
+        losses=(
+            "Kinds: buses are vehicles, motorcyclists are cyclists.",
+            "Bus lanes are lanes of streets; markings of two kinds in one have none.",
+            "Boundaries of lanes: a lane has its polygon and half widths.",
+            "Benchmark categories and made-up pasts.",
+            *(
+                f"The first {n} steps, when the ego is not there."
+                for n in (first,)
+                if n
+            ),
+        ),
+    )
+
+
+def _about(
+    scenario: Scenario, ego: str, tracks: Mapping[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """What a ScenarioNet description and the summary of its data set tell of a scene."""
+    agents, axis, focal = scenario.agents, scenario.time_axis, scenario.focal_id
+    return {
+        "id": scenario.scenario_id,
+        "scenario_id": scenario.scenario_id,
+        "dataset": DATASET,
+        "map": scenario.city,
+        "coordinate": "right-handed",
+        "metadrive_processed": False,
+        "sample_rate": axis.step_s,
+        "ts": axis.step_s * np.arange(axis.num_steps),
+        "sdc_id": ego,
+        "current_time_index": axis.current_step,
+        "tracks_to_predict": (
+            {focal: {"track_id": focal, "track_index": agents.row_of[focal]}}
+            if focal in agents.row_of
+            else {}
+        ),
+        "object_summary": {name: _summary(one) for name, one in tracks.items()},
+        "number_summary": {
+            "num_objects": len(agents),
+            "object_types": sorted({one["type"] for one in tracks.values()}),
+        },
+    }
+
+
+def _since(scenario: Scenario, first: int) -> Scenario:
+    """A scenario from a step on, without agents that are only there before."""
+    agents, axis = scenario.agents.cut_to(slice(first, None)), scenario.time_axis
+    num_steps, now = axis.num_steps - first, axis.current_step - first
+    return replace(
+        scenario,
+        agents=agents.taken(np.flatnonzero(agents.is_valid.any(axis=1))),
+        time_axis=replace(axis, num_steps=num_steps, current_step=now),
+        signals=tuple(
+            replace(one, states=one.states[first:]) for one in scenario.signals
+        ),
+    )
+
+
+def _light(
+    lane: str, stop_m: Float[np.ndarray, "2"], words: list[str]
+) -> dict[str, Any]:
+    about = {"type": "TRAFFIC_LIGHT", "object_id": lane, "dataset": DATASET}
+    return {
+        "type": about["type"],
+        "state": {"object_state": [f"LANE_STATE_{one.upper()}" for one in words]},
+        "lane": lane,
+        "stop_point": np.append(stop_m, 0.0),
+        "metadata": about | {"track_length": len(words)},
+    }
+
+
+def _written_track(
+    scenario: Scenario, row: int, name: str, place: Float[np.ndarray, "T 2"]
+) -> dict[str, Any]:
+    agents = scenario.agents
+    there, count = agents.is_valid[row], agents.num_steps
+    kind = TYPES.get(agents.kinds[row], "OTHER")
+    length, width = agents.size_m[row]
+    return {
+        "type": kind,
+        "state": {
+            "position": np.column_stack([place * there[:, None], np.zeros(count)]),
+            "heading": agents.heading_rad[row] * there,
+            "velocity": agents.velocity_mps[row] * there[:, None],
+            "valid": there.copy(),
+            "length": np.full(count, length),
+            "width": np.full(count, width),
+            "height": np.full(count, DEFAULT_HEIGHT_M[agents.kinds[row]]),
+        },
+        "metadata": {
+            "track_length": count,
+            "type": kind,
+            "object_id": name,
+            "dataset": DATASET,
+            "original_type": str(agents.kinds[row].value),
+        },
+    }
+
+
+def _summary(track: dict[str, Any]) -> dict[str, Any]:
+    state = track["state"]
+    there = state["valid"]
+    place = state["position"][there][:, :2]
+    way = float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
+    return {
+        "type": track["type"],
+        "object_id": track["metadata"]["object_id"],
+        "track_length": len(there),
+        "moving_distance": way,
+        "valid_length": int(there.sum()),
+        "continuous_valid_length": int(there.sum()),
+    }
+
+
+def _map_features(scenario: Scenario) -> dict[str, dict[str, Any]]:
+    origin, road_map = scenario.origin_city_m, scenario.road_map
+    found = {str(lane.lane_id): _lane_feature(lane, origin) for lane in road_map.lanes}
+    for lane in road_map.lanes:
+        for side, mark, line in (
+            ("left", lane.left_mark, lane.left_m),
+            ("right", lane.right_mark, lane.right_m),
+        ):
+            if mark in _LINES:
+                found[f"{lane.lane_id}-{side}"] = {
+                    "type": _LINES[mark],
+                    "polyline": at_height_zero(line + origin),
+                }
+    for walk in road_map.crosswalks:
+        found[f"crosswalk-{walk.crosswalk_id}"] = {
+            "type": "CROSSWALK",
+            "polygon": at_height_zero(walk.outline_m() + origin),
+        }
+    for area in road_map.drivable_areas:
+        ring = area.boundary[:, :2] + origin
+        found[f"edge-{area.area_id}"] = {
+            "type": "ROAD_EDGE_BOUNDARY",
+            "polyline": at_height_zero(np.concatenate([ring, ring[:1]])),
+        }
+    return found
+
+
+def _lane_feature(lane: Lane, origin: Float[np.ndarray, "2"]) -> dict[str, Any]:
+    line = lane.centerline_m
+    sides = [
+        np.linalg.norm(line[:, None] - side[None], axis=-1).min(axis=1)
+        for side in (_fine(lane.left_m), _fine(lane.right_m))
+    ]
+    return {
+        "type": _LANE_TYPES.get(lane.kind, "LANE_SURFACE_STREET"),
+        "polyline": at_height_zero(line + origin),
+        "polygon": lane.outline_m() + origin,
+        "width": np.stack(sides, axis=-1),
+        "interpolating": lane.is_intersection,
+        "entry_lanes": [str(one) for one in lane.predecessors],
+        "exit_lanes": [str(one) for one in lane.successors],
+        "left_neighbor": _written_neighbor(lane.left_neighbor),
+        "right_neighbor": _written_neighbor(lane.right_neighbor),
+    }
+
+
+def _written_neighbor(number: int | None) -> list[dict[str, str]]:
+    return [] if number is None else [{"feature_id": str(number)}]
+
+
+def _fine(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "M 2"]:
+    """Points at most a few centimetres of offset from the line's nearest point."""
+    share = np.linspace(0.0, 1.0, 20, endpoint=False)[:, None, None]
+    parts = line[None, :-1] + share * (line[None, 1:] - line[None, :-1])
+    return np.concatenate([parts.reshape(-1, 2), line[-1:]])
+
+
 SCENARIONET: Final = SceneFormat(
     name="scenarionet",
     title="ScenarioNet",
     endings=(".pkl",),
     recognises=_recognises,
     read=read,
-    write=scenarionet_files,
+    write=write,
 )

@@ -1,10 +1,17 @@
 """What a format of scenes is."""
 
-from collections.abc import Callable, Mapping
+import csv
+import io
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
+from pd_editor.scene.formats.packed_file import head_of, unpacked_name
 from pd_editor.scene.scenario import Scenario
+
+IDS_NAME: Final = "ids.csv"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,6 +31,13 @@ def losses_of(scenario: Scenario, *losses: str) -> tuple[str, ...]:
     )
 
 
+def ids_file(*rows: Iterable[Any]) -> bytes:
+    """Table of ids here and in a file."""
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows(rows)
+    return table.getvalue().encode()
+
+
 @dataclass(frozen=True, kw_only=True)
 class SceneFormat:
     """A format of files that hold scenes; it reads them, writes them, or both.
@@ -36,9 +50,9 @@ class SceneFormat:
     """For the shell, such as ``commonroad``."""
     title: str
     """For people, such as "CommonRoad"."""
-    endings: tuple[str, ...]
+    endings: tuple[str, ...] = ()
     """Endings of its files in lower case; empty if its scenes are folders."""
-    recognises: Callable[[Path], bool]
+    recognises: Callable[[Path], bool] = lambda _path: False
     """Whether a path, also of a folder, holds this format, by its name and first bytes."""
     read: Callable[[Path], Scenario] | None = None
     """Reads a path; raises an ``InputError`` of one sentence."""
@@ -46,10 +60,14 @@ class SceneFormat:
     """Makes the files of a scene; raises an ``ExportError`` of one sentence."""
 
 
-def format_to_write(
-    name: str, title: str, write: Callable[[Scenario], WrittenScene]
-) -> SceneFormat:
-    """A format whose files are never read."""
-    return SceneFormat(
-        name=name, title=title, endings=(), recognises=lambda _path: False, write=write
-    )
+def has_root(root: str, *endings: str) -> Callable[[Path], bool]:
+    """Tells whether a path has one of these endings, or is XML that begins with an element."""
+    begin = re.compile(rf"<([\w.-]+:)?{root}[\s>]".encode())
+
+    def recognises(path: Path) -> bool:
+        name = unpacked_name(path.name).lower()
+        return name.endswith(endings) or (
+            name.endswith(".xml") and begin.search(head_of(path)) is not None
+        )
+
+    return recognises

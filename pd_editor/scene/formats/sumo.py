@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.plain_text import one_line
 from pd_editor.scene.agent_kind import AgentKind
@@ -19,9 +18,9 @@ from pd_editor.scene.formats.file_scene import (
     usual_now_s,
 )
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
-from pd_editor.scene.formats.packed_file import head_of, stem_of, unpacked_name
+from pd_editor.scene.formats.packed_file import stem_of
 from pd_editor.scene.formats.recorded_map import crosswalks_of
-from pd_editor.scene.formats.scene_format import SceneFormat
+from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.sumo_net import (
     CROSSWALK,
     PAVED,
@@ -82,8 +81,7 @@ def read(path: Path) -> Scenario:
     Raises:
         FormatError: a file is damaged, or has no edges.
     """
-    element, data = parse_xml(path, "net")
-    root = Place(path, element)
+    root, data = parse_xml(path, "net")
     net = sumo_net(root)
     name = stem_of(path).removesuffix(".net")
     beside = {
@@ -104,15 +102,16 @@ def read(path: Path) -> Scenario:
     if "fcd" in beside:
         motion, more = parse_xml(beside["fcd"], "fcd-export")
         types = {
-            one.get("id"): one for part in roots.values() for one in part.iter("vType")
+            one.get("id"): one
+            for part in roots.values()
+            for one in part.children(".//vType")
         }
-        place = Place(path, element).children("location")[:1]
-        tracks, times = _tracks(Place(beside["fcd"], motion), types, place)
-        if any("angle" not in one.attrib for one in motion.iterfind("timestep/*")):
+        tracks, times = _tracks(motion, types, root.children("location")[:1])
+        if any(not one.get("angle") for one in motion.element.iterfind("timestep/*")):
             notes.append(NO_HEADINGS)
         data += more
     lanes, number = _lanes(net)
-    polygons = _polygons(beside.get("add"), roots.get("add"))
+    polygons = _polygons(roots.get("add"))
     walks = crosswalks_of(enumerate(polygons[CROSSWALK], 10**6))
     return FileScene(
         path=path,
@@ -127,16 +126,13 @@ def read(path: Path) -> Scenario:
     ).scenario(data)
 
 
-def _polygons(
-    path: Path | None, root: etree._Element | None
-) -> dict[str, list[Float[np.ndarray, "_ 2"]]]:
+def _polygons(root: Place | None) -> dict[str, list[Float[np.ndarray, "_ 2"]]]:
     """Rings of crosswalks and of drivable areas."""
     found: dict[str, list[Float[np.ndarray, "_ 2"]]] = {CROSSWALK: [], PAVED: []}
-    if path is not None and root is not None:
-        for place in Place(path, root).children("poly"):
-            kind = place.element.get("type") or ""
-            if kind in found and len(ring := points_of(place)) > 2:
-                found[kind].append(ring)
+    for place in root.children("poly") if root else ():
+        kind = place.get("type")
+        if kind in found and len(ring := points_of(place)) > 2:
+            found[kind].append(ring)
     return found
 
 
@@ -229,14 +225,13 @@ def _phases(logic: Place) -> tuple[float, list[float], list[str]]:
     seconds = [one.number("duration") for one in found]
     if not all(one > 0 for one in seconds):
         raise logic.error("has a phase that does not last; expected more than 0 s.")
-    offset = logic.number("offset") if "offset" in logic.element.attrib else 0.0
     # A green that gives way is green.
     states = [one.attribute("state").replace("g", "G") for one in found]
-    return offset, seconds, states
+    return logic.number("offset", 0.0), seconds, states
 
 
 def _reacts(logic: Place) -> bool:
-    return logic.element.get("type", "static") != "static"
+    return logic.get("type", "static") != "static"
 
 
 def _mark(neighbor: int | None) -> LaneMark:
@@ -259,7 +254,7 @@ def _next(
 
 
 def _tracks(
-    root: Place, types: Mapping[str | None, etree._Element], location: Sequence[Place]
+    root: Place, types: Mapping[str, Place], location: Sequence[Place]
 ) -> tuple[tuple[FileTrack, ...], list[float]]:
     """Tracks of vehicles and persons in the order in which they appear; all times."""
     rows: dict[str, list[tuple[float, ...]]] = {}
@@ -292,7 +287,7 @@ def _tracks(
 
 def _numbers(location: Place, name: str, count: int) -> Float[np.ndarray, "_"]:
     try:
-        found = np.array((location.element.get(name) or "").split(","), float)
+        found = np.array(location.get(name).split(","), float)
     except ValueError:
         found = np.zeros(0)
     return found if len(found) == count else np.full(count, np.nan)
@@ -302,7 +297,7 @@ def _is_in_degrees(points: Float[np.ndarray, "N 2"], location: Place) -> bool:
     """Whether places are those of ``--fcd-output.geo``: all near the net, in degrees."""
     bounds = _numbers(location, "origBoundary", 4)
     is_near = (bounds[:2] - _NEAR_DEG < points) & (points < bounds[2:] + _NEAR_DEG)
-    is_projected = (location.element.get("projParameter") or "!") != "!"
+    is_projected = location.get("projParameter", "!") != "!"
     return is_projected and bool(is_near.all() and (np.abs(bounds) <= 180.0).all())
 
 
@@ -321,12 +316,12 @@ def _in_metres(
 
 def _track(
     place: Place,
-    types: Mapping[str | None, etree._Element],
+    types: Mapping[str, Place],
     table: Float[np.ndarray, "N 6"],
     step_s: float,
 ) -> FileTrack:
     is_person = place.element.tag == "person"
-    type_id = place.element.get("type") or ""
+    type_id = place.get("type")
     found = types.get(type_id)
     told = None if found is None else found.get("vClass", _USUAL)
     guess = next((one for one in _CLASSES if one in type_id.lower()), _USUAL)
@@ -335,10 +330,8 @@ def _track(
     )
     kind = next((one for one in AgentKind if type_id.startswith(one.value)), kind)
     size = None
-    if found is not None and {"length", "width"} <= set(found.keys()):
-        about = Place(place.path, found)
-        size = about.number("length"), about.number("width")
-        length = size[0]
+    if found is not None and found.get("length") and found.get("width"):
+        size = length, _ = found.number("length"), found.number("width")
     time_s, x, y, angle, speed, aside = table.T
     place_m = np.stack([x, y], axis=-1)
     heading = headings_on_the_way(time_s, place_m, heading_of_sumo(angle))
@@ -359,18 +352,11 @@ def _track(
     )
 
 
-def _recognises(path: Path) -> bool:
-    name = unpacked_name(path.name).lower()
-    return name.endswith(ENDING) or (
-        name.endswith(".xml") and b"<net " in head_of(path)
-    )
-
-
 SUMO: Final = SceneFormat(
     name="sumo",
     title="SUMO",
     endings=(ENDING,),
-    recognises=_recognises,
+    recognises=has_root("net", ENDING),
     read=read,
     write=write,
 )

@@ -217,7 +217,7 @@ def read_sumo_net(net_file: Path) -> SumoNet:
     Raises:
         FormatError: the file is missing or no SUMO net.
     """
-    return sumo_net(Place(net_file, parse_xml(net_file, "net")[0]))
+    return sumo_net(parse_xml(net_file, "net")[0])
 
 
 def sumo_net(root: Place) -> SumoNet:
@@ -230,13 +230,13 @@ def sumo_net(root: Place) -> SumoNet:
     through: set[str] = set()
     lanes: dict[str, SumoLane] = {}
     for edge in root.children("edge"):
-        name, function = edge.attribute("id"), edge.element.get("function") or ""
+        name, function = edge.attribute("id"), edge.get("function")
         if function in afoot:
             afoot[function].append(edge.child("lane"))
             continue
         if not name.startswith(":"):
             normal.append(edge)
-        if edge.element.get("type") == JUNCTION:
+        if edge.get("type") == JUNCTION:
             through.add(name)
         edge.child("lane")
         for index, place in enumerate(edge.children("lane")):
@@ -264,7 +264,7 @@ def sumo_net(root: Place) -> SumoNet:
         junction_areas_m={
             one.attribute("id"): points_of(one)
             for one in root.children("junction")
-            if one.element.get("shape") and one.element.get("type") != "internal"
+            if one.get("shape") and one.get("type") != "internal"
         },
         walking_areas_m=tuple(map(points_of, afoot["walkingarea"])),
         crossings=tuple((points_of(one), _width_m(one)) for one in afoot["crossing"]),
@@ -275,7 +275,7 @@ def sumo_net(root: Place) -> SumoNet:
             if end in lanes and not lanes[start].is_internal
         ),
         junction_edges=frozenset(through),
-        drives_left=root.element.get("lefthand") in ("true", "1"),
+        drives_left=root.get("lefthand") in ("true", "1"),
     )
 
 
@@ -297,12 +297,10 @@ def points_of(place: Place) -> Float[np.ndarray, "N 2"]:
 
 
 def _lane(place: Place, edge: str, index: int) -> SumoLane:
-    allow = place.element.get("allow")
-    disallow = place.element.get("disallow") or ""
-    if allow and allow != "all":
-        admitted = frozenset(allow.split())
+    allow, barred = place.get("allow"), frozenset(place.get("disallow").split())
+    if allow:
+        admitted = _CLASSES if allow == "all" else frozenset(allow.split())
     else:
-        barred = frozenset() if allow else frozenset(disallow.split())
         admitted = frozenset() if "all" in barred else _CLASSES - barred
     return SumoLane(
         sumo_id=place.attribute("id"),
@@ -317,7 +315,7 @@ def _lane(place: Place, edge: str, index: int) -> SumoLane:
 
 
 def _width_m(lane: Place) -> float:
-    width = lane.number("width") if "width" in lane.element.attrib else USUAL_WIDTH_M
+    width = lane.number("width", USUAL_WIDTH_M)
     return width if width > 0 else USUAL_WIDTH_M
 
 
@@ -381,9 +379,7 @@ def _connections(
             if name not in lanes and name not in walks:
                 raise one.error(f"names the lane {name[:40]}, which the net lacks.")
         if start in lanes:
-            found.append(
-                (start, one.element.get("via"), end, one.element.get("dir") or "s")
-            )
+            found.append((start, one.element.get("via"), end, one.get("dir", "s")))
     return sorted(found, key=lambda one: rank[one[0]])
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.right_of_way import Way, meetings
-from pd_editor.scene.formats.scene_format import WrittenScene
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, ids_file
 from pd_editor.scene.formats.sumo_net import ALLOWED_ON, CROSSWALK, JUNCTION, PAVED
 from pd_editor.scene.geometry.angles import left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, resample
@@ -78,9 +78,11 @@ def write(scenario: Scenario) -> WrittenScene:
         f'<time><begin value="0"/><end value="{axis.num_steps * axis.step_s:g}"/>'
         f'<step-length value="{axis.step_s:g}"/></time>',
     ]
-    table = [f"lane {number},{other}" for number, other in network.name_of.items()]
-    table += [f"agent {one},{_as_id(one)}" for one in scenario.agents.ids]
-    table += [f"signal {one.signal_id},tl{n}" for n, one in enumerate(scenario.signals)]
+    table = [(f"lane {number}", other) for number, other in network.name_of.items()]
+    table += [(f"agent {one}", _as_id(one)) for one in scenario.agents.ids]
+    table += [
+        (f"signal {s.signal_id}", f"tl{n}") for n, s in enumerate(scenario.signals)
+    ]
     parts = {
         "net.xml": ('net version="1.20" limitTurnSpeed="-1"', network.lines()),
         "add.xml": ("additional", _areas(scenario)),
@@ -95,11 +97,9 @@ def write(scenario: Scenario) -> WrittenScene:
         )
         for ending, (tag, lines) in parts.items()
     }  # fmt: skip
-    files["ids.csv"] = "\n".join(["ours,sumo", *table, ""])
-    return WrittenScene(
-        files={name: text.encode() for name, text in files.items()},
-        losses=tuple(losses),
-    )
+    encoded = {name: text.encode() for name, text in files.items()}
+    encoded[IDS_NAME] = ids_file(("ours", "sumo"), *table)
+    return WrittenScene(files=encoded, losses=tuple(losses))
 
 
 class _Network:

@@ -2,7 +2,6 @@
 
 import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -89,15 +88,4 @@ def _both(name: str, columns: dict[str, Any]) -> dict[str, bytes]:
     return {f"{name}.csv": text.getvalue(), f"{name}.parquet": binary.getvalue()}
 
 
-def _recognises(path: Path) -> bool:
-    del path
-    return False
-
-
-TABLES: Final = SceneFormat(
-    name="tables",
-    title="Tables (CSV, Parquet)",
-    endings=(),
-    recognises=_recognises,
-    write=write,
-)
+TABLES: Final = SceneFormat(name="tables", title="Tables (CSV, Parquet)", write=write)

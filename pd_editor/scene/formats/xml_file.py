@@ -8,8 +8,8 @@ from pd_editor.base.errors import FormatError
 from pd_editor.scene.formats.packed_file import read_unpacked
 
 
-def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
-    """Root element of a file, which may be gzipped, without comments; the file's bytes.
+def parse_xml(path: Path, root: str | None) -> tuple["Place", bytes]:
+    """Root of a file, which may be gzipped, without comments; the file's bytes.
 
     It has the name ``root``; None: any.
 
@@ -40,7 +40,7 @@ def parse_xml(path: Path, root: str | None) -> tuple[etree._Element, bytes]:
             one.tag = etree.QName(one).localname
     if root is not None and found.tag != root:
         raise FormatError(f"{path}: its root is <{found.tag}>; expected <{root}>.")
-    return found, data
+    return Place(path, found), data
 
 
 def added(parent: etree._Element, tag: str, **attributes: object) -> etree._Element:
@@ -100,8 +100,16 @@ class Place:
         return Place(self.path, found)
 
     def children(self, tag: str) -> list["Place"]:
-        """All elements of a name directly below this one."""
+        """All elements of a name directly below this one, or of a path of names."""
         return [Place(self.path, one) for one in self.element.findall(tag)]
+
+    def get(self, name: str, default: str = "") -> str:
+        """An attribute; if it is missing or empty, a default."""
+        return self.element.get(name) or default
+
+    def text(self, tag: str) -> str:
+        """What is in the first element of a name below this one; empty if none is."""
+        return (self.element.findtext(tag) or "").strip()
 
     def attribute(self, name: str) -> str:
         """A required attribute.
@@ -114,12 +122,14 @@ class Place:
             raise self.error(f"has no attribute {name!r}.")
         return text
 
-    def number(self, name: str | None = None) -> float:
+    def number(self, name: str | None = None, default: float | None = None) -> float:
         """A finite number: an attribute's, or the element's text.
 
         Raises:
-            FormatError: it is missing, or no finite number.
+            FormatError: it is missing without a default, or no finite number.
         """
+        if default is not None and name is not None and not self.get(name):
+            return default
         text = (self.element.text or "") if name is None else self.attribute(name)
         try:
             value = float(text)

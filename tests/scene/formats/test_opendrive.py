@@ -12,7 +12,7 @@ from pd_editor.base.errors import FormatError
 from pd_editor.scene.formats.opendrive import OPENDRIVE, read
 from pd_editor.scene.formats.reference_line import ReferenceLine
 from pd_editor.scene.formats.registry import format_of
-from pd_editor.scene.formats.xml_file import Place, parse_xml
+from pd_editor.scene.formats.xml_file import parse_xml
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 
@@ -112,8 +112,8 @@ def test_traffic_drives_on_the_left_where_the_file_says_so(tmp_path: Path):
 
 def reference_line(folder: Path, geometry: str, length: float) -> ReferenceLine:
     path = write(folder, road(section(lane(-1)), geometry=geometry, length=length))
-    element, _ = parse_xml(path, "OpenDRIVE")
-    plan = Place(path, element).child("road").child("planView")
+    root, _ = parse_xml(path, "OpenDRIVE")
+    plan = root.child("road").child("planView")
     return ReferenceLine.of(plan, None, length)
 
 

@@ -71,7 +71,7 @@ def read_sumo_scenario(folder: Path) -> SumoScenario:
     """
     net_file, *paths = _named_files(folder)
     net = read_sumo_net(net_file)
-    roots = [parse_xml(path, None)[0] for path in paths]
+    roots = [parse_xml(path, None)[0].element for path in paths]
     types = {one.get("id"): one for root in roots for one in root.iter("vType")}
     usual = etree.Element("additional")
     for name, vehicle_class in _USUAL_TYPES.items():
@@ -121,7 +121,7 @@ def _named_files(folder: Path) -> list[Path]:
             f"{folder}: is no folder that can be read ({error})."
         ) from error
     for config in (folder / name for name in configs):
-        root = parse_xml(config, None)[0]
+        root = parse_xml(config, None)[0].element
         names = [
             name.strip()
             for tag in _FILES
