@@ -192,6 +192,9 @@ function mount(name: Name, build: Mount<Name>): void {
 function fitToCanvas(): void {
   const box = canvas()?.getBoundingClientRect();
   if (!box) return;
+  // Beside a panel that stands at the right, what is told of its controls is over the picture.
+  markBody("pd-beside", box.right < innerWidth);
+  document.body.style.setProperty("--pd-beside", `${innerWidth - box.right + 8}px`);
   for (const side of ["left", "top", "width", "height"] as const) {
     const text = `${box[side]}px`;
     if (root.style[side] !== text) root.style[side] = text;

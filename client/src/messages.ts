@@ -35,7 +35,6 @@ export interface OrderEvent {
 export interface PanelState {
   readonly tab: string | null;
   readonly isDebug: boolean;
-  readonly instead: string | null;
   readonly asked: number;
 }
 

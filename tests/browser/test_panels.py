@@ -297,28 +297,64 @@ def test_the_same_key_closes_the_list_from_its_search_field(editor):
     expect(drawer).to_be_hidden()
 
 
-def test_a_click_on_an_agent_shows_it_unless_the_scene_was_asked_for_again(editor):
-    """Its speed, kind and lock were two tabs away."""
+def tab(editor, name: str):
+    return editor.page.get_by_role("tab", name=name, exact=True)
+
+
+def place_of_focal(editor) -> np.ndarray:
     scenario = editor.session.scenario
     row = scenario.agents.row_of[scenario.focal_id]
-    place = np.append(scenario.agents.position_m[row, scenario.current_step], 1.0)
+    return np.append(scenario.agents.position_m[row, scenario.current_step], 1.0)
+
+
+@pytest.mark.parametrize("former", ["Scene", "Road", "Study"])
+def test_an_agent_that_is_clicked_is_shown_until_nothing_is_selected(editor, former):
+    """Its speed, kind and lock were two tabs away."""
     editor.go_to_now()
-
-    def tab(name: str):
-        return editor.page.get_by_role("tab", name=name, exact=True)
-
-    expect(tab("Scene")).to_have_attribute("aria-selected", "true")
-    editor.click_at(place)
-    expect(tab("Agents")).to_have_attribute("aria-selected", "true")
-    editor.open_tab("Scene")
+    if former != "Scene":
+        editor.open_tab(former)
     editor.until(
-        lambda: editor.workspace.view.panel_tab == "Scene", "the tab on the server"
+        lambda: editor.workspace.view.panel_tab == former, "the tab on the server"
     )
-    select(editor)
-    editor.click_at(place)
-    editor.until(lambda: editor.session.selection, "a selection")
+    editor.click_at(place_of_focal(editor))
+    expect(tab(editor, "Agents")).to_have_attribute("aria-selected", "true")
+    editor.key("Escape")
+    expect(tab(editor, former)).to_have_attribute("aria-selected", "true")
+    editor.click_at(place_of_focal(editor))
+    expect(tab(editor, "Agents")).to_have_attribute("aria-selected", "true")
+    # A tab that the user opens stays.
+    editor.open_tab("View")
+    editor.key("Escape")
+    editor.until(lambda: not editor.session.selection, "nothing selected")
     editor.settle()
-    expect(tab("Scene")).to_have_attribute("aria-selected", "true")
+    expect(tab(editor, "View")).to_have_attribute("aria-selected", "true")
+
+
+def test_a_tool_that_is_in_use_keeps_its_tab(editor):
+    editor.go_to_now()
+    editor.open_tab("Road")
+    editor.until(lambda: editor.workspace.view.panel_tab == "Road", "the tab")
+    editor.key("b")
+    mode = lambda: editor.tab().ui.model.mode  # noqa: E731
+    editor.until(mode, "the road to be bent")
+    editor.click_at(place_of_focal(editor))
+    editor.settle()
+    assert mode() is not None
+    expect(tab(editor, "Road")).to_have_attribute("aria-selected", "true")
+
+
+def test_what_is_told_of_a_slider_covers_no_tab(editor):
+    """It lay on the tabs above the first one."""
+    editor.open_tab("Road")
+    slider = editor.page.locator(".mantine-Slider-root").first
+    slider.hover()
+    told = editor.page.get_by_role("tooltip")
+    told.wait_for()
+    editor.settle()
+    box, row = told.bounding_box(), slider.bounding_box()
+    panel = editor.page.locator("[data-scrollarea-viewport]").first.bounding_box()
+    assert box["x"] + box["width"] <= panel["x"]
+    assert box["y"] < row["y"] < box["y"] + box["height"]
 
 
 def test_a_list_without_a_row_is_small(editor):

@@ -178,4 +178,27 @@ def test_what_must_be_known_is_readable_at_every_width(editor, width):
         "one => getComputedStyle(one, '::after').content"
     )
     assert said.strip() in whole
+    assert bar.evaluate("one => getComputedStyle(one).zIndex") == "1", (
+        "over the timeline"
+    )
     editor.screenshot(f"run_bar_{width}")
+
+
+SIX_SAMPLES = (
+    "12 agents in 6 samples slowed down to avoid a collision. 1 of 347 placed agents in "
+    "6 samples is off the road at t = 0. Sample 5: 57 of 58 new agents were placed; no "
+    "free place was found for 1. 1 of 58 agents enters after the recording's first step: "
+    "no free past. 58 agents in 12.1 s, seed 0."
+)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (1600, 900)])
+def test_what_six_samples_have_told_is_read_without_pointing(editor, size):
+    """Half of its words were cut."""
+    editor.page.set_viewport_size({"width": size[0], "height": size[1]})
+    result = editor.tab().elements.generation.result
+    result.said = SIX_SAMPLES
+    editor.tab().ui.post(result.changed.emit)
+    told = editor.run_bar.get_by_role("status", name="Last run")
+    expect(told).to_have_text(SIX_SAMPLES)
+    assert told.evaluate("one => one.scrollHeight <= one.clientHeight")

@@ -219,3 +219,14 @@ def test_resampled_agents_are_offered_as_samples(editor):
     editor.key("r")
     editor.until(lambda: len(session.entries) == 2, "a run of one", 120)
     strip(editor).wait_for(state="hidden")
+
+
+def test_six_samples_are_in_sight_beside_the_panel(editor):
+    """Of six, the fifth was the last to be seen at this width."""
+    editor.page.set_viewport_size({"width": 1280, "height": 720})
+    regenerated(editor, 6)
+    end = strip(editor).bounding_box()
+    for one in cards(editor).all():
+        box = one.bounding_box()
+        assert box["x"] + box["width"] <= end["x"] + end["width"]
+        assert is_on_top(one)

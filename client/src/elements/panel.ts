@@ -168,10 +168,8 @@ define("panel", (api) => {
 
   return (state) => {
     markBody("pd-debug", state.isDebug);
-    const open = tabs().find(isOpen);
-    if (state.instead !== null && open && title(open) !== state.instead) return;
     wanted = state.tab;
-    told = state.instead ?? state.tab;
+    told = state.tab;
     startedAt = performance.now();
     observer.observe(document.body, {
       subtree: true,

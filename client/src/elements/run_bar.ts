@@ -21,7 +21,7 @@ define("run", (api) => {
     return { kind, field, label: make("label", "", {}, name) };
   });
   for (const { field, label } of numbers) label.append(field);
-  const text = make("span", "pd-run-said pd-clipped", { role: "status", "aria-label": "Last run" });
+  const text = make("span", "pd-run-said", { role: "status", "aria-label": "Last run" });
   const use = button("pd-strong", "", () => api.send({ kind: "use" }));
   const cancel = button("pd-strong", "Cancel", () => api.send({ kind: "cancel" }));
   const progress = make("div", "pd-progress", {

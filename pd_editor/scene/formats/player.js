@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (727a1cd9d9c5ad62); not to be edited. */
+/* Built by .ci/client.py from client/ (80995b4c277f0db6); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

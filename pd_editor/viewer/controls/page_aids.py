@@ -65,12 +65,16 @@ class PressOrder:
 
 MAX_TITLE: Final = 60
 SCENE: Final = "Scene"
+ROAD: Final = "Road"
 AGENTS: Final = "Agents"
 STUDY: Final = "Study"
 
 
 class SidePanel:
     """Keeps the tab that is open, and opens it again after a reload.
+
+    It shows an agent that is clicked in the place of what says nothing of agents, and
+    that again once nothing is selected.
 
     It also tells when the pointer takes a slider and lets it go, which viser does not;
     without the page's script a slider's gesture is over when it rests.
@@ -83,16 +87,27 @@ class SidePanel:
         self._state = PanelState(tab=ui.workspace.view.panel_tab, is_debug=is_debug)
         self._overlay.on("panel", self._heard)
         self._overlay.show(self._state)
+        self._left: str | None = None
+        """The tab in whose place the selection is shown."""
         ui.model.agent_clicked.subscribe(self._agent_clicked)
+        ui.model.shown.subscribe(self._return)
         ui.model.tab_asked.subscribe(self._asked)
 
     def _agent_clicked(self) -> None:
-        """Show the agent in the place of the scene, once: later the user chooses."""
-        state = msgspec.structs.replace(self._state, tab=AGENTS, instead=SCENE)
-        self._overlay.show(state)
+        """Show what is selected, unless the tab's tool is in use."""
+        tab = self._ui.workspace.view.panel_tab or SCENE
+        if self._ui.model.mode is None and tab in (SCENE, ROAD, STUDY):
+            self._asked(AGENTS)
+            self._left = tab
+
+    def _return(self) -> None:
+        left = self._left
+        if left is not None and not self._ui.session.selection:
+            self._asked(left)
 
     def _asked(self, tab: str) -> None:
         self._keep(tab)
+        self._left = None
         asked = self._state.asked + 1
         self._state = msgspec.structs.replace(self._state, tab=tab, asked=asked)
         self._overlay.show(self._state)
@@ -112,3 +127,5 @@ class SidePanel:
             self._ui.client.gui.main_panel.minimize()
         elif kind == "tab" and isinstance(title, str):
             self._keep(title[:MAX_TITLE])
+            if title != AGENTS:
+                self._left = None

@@ -10,7 +10,14 @@ from pd_editor.viewer.agents.speed_curve import SpeedCurve
 from pd_editor.viewer.controls.branch_strip import BranchStrip
 from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.key_sheet import KeySheet
-from pd_editor.viewer.controls.page_aids import AGENTS, SCENE, STUDY, Hints, SidePanel
+from pd_editor.viewer.controls.page_aids import (
+    AGENTS,
+    ROAD,
+    SCENE,
+    STUDY,
+    Hints,
+    SidePanel,
+)
 from pd_editor.viewer.controls.view_panel import ViewPanel
 from pd_editor.viewer.files.export_panel import ExportPanel
 from pd_editor.viewer.files.family_panel import FamilyPanel
@@ -94,7 +101,7 @@ class TabElements:
             self.scenario = ScenarioPanel(ui, self.start)
             self.export = ExportPanel(ui)
             self.library = LibraryActions(ui, self.export, self.start)
-        with tabs.add_tab("Road"):
+        with tabs.add_tab(ROAD):
             self.road = RoadPanel(ui, style, self.picture, self.viewpoint)
             self.bending = Bending(ui, self.road)
             with gui.add_folder("Signals"):

@@ -64,11 +64,10 @@ class OrderEvent(Message, frozen=True):
 
 
 class PanelState(Message, frozen=True):
-    """The tab of viser's panel to open, ``instead`` of another one if that is open."""
+    """The tab of viser's panel to open."""
 
     tab: str | None
     is_debug: bool
-    instead: str | None = None
     asked: int = 0
     """Counts what was asked for, so that a tab opens again after another one."""
 

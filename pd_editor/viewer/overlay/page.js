@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (727a1cd9d9c5ad62); not to be edited. */
+/* Built by .ci/client.py from client/ (80995b4c277f0db6); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -312,6 +312,8 @@
   function fitToCanvas() {
     const box = canvas()?.getBoundingClientRect();
     if (!box) return;
+    markBody("pd-beside", box.right < innerWidth);
+    document.body.style.setProperty("--pd-beside", `${innerWidth - box.right + 8}px`);
     for (const side of ["left", "top", "width", "height"]) {
       const text = `${box[side]}px`;
       if (root.style[side] !== text) root.style[side] = text;
@@ -2547,10 +2549,8 @@
     });
     return (state) => {
       markBody("pd-debug", state.isDebug);
-      const open = tabs().find(isOpen);
-      if (state.instead !== null && open && title(open) !== state.instead) return;
       wanted = state.tab;
-      told = state.instead ?? state.tab;
+      told = state.tab;
       startedAt = performance.now();
       observer.observe(document.body, {
         subtree: true,
@@ -2871,7 +2871,7 @@
       return { kind, field, label: make("label", "", {}, name) };
     });
     for (const { field, label } of numbers) label.append(field);
-    const text = make("span", "pd-run-said pd-clipped", { role: "status", "aria-label": "Last run" });
+    const text = make("span", "pd-run-said", { role: "status", "aria-label": "Last run" });
     const use = button("pd-strong", "", () => api.send({ kind: "use" }));
     const cancel = button("pd-strong", "Cancel", () => api.send({ kind: "cancel" }));
     const progress = make("div", "pd-progress", {
