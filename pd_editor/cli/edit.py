@@ -29,7 +29,7 @@ class EditOptions(PartOptions):
     """Options of ``pd-editor edit``.
 
     Args:
-        scenario: A demo's name, an Argoverse 2 scenario folder, or a file of another format; the list of all scenarios if not given.
+        scenario: A demo's name, an Argoverse 2 scenario folder, a file of another format, or a zip; the list of all scenarios if not given.
         host: Address to listen on; 0.0.0.0 lets other machines in. Folders of this machine are closed to them.
         port: Port to listen on; the next free one if it is taken.
         around: Metres in the file's frame, about which a square of its map is used; the browser can choose it, too.

@@ -30,6 +30,8 @@ from pd_editor.scene.av2_io.upload import (
     MAX_UPLOAD_BYTES,
     files_in_upload,
     scenario_from_upload,
+    scenario_of_upload,
+    scenarios_in_upload,
 )
 from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
@@ -40,6 +42,7 @@ from pd_editor.scene.formats.registry import (
     formats,
     has_foreign_ending,
     is_foreign_scene,
+    name_of_scene,
     read_scene,
     writer,
 )
@@ -271,7 +274,7 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
     Raises:
         InputError: the files cannot be read.
     """
-    foreign = _foreign_upload(files)
+    foreign = _foreign_upload(_foreign_scenes(files))
     scenario = scenario_from_upload(files) if foreign is None else foreign
     found = list(files_in_upload(files, RECIPE_NAME.__eq__, MAX_RECIPE_BYTES))
     try:
@@ -289,33 +292,88 @@ def is_foreign(name: str, content: bytes) -> bool:
         return format_of(path) is not None
 
 
-def _foreign_upload(files: Mapping[str, bytes]) -> Scenario | None:
-    """Scenario in a file of another format than Argoverse 2, or a zip of it; else None."""
-    inside = list(files_in_upload(files, has_foreign_ending, MAX_UNPACKED_BYTES))
-    if len(files) != 1 or not inside:
-        return None
-    with tempfile.TemporaryDirectory() as folder:
-        # Beside a road network may be the motion on it.
-        name_of = {}
-        for name, data in inside:
-            path = Path(folder) / Path(name).name[-60:]
-            if path in name_of:
-                path = Path(folder) / f"{len(name_of)}-{path.name}"
+def scenes_in_upload(
+    files: Mapping[str, bytes],
+) -> dict[str, Callable[[], Mapping[str, bytes]]]:
+    """What gives the files of each scene of an upload, by its name; empty unless several.
+
+    Raises:
+        ArchiveError: unsafe, or no readable zip.
+    """
+    if names := scenarios_in_upload(files):
+        return {one: functools.partial(scenario_of_upload, files, one) for one in names}
+    scenes = _foreign_scenes(files)
+    several = scenes if len(scenes) > 1 else {}
+    return {one: functools.partial(dict, part) for one, part in several.items()}
+
+
+def _foreign_scenes(files: Mapping[str, bytes]) -> dict[str, dict[str, bytes]]:
+    """Files of each scene of a format other than Argoverse 2, by its name, its own first.
+
+    What a file names of its folder, such as the road under its traffic, is a part of it.
+    """
+    inside: dict[Path, bytes] = {}
+    with tempfile.TemporaryDirectory() as top:
+        folders: dict[Path, Path] = {}
+        for place, data in files_in_upload(
+            files,
+            lambda name: name == RECIPE_NAME or has_foreign_ending(name),
+            MAX_UNPACKED_BYTES,
+        ):
+            origin = Path(place).parent
+            folder = folders.setdefault(origin, Path(top, str(len(folders))))
+            folder.mkdir(exist_ok=True)
+            path = folder / Path(place).name[-60:]
+            if path in inside:
+                path = folder / f"{len(inside)}-{path.name}"
             path.write_bytes(data)
-            name_of[path] = name
-        scenes = foreign_scenes_among(name_of)
-        if not scenes:
-            return None
-        path, name = scenes[0], name_of[scenes[0]]
-        if len(scenes) > 1:
-            raise InputError(
-                f"The upload holds {len(scenes)} scenes, such as {name[:60]} and "
-                f"{name_of[scenes[1]][:60]}; expected one."
-            )
+            inside[path] = data
+        scenes = foreign_scenes_among(inside)
+        named = {one: name_of_scene(one) for one in inside}
+    parts = {
+        scene: [
+            one
+            for one in inside
+            if one.parent == scene.parent
+            and (named[one] == named[scene] or one.name.encode() in inside[scene])
+        ]
+        for scene in scenes
+    }
+    lent = {one for scene, part in parts.items() for one in part if one != scene}
+    origins = {folder: origin for origin, folder in folders.items()}
+    found: dict[str, dict[str, bytes]] = {}
+    own = [scene for scene in scenes if scene not in lent] or scenes
+    for scene in own:
+        origin = origins[scene.parent]
+        is_alone = sum(one.parent == scene.parent for one in own) == 1
+        beside = [one for one in inside if one.parent == scene.parent]
+        name = origin.name if is_alone and origin.name else named[scene]
+        if name in found:
+            name = str(origin / named[scene])
+        used = beside if is_alone else parts[scene]
+        found[name] = {one.name: inside[one] for one in (scene, *used)}
+    return found
+
+
+def _foreign_upload(scenes: Mapping[str, Mapping[str, bytes]]) -> Scenario | None:
+    """The one scene of another format than Argoverse 2 in an upload; None: none is."""
+    if not scenes:
+        return None
+    if len(scenes) > 1:
+        first, second, *_ = scenes
+        raise InputError(
+            f"The upload holds {len(scenes)} scenes, such as {first[:60]} and "
+            f"{second[:60]}; expected one."
+        )
+    (part,) = scenes.values()
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder, name) for name in part]
+        for path, data in zip(paths, part.values(), strict=True):
+            path.write_bytes(data)
         try:
-            scenario = read_scene(path)
+            scenario = read_scene(paths[0])
         except InputError as error:
-            told = str(error).replace(str(path), name)
+            told = str(error).replace(str(paths[0]), paths[0].name)
             error.args = (told, *error.args[1:])
             raise
     provenance = dataclasses.replace(scenario.provenance, source="")

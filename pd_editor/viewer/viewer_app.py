@@ -3,6 +3,7 @@
 import hashlib
 import json
 import logging
+import os
 import secrets
 import threading
 from collections.abc import Sequence
@@ -14,10 +15,11 @@ from typing import Final
 import viser
 
 from pd_editor.base.errors import LargeMapError, LargeSceneError, PdEditorError
-from pd_editor.base.regular_file import state_folder
+from pd_editor.base.regular_file import read_regular, state_folder
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.experiments.scene_index.index_file import index_place
 from pd_editor.generation.generators import catalogue_with
+from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.map_window import densest_windows
@@ -32,7 +34,7 @@ from pd_editor.viewer.server.server_guard import (
 )
 from pd_editor.viewer.state.index_run import IndexRun
 from pd_editor.viewer.state.session_shelf import SessionShelf
-from pd_editor.viewer.state.workspace import Workspace
+from pd_editor.viewer.state.workspace import UploadedZip, Workspace, zip_of_several
 
 _LOG = logging.getLogger(__name__)
 DEFAULT_DEMO: Final = "signalised-junction"
@@ -91,6 +93,9 @@ class ViewerApp:
         self._cut = options.cut
         self._reference, self._is_long = options.reference or DEFAULT_DEMO, False
         self._starts_open = options.reference is None
+        self._zip = _zip_at(Path(os.path.expanduser(self._reference)))
+        if self._zip is not None:
+            self._reference, self._starts_open = DEFAULT_DEMO, True
         self._scenario = self._open(self._cut)
         self._is_local = is_loopback(host)
         self._dataset = None if data_root is None else DatasetIndex(data_root)
@@ -228,6 +233,10 @@ class ViewerApp:
                 )
                 self._workspaces[key].cut = replace(self._cut, window=None)
                 start = replace(self._workspaces[key].start, is_open=self._starts_open)
+                if self._zip is not None:
+                    start = replace(start, source="zip")
+                    own = replace(self._zip, ticked=set())
+                    self._workspaces[key].uploaded_zip = own
                 self._workspaces[key].start = start
             workspace = self._workspaces[key]
             tab = BrowserSession(
@@ -312,6 +321,13 @@ class ViewerApp:
         for name, shelf in tuple(self._shelves.items()):
             if shelf not in used:
                 self._shelves.pop(name).close()
+
+
+def _zip_at(path: Path) -> UploadedZip | None:
+    """A zip of several scenarios; None for all other places."""
+    if path.suffix.lower() != ".zip" or not os.path.isfile(path):
+        return None
+    return zip_of_several({path.name: read_regular(path, max_bytes=MAX_UPLOAD_BYTES)})
 
 
 def _stored_keys(client: viser.ClientHandle) -> tuple[str, list[str]]:

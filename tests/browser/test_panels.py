@@ -334,7 +334,7 @@ def test_a_tool_that_is_in_use_keeps_its_tab(editor):
     editor.go_to_now()
     editor.open_tab("Road")
     editor.until(lambda: editor.workspace.view.panel_tab == "Road", "the tab")
-    editor.key("b")
+    editor.key("w")
     mode = lambda: editor.tab().ui.model.mode  # noqa: E731
     editor.until(mode, "the road to be bent")
     editor.click_at(place_of_focal(editor))

@@ -14,12 +14,14 @@ from pd_editor.editor.scenario_store import (
     export_into,
     exported_files,
     open_scenario,
+    scenario_and_recipe,
+    scenes_in_upload,
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.scene.av2_io.official import check_with_official_loaders
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.exporters.bundle import write_files, zip_folders
 from tests.builders import two_agents_that_collide, two_agents_that_pass
 
 JUNCTION = "signalised-junction"
@@ -127,6 +129,25 @@ def test_an_upload_has_no_folder_to_protect(tmp_path: Path):
     uploaded = replace(session.scenario, provenance=provenance)
     folder = export_into(tmp_path, uploaded, named(session.recipe(), "x"))
     assert len(list(folder.iterdir())) == 3
+
+
+def test_a_road_that_traffic_names_is_no_scene_of_its_own():
+    """Traffic and its road were refused as two scenes if they had two names."""
+    session = edited_session()
+    recipe = named(session.recipe(), "road")
+    files = exported_files(session.scenario, recipe, format_name="opendrive")
+    both = {"road.xodr": files["road.xodr"], "traffic.xosc": files["road.xosc"]}
+    opened, _ = scenario_and_recipe({"x.zip": zip_folders({"one": both})})
+    assert len(opened.agents) == len(session.scenario.agents)
+    other = {**both, "more.xosc": files["road.xosc"]}
+    content = zip_folders({"one": both, "two": other, "three": both})
+    scenes = scenes_in_upload({"x.zip": content})
+    assert list(scenes) == ["one", "three", "more", "traffic"]
+    for give in scenes.values():
+        scenario, _ = scenario_and_recipe(give())
+        assert len(scenario.agents) == len(session.scenario.agents)
+    with pytest.raises(InputError, match="holds 4 scenes"):
+        scenario_and_recipe({"x.zip": content})
 
 
 def test_an_export_has_one_focal_track_or_is_refused(tmp_path):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from pd_editor.analysis.findings.finding import IgnoredKey
+from pd_editor.analysis.findings.scorecard import ROWS
 from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.edit_findings import edit_findings, guidance_in_words
 from pd_editor.editor.recipe import Recipe
@@ -101,11 +102,18 @@ def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
     )
 
 
-def index_csv(rows: Iterable[IndexRow]) -> bytes:
-    """Write the table in UTF-8; cells that a spreadsheet would evaluate are quoted."""
+def index_csv(
+    rows: Iterable[IndexRow], metrics: Mapping[str, Mapping[str, float]] | None = None
+) -> bytes:
+    """Write the table in UTF-8; cells that a spreadsheet would evaluate are quoted.
+
+    ``metrics`` are values of scorecards by ids: a column each, of those that are known.
+    """
+    measured = metrics or {}
+    known = [one for one in ROWS if any(one in values for values in measured.values())]
     sink = io.StringIO(newline="")
     writer = csv.writer(sink)
-    writer.writerow(_COLUMNS)
+    writer.writerow([*_COLUMNS, *known])
     for row in rows:
         kinds = "; ".join(f"{kind} {count}" for kind, count in row.problems.items())
         cells = (
@@ -125,7 +133,9 @@ def index_csv(rows: Iterable[IndexRow]) -> bytes:
             "; ".join(row.tags),
             row.note,
         )
-        writer.writerow([_harmless(cell) for cell in cells])
+        values = measured.get(row.scenario_id, {})
+        numbers = [f"{values[one]:.10g}" if one in values else "" for one in known]
+        writer.writerow([*map(_harmless, cells), *numbers])
     return sink.getvalue().encode("utf-8", "replace")
 
 

@@ -404,7 +404,9 @@ class Library:
 
     def table(self, names: Collection[str]) -> bytes:
         """CSV table of some scenarios, the oldest first."""
-        return index_csv(one.row for one in self.cards() if one.name in names)
+        cards = [one for one in self.cards() if one.name in names]
+        metrics = {one.name: one.metrics for one in cards}
+        return index_csv([one.row for one in cards], metrics)
 
     def check(self, name: str) -> None:
         """Raise unless a folder holds what its card and its recipe say.

@@ -105,7 +105,7 @@ def scenario_of_upload(files: Mapping[str, bytes], wanted: str) -> dict[str, byt
 def files_in_upload(
     files: Mapping[str, bytes], wanted: Callable[[str], bool], limit: int
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield name and contents of the files of wanted names, also of those in zips.
+    """Yield path and contents of the files of wanted names, also of those in zips.
 
     Raises:
         ArchiveError: those of a zip unpack to more than ``limit`` bytes, or it is damaged.
@@ -121,7 +121,7 @@ def files_in_upload(
                 if wanted(_base(path)):
                     content = _unpacked(archive, member, label, room)
                     room -= len(content)
-                    yield _base(path), content
+                    yield path, content
 
 
 def _is_zip(name: str, data: bytes) -> bool:

@@ -3,11 +3,13 @@
 import tempfile
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.library.library import Library, LibraryCard
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.variant import tags_from_text
@@ -18,6 +20,24 @@ from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.tab.ui_context import UiContext
 
 ZIP_NAME: Final = "scenarios.zip"
+
+
+class _Step(BackgroundJob[str]):
+    """Work on one of several scenarios."""
+
+    def __init__(
+        self, batch: Batch, ended: Callable[[PdEditorError | None], None]
+    ) -> None:
+        """Prepare it; ``ended`` hears why it has failed, if it has."""
+        super().__init__(batch.words, lambda _name: ended(None), ended)
+        self._do, self._one = batch.do, batch.left[0]
+
+    def _result(self) -> str:
+        self._do(self._one)
+        return self._one
+
+    def _fault(self) -> PdEditorError:
+        return PdEditorError("a fault of the editor; the log has details.")
 
 
 class LibraryActions:
@@ -118,28 +138,34 @@ class LibraryActions:
     ) -> None:
         """Begin to work on what is chosen, or end what the same button has begun."""
         if scenes.batch is None:
-            left = scenes.chosen
-            scenes.batch = Batch(button=button, words=words, do=do, left=left)
-            self._ui.post(lambda: self._go_on(scenes))
+            batch = Batch(button=button, words=words, do=do, left=scenes.chosen)
+            scenes.batch = batch
+            self._go_on(scenes, batch)
         else:
-            scenes.batch.left.clear()
-        self._start.look()
+            self._end(scenes, scenes.batch)
 
-    def _go_on(self, scenes: TickedList[Any]) -> None:
-        """Work on the next one, so that the page goes on meanwhile."""
-        batch = scenes.batch
-        assert batch is not None
-        if batch.left:
-            name = batch.left.pop(0)
-            try:
-                batch.do(name)
-            except PdEditorError as error:
-                batch.failures.append(f"{name}: {error}")
-            batch.num_done += 1
+    def _go_on(self, scenes: TickedList[Any], batch: Batch) -> None:
+        """Work on the next one in a thread, so that the page goes on meanwhile."""
         if batch.left:
             self._start.look()
-            self._ui.post(lambda: self._go_on(scenes))
+            done = partial(self._done, scenes, batch)
+            _Step(batch, lambda error: self._ui.post(partial(done, error))).start()
+        else:
+            self._end(scenes, batch)
+
+    def _done(
+        self, scenes: TickedList[Any], batch: Batch, error: PdEditorError | None
+    ) -> None:
+        """Count what is done, unless the batch was cancelled meanwhile."""
+        if scenes.batch is not batch:
             return
+        name = batch.left.pop(0)
+        batch.num_done += 1
+        if error is not None:
+            batch.failures.append(f"{name}: {error}")
+        self._go_on(scenes, batch)
+
+    def _end(self, scenes: TickedList[Any], batch: Batch) -> None:
         scenes.batch, failures = None, batch.failures
         self._changed()
         self._ui.notify(

@@ -10,7 +10,7 @@ from pd_editor.base.errors import ArchiveError, InputError
 from pd_editor.base.regular_file import read_regular
 from pd_editor.editor.recipe import is_recipe
 from pd_editor.editor.scenario_store import is_foreign
-from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES, scenarios_in_upload
+from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
@@ -18,7 +18,7 @@ from pd_editor.viewer.files.map_window import MapWindowCard
 from pd_editor.viewer.files.moment_dialog import MomentDialog
 from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.server.server_guard import limit_uploads
-from pd_editor.viewer.state.workspace import UploadedZip
+from pd_editor.viewer.state.workspace import zip_of_several
 from pd_editor.viewer.tab.panel_style import FixedText, plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
@@ -201,11 +201,11 @@ class ScenarioPanel:
 
     def _lists_several(self, files: Mapping[str, bytes]) -> bool:
         """Whether these are a zip of several scenarios, which the start page then shows."""
-        several = scenarios_in_upload(files)
-        if several:
-            self._workspace.uploaded_zip = UploadedZip(files=files, names=several)
+        several = zip_of_several(files)
+        if several is not None:
+            self._workspace.uploaded_zip = several
             self._start.open("zip")
-        return bool(several)
+        return several is not None
 
     def _close_dialog(self) -> None:
         if self._dialog is not None:

@@ -17,7 +17,7 @@ from pd_editor.base.plain_text import one_line
 from pd_editor.editor.library.library import SORTS, Library, LibraryCard
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import moment
-from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.editor.scenario_store import open_scenario, scenario_and_recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
 from pd_editor.editor.variant import short_id
@@ -27,7 +27,6 @@ from pd_editor.experiments.scene_index.find import (
     find_scenes,
 )
 from pd_editor.experiments.scene_index.index_file import SceneIndex
-from pd_editor.scene.av2_io.upload import scenario_from_upload, scenario_of_upload
 from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
 from pd_editor.viewer.overlay.messages import BulkButton, Choice, SceneFacet, SceneTile
 from pd_editor.viewer.scene.timeline import in_seconds
@@ -271,14 +270,14 @@ class ZipList(TickedList[str]):
     def look(self) -> None:
         """Find words of the line in names."""
         uploaded = self._workspace.uploaded_zip
-        names = () if uploaded is None else uploaded.names
+        names = () if uploaded is None else uploaded.scenes
         self.items = [one for one in names if self._has_words(one)]
 
     @property
     def told(self) -> str:
         """Name of the zip, and what buttons act on."""
         uploaded = self._workspace.uploaded_zip
-        return f"{next(iter(uploaded.files))}: {self.marked}." if uploaded else ""
+        return f"{uploaded.name}: {self.marked}." if uploaded else ""
 
     def name_of(self, item: str) -> str:
         """The name itself."""
@@ -307,12 +306,11 @@ class ZipList(TickedList[str]):
         workspace = self._workspace
         uploaded = workspace.uploaded_zip
         assert uploaded is not None
-        ((name, content),) = uploaded.files.items()
         return SceneTile(
             key=item,
             title=item,
             lines=(),
-            picture=f"{name} {len(content)} {item}",
+            picture=f"{uploaded.name} {uploaded.size_bytes} {item}",
             is_open=workspace.session.base.scenario_id == item,
             is_saved=workspace.library.card(item) is not None,
             is_ticked=item in self.marks,
@@ -329,16 +327,16 @@ class ZipList(TickedList[str]):
 
     def picture(self, item: str) -> str:
         """The scene at t = 0."""
-        return thumbnail(scenario_from_upload(self._files(item)))
+        return thumbnail(scenario_and_recipe(self._files(item))[0])
 
     def open(self, item: str) -> None:
         """Open it as if it had been uploaded alone."""
         self._workspace.open_upload(self._files(item))
 
-    def _files(self, item: str) -> dict[str, bytes]:
+    def _files(self, item: str) -> Mapping[str, bytes]:
         uploaded = self._workspace.uploaded_zip
         assert uploaded is not None
-        return scenario_of_upload(uploaded.files, item)
+        return uploaded.scenes[item]()
 
 
 class DatasetList(SceneList[ScenarioCard]):

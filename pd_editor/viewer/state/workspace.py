@@ -29,6 +29,7 @@ from pd_editor.editor.scenario_store import (
     open_scenario,
     recipe_of_export,
     scenario_and_recipe,
+    scenes_in_upload,
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
@@ -113,9 +114,10 @@ class OpenedEdits:
 class UploadedZip:
     """The last upload with several scenarios."""
 
-    files: Mapping[str, bytes]
-    names: tuple[str, ...]
-    """Names of the scenarios."""
+    name: str
+    size_bytes: int
+    scenes: Mapping[str, Callable[[], Mapping[str, bytes]]]
+    """What gives the files of each, by their names."""
     ticked: set[str] = field(default_factory=set)
     """Names of those that are selected."""
 
@@ -657,6 +659,19 @@ def base_of(work: UnfinishedWork) -> Scenario:
             f"The uploaded files of {work.scenario_id} are gone."
         ) from error
     return _from_upload(files, work.base.cut or SceneCut())[0]
+
+
+def zip_of_several(files: Mapping[str, bytes]) -> UploadedZip | None:
+    """What the start page lists of an upload of several scenarios; None: it has not many.
+
+    Raises:
+        ArchiveError: unsafe, or no readable zip.
+    """
+    scenes = scenes_in_upload(files)
+    if not scenes:
+        return None
+    size = sum(map(len, files.values()))
+    return UploadedZip(name=next(iter(files)), size_bytes=size, scenes=scenes)
 
 
 def take_in_upload(

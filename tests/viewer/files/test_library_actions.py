@@ -2,6 +2,7 @@
 
 import csv
 import io
+import threading
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -393,6 +394,94 @@ def test_scenes_of_a_zip_are_ticked_saved_and_downloaded_without_being_opened(ta
     }
     assert cards["at-3"].edits
     assert tab.tiles("zip")["at-3"]["isSaved"]
+
+
+@pytest.mark.parametrize("name", ["opendrive", "commonroad", "sumo", "scenarionet"])
+def test_a_zip_of_several_of_another_format_is_listed_as_well(tabs, name):
+    """It was refused: expected one."""
+    tab, _ = tabs
+    for speed in (3.0, 6.0):
+        drive(tab, speed)
+        star(tab, name=f"at-{speed:.0f}")
+    content = tab.tab.workspace.library.zipped({"at-3", "at-6"}, name)
+    tab.upload("Upload files", "kept.zip", content)
+    assert list(tab.tiles("zip")) == ["at-3", "at-6"]
+    tab.hear("startPage", kind="draw", keys=["at-3"])
+    until(lambda: tab.shown("scene-picture"))
+    assert tab.shown("scene-picture")["picture"].startswith("<svg")
+    tab.choose("zip", "at-6")
+    assert tab.session.base.scenario_id == "at-6"
+    assert len(tab.session.base.agents) == len(tab.session.scenario.agents) > 0
+
+
+def test_a_zip_of_several_that_the_shell_names_is_listed_at_first(tabs, tmp_path):
+    """The command ended with a sentence, though the page opened such a zip."""
+    tab, _ = tabs
+    for speed in (3.0, 6.0):
+        drive(tab, speed)
+        star(tab, name=f"at-{speed:.0f}")
+    file = tmp_path / "many.zip"
+    file.write_bytes(tab.tab.workspace.library.zipped({"at-3", "at-6"}))
+    with (
+        running_app(tmp_path / "other", str(file)) as app,
+        connected_tab(app) as one,
+        connected_tab(app) as other,
+    ):
+        shown = one.shown("startPage")
+        assert (shown["isOpen"], shown["source"]) == (True, "zip")
+        assert shown["told"].startswith("many.zip: 2 scenarios")
+        assert list(one.tiles("zip")) == ["at-3", "at-6"]
+        one.choose("zip", "at-6", "tick")
+        assert [tile["isTicked"] for tile in one.tiles("zip").values()] == [False, True]
+        assert not any(tile["isTicked"] for tile in other.tiles("zip").values())
+        one.choose("zip", "at-6")
+        assert one.session.base.scenario_id == "at-6"
+
+
+def test_the_page_goes_on_while_metrics_are_computed(tabs, monkeypatch):
+    """A crowded scene held the page for seconds."""
+    tab, _ = tabs
+    for speed in (3.0, 6.0):
+        drive(tab, speed)
+        star(tab, name=f"at-{speed:.0f}")
+    library, scenes = tab.tab.workspace.library, tab.elements.start.library
+    measure, go_on = library.measure, threading.Event()
+
+    def slowly(name: str) -> None:
+        assert go_on.wait(30)
+        measure(name)
+
+    monkeypatch.setattr(library, "measure", slowly)
+    tab.tiles("library")
+    act(tab, "metrics")
+    tab.hear("startPage", kind="source", value="demos")
+    until(lambda: tab.shown("startPage")["source"] == "demos")
+    tab.hear("startPage", kind="source", value="library")
+    until(lambda: tab.shown("startPage")["told"].startswith("Measured 0 of 2; "))
+    act(tab, "metrics")
+    until(lambda: tab.notices[-1][0] == "Measured 0 scenarios")
+    assert scenes.batch is None
+    go_on.set()
+    # The one at hand is kept, and no other one follows.
+    until(lambda: any(one.metrics for one in library.cards()))
+    assert sum(bool(one.metrics) for one in library.cards()) == 1
+    assert scenes.batch is None
+
+
+def test_the_table_has_the_metrics_that_cards_hold(tabs):
+    tab, _ = tabs
+    for speed in (3.0, 6.0):
+        drive(tab, speed)
+        star(tab, name=f"at-{speed:.0f}")
+    library = tab.tab.workspace.library
+    assert b"path_length" not in library.table({"at-3", "at-6"})
+    library.measure("at-6")
+    lines = csv.DictReader(io.StringIO(library.table({"at-3", "at-6"}).decode()))
+    rows = {one["name"]: one for one in lines}
+    metrics = library.card("at-6").metrics
+    assert float(rows["at-6"]["path_length"]) == pytest.approx(metrics["path_length"])
+    assert set(metrics) <= set(rows["at-6"])
+    assert rows["at-3"]["path_length"] == ""
 
 
 def test_metrics_of_many_sort_and_find_and_can_be_cancelled(tabs):
