@@ -1,13 +1,15 @@
 """Whole generated scenes beside recorded ones: where vehicles stand and how they move.
 
-Three placements: the agents of the square around the focal agent resampled, all agents
-resampled, as many agents as fit. Only vehicles near lanes are counted: others keep their
+Four placements: all agents resampled, raw (neither guided nor repaired nor sampled again);
+the agents of the square around the focal agent resampled; all agents resampled; as many
+agents as fit. Only vehicles near lanes are counted: others keep their
 states; pedestrians that stand have a column of their own. The scene test is given by
 seed. With ``--signals`` each junction has a phase, and columns tell who obeys it.
 The folders stay in ``--out`` for other programs. Needs PD_EDITOR_AV2, or ``--data``.
 """
 
 import argparse
+import functools
 import os
 from pathlib import Path
 
@@ -24,11 +26,14 @@ from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.analysis.metrics.road.surroundings import askew, surroundings
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
+from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.experiments.evaluation.method import Method
 from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE, lane_pieces
 from pd_editor.generation.features.scene_features import scene_center
 from pd_editor.generation.features.signal_tokens import piece_signals
+from pd_editor.generation.generators import make_generator
 from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
@@ -38,6 +43,7 @@ from pd_editor.generation.initial_state.placement_rules import (
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.scenario import Scenario
@@ -45,9 +51,10 @@ from pd_editor.scene.thresholds import MOVING_MPS
 from pd_editor.scene.time_cut import FUTURE_S
 from scene_test import Surroundings, scene_test
 
+loaded_generator = functools.cache(make_generator)
 HALF_SIDE_M = 62.0
 PAIR_RULES = ("near", "brakes", "waits", "crossing")
-PLACEMENTS = ("square", "resampled", "fit")
+PLACEMENTS = ("raw", "square", "resampled", "fit")
 COLUMNS = (
     "speed, m/s",
     "standing, %",
@@ -91,10 +98,23 @@ def generate(
         rows = rows[away <= HALF_SIDE_M]
         region = (float(center[0]), float(center[1]), HALF_SIDE_M)
     ids = tuple(agents.ids[row] for row in rows)
+    if placement == "raw":
+        return raw(scenario, ids, model, seed)
     found = pd_editor.generate(
         folder, agents=ids, resample_states=True, region=region, **options
     )
     return found.scenarios[0]
+
+
+def raw(scenario: Scenario, ids: tuple[str, ...], model: str, seed: int) -> Scenario:
+    """The scene with states and trajectories of some agents as the networks sample them."""
+    request = GenerationRequest(
+        scenario=scenario, agent_ids=ids, resampled_state_ids=ids, seed=seed
+    )
+    method = Method(name=f"{model}:raw=1", make_generator=loaded_generator)
+    request = method.with_options(request)
+    traffic = run_to_end(loaded_generator(model).generate(request))
+    return traffic_command(request, traffic).apply(scenario)
 
 
 def has_phases(scenario: Scenario) -> bool:

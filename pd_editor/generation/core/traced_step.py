@@ -1,16 +1,18 @@
 """Denoising steps whose operations are recorded once, then run without Python."""
 
 import dataclasses
+import itertools
 import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import torch
 from torch import Tensor, nn
 
-_CALLS_BEFORE: Final = 24
+_CALLS_BEFORE: Final = 16
 """Calls with inputs of one form before it is traced, which takes as long as 30 save."""
 _LARGE: Final = 16
 """Sizes from here on are of one form: no operation depends on which one it is."""
@@ -29,14 +31,22 @@ class TracedStep:
         self._step = step
         self._calls: Counter[object] = Counter()
         self._traced: dict[object, Callable[..., Tensor]] = {}
+        self._contexts = WeakKeyDictionary[Any, tuple[object, list[Tensor]]]()
 
     def __call__(self, *inputs: Any) -> Tensor:
-        """Run the function, or the operations that are known of inputs of this form."""
-        tensors: list[Tensor] = []
+        """Run the function, or the operations that are known of inputs of this form.
+
+        The last input is that of several calls.
+        """
         # Torch's tracer ends with Python 3.13.
         if sys.version_info >= (3, 14) or not torch.is_inference_mode_enabled():
             return self._step(*inputs)
-        form = _form(inputs, tensors), torch.is_autocast_enabled("cpu")
+        *steps, context = inputs
+        if context not in self._contexts:
+            self._contexts[context] = _form(context)
+        step_form, of_step = _form(tuple(steps))
+        context_form, of_context = self._contexts[context]
+        form, tensors = (step_form, context_form), of_step + of_context
         if not tensors[0].is_cpu:
             return self._step(*inputs)
         traced = self._traced.get(form)
@@ -69,16 +79,19 @@ def trace_steps(model: nn.Module) -> None:
         vars(model)["denoise"] = TracedStep(step)
 
 
-def _form(value: Any, tensors: list[Tensor]) -> object:
-    """What traced operations depend on; the tensors are appended."""
+def _form(value: Any) -> tuple[object, list[Tensor]]:
+    """What traced operations depend on, and the tensors."""
     if isinstance(value, Tensor):
-        tensors.append(value)
-        return value.dtype, *(min(size, _LARGE) for size in value.shape)
-    if isinstance(value, tuple):
-        return type(value), *(_form(one, tensors) for one in value)
+        return (value.dtype, *(min(size, _LARGE) for size in value.shape)), [value]
     if dataclasses.is_dataclass(value):
-        return type(value), *(_form(one, tensors) for one in vars(value).values())
-    return value
+        parts = vars(value).values()
+    elif isinstance(value, tuple):
+        parts = value
+    else:
+        return value, []
+    forms = [_form(one) for one in parts]
+    tensors = list(itertools.chain.from_iterable(found for _, found in forms))
+    return (type(value), *(form for form, _ in forms)), tensors
 
 
 def _filled(value: Any, tensors: Iterator[Tensor]) -> Any:

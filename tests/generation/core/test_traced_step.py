@@ -13,7 +13,7 @@ from pd_editor.generation.initial_state.network.conditioning import (
 from tests.generation.initial_state import scenes as initial_states
 from tests.generation.trajectory import scenes as trajectories
 
-ENOUGH = 30
+ENOUGH = 20
 """Calls after which inputs of a form are traced."""
 
 
@@ -33,7 +33,7 @@ class Factors(NamedTuple):
     offset: Tensor | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Form:
     factors: Factors
     all_of: tuple[Tensor, ...]

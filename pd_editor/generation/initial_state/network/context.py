@@ -35,8 +35,7 @@ class InitialStateContext:
     """Box sizes for the gaps between agents."""
     is_visible: Mask
     """Mask of the other agents, of shape [B A 1 A]."""
-    is_given: Bool[Tensor, "B A"] | None
-    """Given agents; None if there are none."""
+    is_given: Bool[Tensor, "B A"]
     given: Float[Tensor, "B A P"]
 
 

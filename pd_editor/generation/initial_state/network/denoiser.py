@@ -18,7 +18,6 @@ from pd_editor.generation.core.attention import (
     visible_agents,
 )
 from pd_editor.generation.core.config_limits import check_sizes
-from pd_editor.generation.core.devices import is_known
 from pd_editor.generation.core.noise_schedule import (
     DiffusionSteps,
     NoiseSchedule,
@@ -316,7 +315,7 @@ class InitialStateDenoiser(nn.Module):
             pairs=self.pair_sizes_in(pairs)[:, None],
             boxes=BoxPairs.of(scene.agent_size) if self.config.sees_box_gaps else None,
             is_visible=Mask.of(visible_agents(has_agent, task.is_central)[:, :, None]),
-            is_given=None if is_known(~task.is_given.any()) else task.is_given,
+            is_given=task.is_given,
             given=self.encode_states(scene),
         )
 
@@ -379,8 +378,7 @@ class InitialStateDenoiser(nn.Module):
     ) -> EncodedStateLevel:
         """Compute the values that depend on noise levels 0..1; given agents have no noise."""
         levels = level.transpose(-1, -2)[..., None]
-        if context.is_given is not None:
-            levels = torch.where(context.is_given[:, None], -1.0, levels)
+        levels = torch.where(context.is_given[:, None], -1.0, levels)
         sigma = relative_noise(self.schedule, levels[..., None])
         noise_m = sigma[..., 0] * POSITION_UNIT_M
         turn_noise = sigma[..., min(2, sigma.shape[-1] - 1)]
@@ -431,14 +429,11 @@ class InitialStateDenoiser(nn.Module):
         """Predict clean states from encoded noisy ones; given agents are unchanged."""
         # Scenes first, so that all versions of a scene attend to its map in one product.
         states = noisy.transpose(0, 1)
-        if context.is_given is not None:
-            is_given = context.is_given[:, None, :, None]
-            states = torch.where(is_given, context.given[:, None], states)
+        is_given = context.is_given[:, None, :, None]
+        states = torch.where(is_given, context.given[:, None], states)
         found = self._output(states, level, context)
         clean = torch.addcmul(level.factor_skip * states, level.factor_out, found)
-        if context.is_given is not None:
-            is_given = context.is_given[:, None, :, None]
-            clean = torch.where(is_given, context.given[:, None], clean)
+        clean = torch.where(is_given, context.given[:, None], clean)
         return clean.transpose(0, 1)
 
     def _output(

@@ -40,7 +40,7 @@ class TokenGroup(NamedTuple):
     first: Int[Tensor, "B 1 1 1"]
     """Row of each scene's first token in the table of all groups."""
     is_crossing: Bool[Tensor, "B P"] | None = None
-    """Crosswalks; None if there are none."""
+    """Crosswalks; None for groups of other tokens."""
     factors: Float[Tensor, "_ 1 A P"] | None = None
     """Factors of squared distances between agents and tokens; None if all are 1."""
 
@@ -51,9 +51,7 @@ class TokenGroup(NamedTuple):
         """Tokens of lanes and crosswalks, of which an agent is near ``most_near``."""
         is_crossing = scene.piece_kind == CROSSWALK_KIND
         group = cls._of(scene.piece_pose, scene.has_piece, encoded, most_near)
-        return group._replace(
-            is_crossing=None if is_known(~is_crossing.any()) else is_crossing
-        )
+        return group._replace(is_crossing=is_crossing)
 
     @classmethod
     def of_boundary(

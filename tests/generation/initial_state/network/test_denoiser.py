@@ -6,7 +6,7 @@ import torch
 from pd_editor.generation.core import attention
 from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND
 from pd_editor.generation.features.scene_features import PEDESTRIAN
-from pd_editor.generation.initial_state.network import denoiser, map_tokens
+from pd_editor.generation.initial_state.network import map_tokens
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_YES,
     Conditioning,
@@ -347,7 +347,7 @@ def test_what_is_not_asked_of_a_gpu_changes_nothing(monkeypatch):
     """On a GPU masks are applied without asking whether they hide anything."""
     scene, model = scene_batch(3), small_model()
     expected = denoised(model, scene, noisy_states(scene))
-    for module in (attention, denoiser, map_tokens):
+    for module in (attention, map_tokens):
         monkeypatch.setattr(module, "is_known", lambda _: False)
     found = denoised(model, scene, noisy_states(scene))
     torch.testing.assert_close(found[:, scene.has_agent], expected[:, scene.has_agent])
