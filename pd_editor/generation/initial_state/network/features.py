@@ -5,7 +5,7 @@ import math
 from typing import Final, NamedTuple
 
 import torch
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 from torch import Tensor
 
 from pd_editor.generation.core.devices import constant
@@ -274,14 +274,3 @@ def as_complex(vectors: Float[Tensor, "*b 2"]) -> Complex[Tensor, "*b"]:
     # A slice of a row counts as contiguous if there is only one row.
     is_even = vectors.storage_offset() % 2 == 0
     return torch.view_as_complex(vectors if is_even else vectors.clone())
-
-
-def crossing_factors(
-    prefers_crossings: Bool[Tensor, "B A"], is_crossing: Bool[Tensor, "#B P"]
-) -> Float[Tensor, "B A P"]:
-    """Factors of the distance between each agent and each map token.
-
-    Crosswalks count at half the distance for pedestrians, at twice for others.
-    """
-    factor = torch.where(prefers_crossings, 0.5, 2.0)[..., None]
-    return torch.where(is_crossing[:, None], factor, 1.0)

@@ -16,7 +16,6 @@ from pd_editor.generation.initial_state.network.features import (
     NoiseFactors,
     NoisyPoses,
     as_complex,
-    crossing_factors,
     piece_relations,
 )
 from pd_editor.generation.inputs.relative_pose import selected
@@ -84,12 +83,15 @@ class TokenGroup(NamedTuple):
         )
 
     def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "TokenGroup":
-        """The tokens with the distances of agents of some kinds."""
+        """The tokens with the distances of agents of some kinds.
+
+        Crosswalks count at half the distance for pedestrians, at twice for others.
+        """
         if self.is_crossing is None:
             return self
-        is_walking = agent_kind == PEDESTRIAN
-        factors = crossing_factors(is_walking, self.is_crossing)[:, None]
-        return self._replace(factors=factors.square())
+        factor = torch.where(agent_kind == PEDESTRIAN, 0.25, 4.0)[:, None, :, None]
+        factors = torch.where(self.is_crossing[:, None, None], factor, 1.0)
+        return self._replace(factors=factors)
 
     def nearest(self, poses: NoisyPoses) -> Int[Tensor, "B S A M"]:
         """Rows of the tokens nearest to each pose, in any order."""
