@@ -19,13 +19,12 @@ import numpy as np
 from benchmarks.figures import load_in_words
 from pd_editor.experiments.evaluation.evaluation import Scene, scenes_of
 from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.studies.study_folder import StudyFolder, run_study
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     grid_conditions,
     study_items,
 )
-from pd_editor.experiments.studies.variant_rows import study_scene
+from pd_editor.experiments.studies.variant_rows import run_study, study_scene
 from pd_editor.experiments.studies.worst_case import (
     SearchItem,
     SearchSettings,
@@ -68,7 +67,7 @@ def scenes() -> tuple[Scene, ...]:
 def timed(plan: StudyPlan, engine: WorkEngine) -> tuple[float, float, bytes]:
     """Seconds in all, seconds after the first item, and the rows' file."""
     with tempfile.TemporaryDirectory() as folder:
-        out = StudyFolder(Path(folder) / "out", plan.settings, resume=False)
+        out = plan.folder(Path(folder) / "out", resume=False)
         items = study_items(plan, scenes())
         began = time.perf_counter()
         first: list[float] = []
@@ -101,7 +100,7 @@ def search() -> None:
         plan = plan_of(name)
         items = study_items(plan, scenes())
         with tempfile.TemporaryDirectory() as folder:
-            out = StudyFolder(Path(folder) / "out", plan.settings, resume=False)
+            out = plan.folder(Path(folder) / "out", resume=False)
             record = run_study(items, out, LocalProcesses(num_workers=2))
         grid = {one.scenario: one for one in grid_worst_cases(record.rows, settings)}
         found = {}
@@ -193,7 +192,7 @@ def coordination() -> None:
     item_s = time.perf_counter() - began
     num_items, num_workers = 10_000, 64
     with tempfile.TemporaryDirectory() as folder:
-        out = StudyFolder(Path(folder) / "out", plan.settings, resume=False)
+        out = plan.folder(Path(folder) / "out", resume=False)
         engine = MockWorkers(num_workers=num_workers, item_s=item_s)
         items = {f"val/scene-{n}/m0-s0-c0": n for n in range(num_items)}
         run_items(engine, lambda _: rows, items, on_value=out.store)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from pd_editor.experiments.evaluation.report.tables import ReportTable
+from pd_editor.experiments.report import ReportTable
 from reproduction.measures import (
     MeasuredValue,
     RowTable,

@@ -16,9 +16,7 @@ from pd_editor.experiments.evaluation.evaluation import (
     scenes_of,
     splits_of,
 )
-from pd_editor.experiments.evaluation.report.figures import Figure
-from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
-from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
+from pd_editor.experiments.report import Figure
 from pd_editor.experiments.work_engine import EngineChoice, WorkEngine
 from pd_editor.experiments.work_engine.work_folder import WorkFolder
 from pd_editor.generation.generators import shipped_models
@@ -35,8 +33,7 @@ from reproduction.pictures import PaperPicture, PictureBook
 from reproduction.plans import PaperPlan, Part, paper_plan
 from reproduction.systems import Trained, trained_systems
 
-PAGE_NAME: Final = "paper.html"
-TEXT_NAME: Final = "paper.md"
+NAME: Final = "paper"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,6 +93,10 @@ def evaluate_paper(
     splits = splits_of(base, found)
     rows = _tables(plan, out, splits.headline, base.seed)
     held = [one.folder for one in found.scenes if one.split in splits.headline]
+    pictures = list(_pictures(held, trained, make_generator))
+    figures = tuple(
+        Figure(data=one.png, caption=one.caption, media="png") for one in pictures
+    )
     report = paper_report(
         trained=trained,
         rows=rows,
@@ -103,23 +104,19 @@ def evaluate_paper(
         splits=splits,
         records=records,
         command=command,
+        figures=figures,
         plain=any(one.is_plain for one in base.conditions),
         warped=any(not one.is_plain for one in base.conditions),
     )
-    pictures = list(_pictures(held, trained, make_generator))
-    figures = [
-        Figure(data=one.png, caption=one.caption, media="png") for one in pictures
-    ]
-    text = markdown_of(report)
-    files = [
-        folder.write(PAGE_NAME, html_of(report, figures).encode()),
-        folder.write(TEXT_NAME, text.encode()),
-    ]
+    files = [*report.write(out, NAME)]
     for one in pictures:
         for kind, data in (("png", one.png), ("pdf", one.pdf)):
             files.append(folder.write(f"figures/{one.name}.{kind}", data))
     return PaperEvaluation(
-        folder=out, files=tuple(files), text=text, records=tuple(records)
+        folder=out,
+        files=tuple(files),
+        text=report.markdown(),
+        records=tuple(records),
     )
 
 
@@ -132,7 +129,7 @@ def _check_weights(folder: Path) -> None:
 
 
 def _run(part: Part, out: Path, engine: WorkEngine, *, resume: bool) -> RunRecord:
-    folder = EvaluationFolder(part.folder(out), part.plan.settings, resume=resume)
+    folder = part.plan.folder(part.folder(out), resume=resume)
     found = scenes_of(part.plan.data, part.plan.limit)
     shown = work_shown(f"scenes on roads, {part.name}")
     return run_evaluation(part.plan, found, folder, engine, on_progress=shown)

@@ -3,12 +3,7 @@
 from collections.abc import Sequence
 
 from pd_editor.experiments.evaluation.evaluation import EvaluationSplits, RunRecord
-from pd_editor.experiments.evaluation.report.sections import (
-    FIGURES_TITLE,
-    Report,
-    Section,
-)
-from pd_editor.experiments.evaluation.report.tables import ReportTable
+from pd_editor.experiments.report import Figure, Report, ReportTable, Section
 from reproduction.attention_scores import LEVELS
 from reproduction.claims import claims_table, default_table
 from reproduction.measures import RowTable
@@ -36,6 +31,7 @@ def paper_report(
     splits: EvaluationSplits,
     records: Sequence[RunRecord],
     command: str,
+    figures: tuple[Figure, ...],
     plain: bool,
     warped: bool,
 ) -> Report:
@@ -75,7 +71,7 @@ def paper_report(
                     saw_warps={one.system for one in trained if one.saw_warps},
                 ),
             ),
-            Section(title=FIGURES_TITLE, paragraphs=(_FIGURES,)),
+            Section(title="Results", paragraphs=(_FIGURES,), figures=figures),
             Section(title="Failures", paragraphs=_failures(records)),
         ),
     )

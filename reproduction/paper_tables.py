@@ -7,7 +7,7 @@ from typing import Final
 
 from pd_editor.analysis.metrics.distributions.distribution_distance import histogram_of
 from pd_editor.analysis.metrics.metric_table import Source
-from pd_editor.experiments.evaluation.report.tables import ReportTable
+from pd_editor.experiments.report import ReportTable
 from reproduction.measures import (
     MeasuredValue,
     RowTable,

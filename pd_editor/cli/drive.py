@@ -39,7 +39,6 @@ from pd_editor.experiments.closed_loop.roll_out import (
     route_of,
 )
 from pd_editor.experiments.closed_loop.scores import drive_scores
-from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.work_engine.work_engine import failure_of
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
@@ -124,12 +123,11 @@ def _with_report(outcome: Outcome, options: DriveOptions) -> Outcome:
     outcome = replace(outcome, failures=failures)
     if not outcome.records or not options.policies:
         return outcome
-    out, line = Path(options.out), command_line("drive", options)
+    line = command_line("drive", options)
     reasons = {name: one.reason for name, one in failures.items()}
     report = drive_report(outcome.records, reasons, line, options.seed)
-    write_whole(out / "report.md", markdown_of(report).encode())
-    write_whole(out / "report.html", html_of(report, ()).encode())
-    told = f"{out / 'report.html'} compares the policies."
+    _, page = report.write(Path(options.out))
+    told = f"{page} compares the policies."
     return replace(outcome, remarks=(*outcome.remarks, told))
 
 

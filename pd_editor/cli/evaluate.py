@@ -24,7 +24,6 @@ from pd_editor.cli.options.arguments import (
 )
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.experiments.evaluation.evaluation import (
-    ROWS_NAME,
     EvaluationPlan,
     EvaluationSplits,
     FoundScenes,
@@ -44,16 +43,10 @@ from pd_editor.experiments.evaluation.reference_methods import (
     REFERENCE_METHODS,
 )
 from pd_editor.experiments.evaluation.report.distances import distance_tables
-from pd_editor.experiments.evaluation.report.figures import (
-    PLACING_SHOWN,
-    SHOWN,
-    figures_of,
-)
-from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.evaluation.report.realism import realism_tables
 from pd_editor.experiments.evaluation.report.scene_test import scene_test_tables
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
-from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.experiments.evaluation.summary import Summary, summarise
 from pd_editor.generation.defaults import DeviceName
@@ -211,9 +204,7 @@ def evaluate(options: EvaluateOptions) -> Evaluation:
     )
     choice, found = options.choice, options.found(plan.data, plan.limit)
     with choice.engine() as runner:
-        folder = EvaluationFolder(
-            Path(options.out), plan.settings, resume=options.resume
-        )
+        folder = plan.folder(Path(options.out), resume=options.resume)
         record = run_evaluation(
             plan, found, folder, runner, on_progress=work_shown("scenes on roads")
         )
@@ -224,12 +215,13 @@ def evaluate(options: EvaluateOptions) -> Evaluation:
 def _reported(
     plan: EvaluationPlan,
     splits: EvaluationSplits,
-    folder: EvaluationFolder,
+    folder: RowsFolder,
     record: RunRecord,
     command: str,
 ) -> Evaluation:
     """Summarise the rows and write the reports."""
-    rows, methods = folder.path / ROWS_NAME, plan.settings.methods
+    rows = folder.rows_path
+    methods = tuple(method.name for method in plan.methods)
 
     def summary_of(names: tuple[str, ...]) -> Summary:
         return summarise(rows, methods, plan.conditions, plan.seed, names)
@@ -246,13 +238,7 @@ def _reported(
         realism=realism_tables(rows, methods, splits.headline, plan.seed),
     )
     report = report_of(plan, record, found, command)
-    shown = PLACING_SHOWN if plan.task.samples_states else SHOWN
-    page = html_of(report, figures_of(found.summary, plan.conditions, shown))
-    files = (
-        folder.write("report.md", markdown_of(report).encode()),
-        folder.write("report.html", page.encode()),
-        rows,
-    )
+    files = (*report.write(folder.path), rows)
     _check_something_left(found, record, files[0])
     return Evaluation(
         folder=folder.path, files=files, summary=found.summary, record=record

@@ -20,12 +20,10 @@ from pd_editor.experiments.evaluation.road_condition import (
     DEFAULT_ANCHOR,
     road_conditions,
 )
-from pd_editor.experiments.studies.study_folder import StudyFolder
 from pd_editor.experiments.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
     grid_conditions,
-    study_command,
 )
 from pd_editor.experiments.studies.variant_rows import STUDY_METRICS
 from pd_editor.experiments.studies.whole_study import (
@@ -110,7 +108,7 @@ class StudyOptions(TrialOptions):
 @taking(StudyOptions)
 def study(options: StudyOptions) -> Study:
     """Study how methods fare on perturbed roads: kinds, powers, anchors, seeds, scenes."""
-    metric, out = options.metric, Path(options.out)
+    metric = options.metric
     if metric not in STUDY_METRICS:
         raise InputError(
             f"--metric: {metric[:60]!r} is not known; expected one of "
@@ -132,9 +130,8 @@ def study(options: StudyOptions) -> Study:
             plan,
             extras,
             found,
-            StudyFolder(out, plan.settings, resume=options.resume),
+            plan.folder(Path(options.out), resume=options.resume),
             runner,
-            study_command(plan, out),
             progress_of=work_shown,
         )
     study.check_results()

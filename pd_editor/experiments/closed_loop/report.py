@@ -10,11 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.experiments.closed_loop.scores import DriveScores, nuplan_scores
-from pd_editor.experiments.evaluation.report.sections import Report, Section
-from pd_editor.experiments.evaluation.report.tables import ReportTable, cell
 from pd_editor.experiments.evaluation.scene_bootstrap import (
     mean_over_scenes,
     scene_weights,
+)
+from pd_editor.experiments.report import (
+    Report,
+    ReportTable,
+    Section,
+    command_section,
+    table_of_first,
 )
 
 _SHOWN: Final = (
@@ -114,7 +119,7 @@ def drive_report(
                 policy,
                 str(there["score"][row].sum()),
                 str(num_failed[policy]),
-                *(cell(means[name], (row,), unit) for name, _, unit in _SHOWN),
+                *(means[name].cell((row,), unit) for name, _, unit in _SHOWN),
             )
             for row, policy in enumerate(policies)
         ),
@@ -128,8 +133,16 @@ def drive_report(
         sections=(
             Section(title="By policy", tables=(table,)),
             Section(title="Every drive", tables=(_gallery(drives, values),)),
-            Section(title="What failed", tables=_failures(failures)),
-            Section(title="How to repeat it", paragraphs=(f"`{command}`",)),
+            Section(
+                title="What failed",
+                tables=table_of_first(
+                    "Scenes and drives without a score",
+                    ("scene", "why"),
+                    tuple(failures.items()),
+                    most=len(failures),
+                ),
+            ),
+            command_section(command),
         ),
     )
 
@@ -156,16 +169,4 @@ def _gallery(
         header=("policy", "scene", "score, %", "how it drove", "open"),
         rows=tuple(row for _, row in rows),
         note="Paths are from the folder of this report.",
-    )
-
-
-def _failures(failures: Mapping[str, str]) -> tuple[ReportTable, ...]:
-    if not failures:
-        return ()
-    return (
-        ReportTable(
-            title="Scenes and drives without a score",
-            header=("scene", "why"),
-            rows=tuple(failures.items()),
-        ),
     )

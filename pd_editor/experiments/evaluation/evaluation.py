@@ -4,73 +4,51 @@ import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
-from typing import Final
-
-import pyarrow.parquet as pq
+from typing import Any, Final
 
 from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import data_root
-from pd_editor.base.regular_file import unwritable
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
-from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.results_folder import (
-    EvaluationFolder,
-    RunSettings,
-)
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.scene_rows import (
     ROW_SCHEMA,
     SceneItem,
     evaluate_scene,
 )
-from pd_editor.experiments.work_engine import WorkEngine, run_items
-from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.experiments.evaluation.trial import TrialPlan
+from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
 from pd_editor.scene.base_reference import MapWindow, SceneCut, part_name
 from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
-from pd_editor.scene.time_cut import COMPARED
 
 ROWS_NAME: Final = "rows.parquet"
 _LOG: Final = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluationPlan:
+class EvaluationPlan(TrialPlan):
     """Specification of an evaluation: data, methods, road conditions, task."""
 
-    data: tuple[Path, ...]
-    """Roots of datasets; folders below them are searched."""
-    methods: tuple[Method, ...]
-    conditions: tuple[RoadCondition, ...]
-    num_samples: int
     seed: int
-    limit: int | None = None
-    """Limit of scenes, the first ones by their folders' names."""
     task: EvaluationTask = DRIVING
     development: tuple[str, ...] = ("train",)
     """Splits on which settings were chosen; headlines use the other splits only."""
-    limit_s: float | None = None
-    """Time that a method may take for a scene; a method that takes longer fails there."""
-    cut: SceneCut = COMPARED
-    """What is used of each recording."""
-    map_parts: tuple[str, ...] = ()
-    """Which parts of maps the scenes are, in words of the shell."""
 
     @property
-    def settings(self) -> RunSettings:
+    def settings(self) -> dict[str, Any]:
         """Settings that finished scenes depend on."""
-        return RunSettings(
-            version=version("pd-editor"),
-            data=tuple(os.path.realpath(root) for root in self.data),
-            methods=tuple(method.name for method in self.methods),
-            samples=self.num_samples,
-            seed=self.seed,
-            states=self.task.states,
-            agents=self.task.agents,
-            current_s=self.cut.current_s,
-            map_parts=self.map_parts,
-        )
+        task = {"states": self.task.states, "agents": self.task.agents}
+        return {**super().settings, "seed": self.seed, **task}
+
+    def folder(self, path: Path, *, resume: bool) -> RowsFolder:
+        """A new folder for the results, or that of an earlier run.
+
+        Raises:
+            ExportError: the folder cannot be written, or holds something else.
+            InputError: the folder belongs to an evaluation with other settings.
+        """
+        rows = ROWS_NAME, ROW_SCHEMA
+        return RowsFolder(path, self.settings, rows, work="evaluation", resume=resume)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +186,7 @@ def items_of(plan: EvaluationPlan, scenes: Sequence[Scene]) -> dict[str, SceneIt
 def run_evaluation(
     plan: EvaluationPlan,
     found: FoundScenes,
-    folder: EvaluationFolder,
+    folder: RowsFolder,
     engine: WorkEngine,
     *,
     on_progress: Callable[[WorkProgress], None] | None = None,
@@ -219,60 +197,35 @@ def run_evaluation(
         ExportError: the folder cannot be written.
     """
     items = items_of(plan, found.scenes)
-    done = folder.finished(items)
-    failures = run_items(
-        engine,
-        evaluate_scene,
-        items,
-        on_value=folder.store,
-        on_progress=on_progress,
-        done=done,
-    )
-    broken = {key: failure.reason for key, failure in failures.items()}
-    return _collected(folder, items, broken, found.num_skipped, len(done))
-
-
-def _collected(
-    folder: EvaluationFolder,
-    items: Mapping[str, SceneItem],
-    broken: Mapping[str, str],
-    num_skipped: int,
-    num_resumed: int,
-) -> RunRecord:
-    """Write the rows of all items in order, and collect the record of the run."""
+    run = folder.run(evaluate_scene, items, engine, on_progress=on_progress)
     failures: list[Failure] = []
-    without_future: dict[str, None] = {}
-    hashes: dict[str, str] = {}
-    target = folder.path / ROWS_NAME
-    try:
-        with pq.ParquetWriter(target, ROW_SCHEMA) as writer:
-            for key, item in items.items():
-                scene, road = item.scene_name, item.condition.label
-                rows = None if key in broken else folder.load(key)
-                if rows is None:
-                    reason = broken.get(key, "Its finished file cannot be read.")
-                    failures.append(
-                        Failure(scene=scene, condition=road, method="", reason=reason)
-                    )
-                    continue
-                if not rows.has_future:
-                    without_future[scene] = None
-                failures += [
-                    Failure(scene=scene, condition=road, method=name, reason=reason)
-                    for name, reason in rows.failures.items()
-                ]
-                hashes |= {
-                    name: text for name, text in rows.model_sha256.items() if text
-                }
-                writer.write_table(rows.table)
-    except OSError as error:
-        raise unwritable(target, error) from error
+    for key, item in items.items():
+        reasons = (
+            {"": run.failures[key]}
+            if key in run.failures
+            else run.finished[key].failures
+        )
+        failures += [
+            Failure(
+                scene=item.place.name,
+                condition=item.condition.label,
+                method=method,
+                reason=reason,
+            )
+            for method, reason in reasons.items()
+        ]
+    without_future = [
+        items[key].place.name
+        for key, rows in run.finished.items()
+        if not rows.has_future
+    ]
+    hashes = [one.model_sha256.items() for one in run.finished.values()]
     return RunRecord(
-        num_scenes=len({(item.folder, item.cut) for item in items.values()}),
-        num_skipped_folders=num_skipped,
-        without_future=tuple(without_future),
+        num_scenes=len({item.place for item in items.values()}),
+        num_skipped_folders=found.num_skipped,
+        without_future=tuple(dict.fromkeys(without_future)),
         failures=tuple(failures),
-        model_sha256=hashes,
-        num_resumed=num_resumed,
+        model_sha256={name: text for own in hashes for name, text in own if text},
+        num_resumed=run.num_resumed,
         num_items=len(items),
     )

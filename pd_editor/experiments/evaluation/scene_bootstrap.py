@@ -6,6 +6,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.experiments.report import NONE
+
 NUM_RESAMPLES: Final = 1000
 COVERAGE: Final = 0.95
 
@@ -17,6 +19,25 @@ class Estimate:
     value: Float[np.ndarray, "*cells"]
     low: Float[np.ndarray, "*cells"]
     high: Float[np.ndarray, "*cells"]
+
+    def cell(
+        self,
+        at: tuple[int, ...],
+        unit: str,
+        *,
+        signed: bool = False,
+        with_interval: bool = True,
+    ) -> str:
+        """Text of a mean with its interval; shares in per cent."""
+        scale = 100.0 if unit == "share" else 1.0
+        numbers = [scale * float(one[at]) for one in (self.value, self.low, self.high)]
+        if np.isnan(numbers[0]):
+            return NONE
+        digits = 1 if unit == "share" else 2
+        texts = [f"{number:{'+' if signed else ''}.{digits}f}" for number in numbers]
+        if not with_interval or np.isnan(numbers[1]):
+            return texts[0]
+        return f"{texts[0]} [{texts[1]}, {texts[2]}]"
 
 
 def scene_weights(num_scenes: int, seed: int) -> Float[np.ndarray, "R N"]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -14,18 +14,15 @@ from pd_editor.analysis.metrics.road.off_lane import OFF_LANE_M, nearest_edge
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
-from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
-from pd_editor.experiments.work_engine.time_limit import time_limit
+from pd_editor.experiments.evaluation.trial import TrialItem, tried
 from pd_editor.scene.agent_kind import GROUP_KINDS
 from pd_editor.scene.agent_states import AgentStates
-from pd_editor.scene.base_reference import SceneCut, part_name
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.thresholds import STANDING_MPS
-from pd_editor.scene.time_cut import COMPARED
 
 LISTS: Final = ("local_density", "surroundings")
 """Metrics with several values for each agent."""
@@ -70,26 +67,12 @@ ROW_SCHEMA: Final = pa.schema(
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneItem:
+class SceneItem(TrialItem):
     """Work item: one scene under one road condition, for all methods."""
 
-    folder: Path
-    split: str
-    """Name of the scene's split."""
     condition: RoadCondition
     methods: tuple[Method, ...]
-    num_samples: int
-    seed: int
     task: EvaluationTask = DRIVING
-    limit_s: float | None = None
-    """Time that each method may take; None: as long as it takes."""
-    cut: SceneCut = COMPARED
-    """What is used of the recording."""
-
-    @property
-    def scene_name(self) -> str:
-        """Name that is unique within the split, which ids need not be."""
-        return part_name(self.folder.name, self.cut.window)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +82,7 @@ class SceneRows:
     table: pa.Table
     """One row per method, sample and agent; null where a metric is not valid."""
     failures: Mapping[str, str] = field(default_factory=dict)
-    """Reason of each method without rows."""
+    """Reason of each method, or variant, without values."""
     has_future: bool = True
     model_sha256: Mapping[str, str] = field(default_factory=dict)
 
@@ -127,13 +110,9 @@ def evaluate_scene(item: SceneItem) -> SceneRows:
         log = _columns_of(recorded_traffic(request.scenario, request.agent_ids))
     tables, failures, hashes = [ROW_SCHEMA.empty_table()], {}, {}
     for method in item.methods:
-        try:
-            with time_limit(item.limit_s):
-                traffic = method.traffic(request)
-        except PdEditorError as error:
-            failures[method.name] = str(error)
-        except Exception as error:  # noqa: BLE001  (generators may raise any error)
-            failures[method.name] = f"{type(error).__name__}: {error}"
+        traffic = tried(partial(method.traffic, request), item.limit_s)
+        if isinstance(traffic, str):
+            failures[method.name] = traffic
         else:
             tables += _method_tables(item, request, log, method, traffic)
             hashes[method.name] = traffic.model_sha256
@@ -192,7 +171,8 @@ def _method_tables(
         values.append((None, log, sample_values(views)))
     agents = views[0].agents
     fixed = {
-        "scenario_id": item.scene_name,
+        # Unique within the split, which ids need not be.
+        "scenario_id": item.place.name,
         "city": request.scenario.city,
         "split": item.split,
         "method": method.name,

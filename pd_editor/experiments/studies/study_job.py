@@ -3,7 +3,6 @@
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import pyarrow as pa
@@ -11,57 +10,17 @@ import pyarrow as pa
 from pd_editor.base.errors import ExportError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
-from pd_editor.experiments.studies.study_folder import StudyFolder
-from pd_editor.experiments.studies.study_plan import StudyPlan, study_command
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
+from pd_editor.experiments.studies.study_plan import StudyPlan
 from pd_editor.experiments.studies.variant_rows import VARIANT_SCHEMA
 from pd_editor.experiments.studies.whole_study import (
     Study,
     StudyExtras,
     run_whole_study,
 )
-from pd_editor.experiments.work_engine import WorkEngine
-from pd_editor.experiments.work_engine.work_engine import (
-    WorkProgress,
-    minutes_left,
-    rate_in_words,
-)
+from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
 
 _logger: Final = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyProgress:
-    """How far a study is."""
-
-    noun: str
-    """What is being worked on, such as "work items"."""
-    num_done: int
-    num_items: int
-    num_failed: int
-    elapsed_s: float
-    """Since the work on these items began."""
-
-    @property
-    def fraction(self) -> float:
-        """Share of the items that are done."""
-        return self.num_done / max(self.num_items, 1)
-
-    def in_words(self, variants_per_item: float = 0.0) -> str:
-        """Number of finished items, rate and time left.
-
-        ``variants_per_item`` makes it a rate of variants instead of items.
-        """
-        words = f"{self.num_done} of {self.num_items} {self.noun}"
-        if self.num_failed:
-            words += f", {self.num_failed} failed"
-        if not 0 < self.num_done < self.num_items or self.elapsed_s <= 0:
-            return words
-        items_per_s = self.num_done / self.elapsed_s
-        rate = rate_in_words(items_per_s)
-        if variants_per_item:
-            rate = rate_in_words(items_per_s * variants_per_item, "variants")
-        left_s = (self.num_items - self.num_done) / items_per_s
-        return f"{words}, {rate}, {minutes_left(left_s)}"
 
 
 class StudyJob(BackgroundJob[Study]):
@@ -76,21 +35,24 @@ class StudyJob(BackgroundJob[Study]):
         plan: StudyPlan,
         extras: StudyExtras,
         found: FoundScenes,
-        folder: StudyFolder,
+        folder: RowsFolder,
         engine: WorkEngine,
         *,
-        on_progress: Callable[[StudyProgress], None],
+        on_progress: Callable[[str, WorkProgress, float], None],
         on_done: Callable[[Study], None],
         on_error: Callable[[PdEditorError], None],
     ) -> None:
-        """Prepare the run; ``start`` starts it."""
+        """Prepare the run; ``start`` starts it.
+
+        ``on_progress`` is called with what is worked on, such as "work items", how far
+        that is, and the seconds since it began.
+        """
         self._run_study = lambda: run_whole_study(
             plan,
             extras,
             found,
             folder,
             engine,
-            study_command(plan, folder.path),
             progress_of=self._progress_of,
             on_rows=self._keep,
         )
@@ -112,15 +74,7 @@ class StudyJob(BackgroundJob[Study]):
             if progress == told:
                 return
             told = progress
-            self._on_progress(
-                StudyProgress(
-                    noun=noun,
-                    num_done=progress.num_done,
-                    num_items=progress.num_items,
-                    num_failed=progress.num_failed,
-                    elapsed_s=time.monotonic() - began,
-                )
-            )
+            self._on_progress(noun, progress, time.monotonic() - began)
 
         return tell
 

@@ -1,28 +1,29 @@
 """Plan of a perturbation study: scenes, methods, road conditions and seeds."""
 
-import os
 import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.evaluation.evaluation import Scene
-from pd_editor.experiments.evaluation.method import Method
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import (
     ANCHORS,
     DEFAULT_ANCHOR,
     RoadCondition,
 )
-from pd_editor.experiments.studies.variant_rows import StudyItem
-from pd_editor.scene.base_reference import SceneCut
+from pd_editor.experiments.evaluation.trial import TrialPlan
+from pd_editor.experiments.studies.variant_rows import (
+    VARIANT_SCHEMA,
+    VARIANTS_NAME,
+    StudyItem,
+)
 from pd_editor.scene.generation import MAX_SEED
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind
-from pd_editor.scene.time_cut import COMPARED
 
 GRID_POWERS: Final = tuple(float(p) for p in (*range(-9, 0), *range(1, 10)))
 """The 18 powers of Scene-Attack's grid."""
@@ -31,41 +32,12 @@ CONDITIONS_PER_ITEM: Final = 18
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudySettings:
-    """Settings that must be equal for finished items to be reused."""
-
-    version: str
-    data: tuple[str, ...]
-    methods: tuple[str, ...]
-    conditions: tuple[str, ...]
-    seeds: tuple[int, ...]
-    samples: int
-    friction: float | None
-    limit: int | None
-    current_s: float | None = None
-    map_parts: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyPlan:
+class StudyPlan(TrialPlan):
     """Specification of a study."""
 
-    data: tuple[Path, ...]
-    """Roots of datasets; folders below them are searched."""
-    methods: tuple[Method, ...]
-    conditions: tuple[RoadCondition, ...]
     seeds: tuple[int, ...] = (0,)
-    num_samples: int = 1
     friction_coefficient: float | None = DRY_ROAD_FRICTION
     """Agents are slowed to the speed that it allows on the warped road; None: not."""
-    limit: int | None = None
-    """Limit of scenes, the first ones by their folders' names."""
-    limit_s: float | None = None
-    """Time that a method may take for one variant; one that takes longer fails there."""
-    cut: SceneCut = COMPARED
-    """What is used of each recording."""
-    map_parts: tuple[str, ...] = ()
-    """Which parts of maps the scenes are, in words of the shell."""
 
     def __post_init__(self) -> None:
         if not self.methods or not self.seeds or not self.conditions:
@@ -77,20 +49,25 @@ class StudyPlan:
                 raise InputError(f"The seed is {seed}; expected 0 to {MAX_SEED}.")
 
     @property
-    def settings(self) -> StudySettings:
+    def settings(self) -> dict[str, Any]:
         """Settings that finished items depend on."""
-        return StudySettings(
-            version=version("pd-editor"),
-            data=tuple(os.path.realpath(root) for root in self.data),
-            methods=tuple(method.name for method in self.methods),
-            conditions=tuple(one.label for one in self.conditions),
-            seeds=self.seeds,
-            samples=self.num_samples,
-            friction=self.friction_coefficient,
-            limit=self.limit,
-            current_s=self.cut.current_s,
-            map_parts=self.map_parts,
-        )
+        return {
+            **super().settings,
+            "conditions": [one.label for one in self.conditions],
+            "seeds": self.seeds,
+            "friction": self.friction_coefficient,
+            "limit": self.limit,
+        }
+
+    def folder(self, path: Path, *, resume: bool) -> RowsFolder:
+        """A new folder for the results, or that of an earlier run.
+
+        Raises:
+            ExportError: the folder cannot be written, or holds something else.
+            InputError: the folder belongs to a study with other settings.
+        """
+        rows = VARIANTS_NAME, VARIANT_SCHEMA
+        return RowsFolder(path, self.settings, rows, work="study", resume=resume)
 
     def num_variants(self, num_scenes: int) -> int:
         """Number of scenario variants: scenes, methods, conditions and seeds."""

@@ -1,29 +1,26 @@
 """Report of a study: severity curves, tables, worst cases and their gallery."""
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from pd_editor.base.errors import PdEditorError
-from pd_editor.experiments.evaluation.report.figures import COLORS, FIGURE_STYLE, Figure
-from pd_editor.experiments.evaluation.report.sections import (
-    FIGURES_TITLE,
+from pd_editor.experiments.evaluation.report.figures import COLORS, Panels
+from pd_editor.experiments.evaluation.report.tables import named, unit_of
+from pd_editor.experiments.report import (
+    Figure,
     Report,
-    Section,
-)
-from pd_editor.experiments.evaluation.report.tables import (
     ReportTable,
-    cell,
-    named,
-    unit_of,
+    Section,
+    command_section,
+    table_of_first,
 )
 from pd_editor.experiments.studies.avoidable_danger import AvoidableDanger
 from pd_editor.experiments.studies.gallery import GalleryEntry
 from pd_editor.experiments.studies.severity import SeverityCurve, road_title
-from pd_editor.experiments.studies.study_folder import StudyRecord
 from pd_editor.experiments.studies.study_plan import StudyPlan
+from pd_editor.experiments.studies.variant_rows import StudyRecord
 from pd_editor.experiments.studies.worst_case import SearchSettings, WorstCase
 
 SHOWN: Final = (
@@ -34,8 +31,6 @@ SHOWN: Final = (
     ("min_ade", "minADE, m"),
 )
 """Metrics of the severity curves."""
-_LISTED: Final = 30
-"""Number of failed variants listed; further ones are counted."""
 _TICKS: Final = (-9, -6, -3, 0, 3, 6, 9)
 
 
@@ -68,15 +63,19 @@ def study_report(
                 title="What was done",
                 paragraphs=_words(plan, record, findings, num_scenes),
             ),
-            Section(title=FIGURES_TITLE, paragraphs=("Severity curves.",)),
+            Section(
+                title="Results",
+                paragraphs=("Severity curves.",),
+                figures=severity_figures(findings.curves),
+            ),
             Section(
                 title="By power",
                 tables=tuple(_curve_table(curve) for curve in findings.curves),
             ),
             *_worst_sections(findings),
             Section(title="Dangerous but avoidable", tables=tuple(_dangers(findings))),
-            Section(title="What failed", tables=tuple(_failures(record, findings))),
-            Section(title="How to repeat it", paragraphs=(f"`{command}`",)),
+            Section(title="What failed", tables=_failures(record, findings)),
+            command_section(command),
         ),
     )
 
@@ -108,50 +107,39 @@ def _severity_svg(
     name: str,
     title: str,
 ) -> bytes:
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure as Canvas
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     methods = list(dict.fromkeys(one.method for one in curves))
     scale = 100.0 if unit_of(name) == "share" else 1.0
-    with rc_context(FIGURE_STYLE):
-        canvas = Canvas(
-            (3.8 * len(families) + 1.8, 2.6), layout=ConstrainedLayoutEngine()
-        )
-        panels = canvas.subplots(1, len(families), sharey=True, squeeze=False)[0]
-        for axes, (kind, anchor) in zip(panels, families, strict=True):
-            for curve in curves:
-                if (curve.kind, curve.anchor) != (kind, anchor):
-                    continue
-                color = COLORS[methods.index(curve.method) % len(COLORS)]
-                found = curve.estimates[name]
-                axes.plot(
-                    curve.power,
-                    scale * found.value,
-                    marker=".",
-                    color=color,
-                    label=curve.method,
-                )
-                axes.fill_between(
-                    curve.power,
-                    scale * found.low,
-                    scale * found.high,
-                    color=color,
-                    alpha=0.15,
-                    linewidth=0,
-                )
-            axes.set_title(road_title(kind, anchor), loc="left", weight="bold")
-            axes.set_xlabel("power")
-            axes.set_xticks(_TICKS)
-            axes.grid(color="#eeeeee")
-        # Last, since the limits that the curves need end here.
-        panels[0].set_ylim(bottom=0)
-        panels[0].set_ylabel(title)
-        lines, names = panels[0].get_legend_handles_labels()
-        canvas.legend(lines, names, loc="outside right upper", frameon=False)
-        sink = io.BytesIO()
-        canvas.savefig(sink, format="svg", metadata={"Date": None})
-    return sink.getvalue()
+    panels = Panels(len(families), 2.6, columns=len(families), shares_y=True)
+    for axes, (kind, anchor) in zip(panels.axes, families, strict=True):
+        for curve in curves:
+            if (curve.kind, curve.anchor) != (kind, anchor):
+                continue
+            color = COLORS[methods.index(curve.method) % len(COLORS)]
+            found = curve.estimates[name]
+            axes.plot(
+                curve.power,
+                scale * found.value,
+                marker=".",
+                color=color,
+                label=curve.method,
+            )
+            axes.fill_between(
+                curve.power,
+                scale * found.low,
+                scale * found.high,
+                color=color,
+                alpha=0.15,
+                linewidth=0,
+            )
+        axes.set_title(road_title(kind, anchor), loc="left", weight="bold")
+        axes.set_xlabel("power")
+        axes.set_xticks(_TICKS)
+        axes.grid(color="#eeeeee")
+    # Last, since the limits that the curves need end here.
+    panels.axes[0].set_ylim(bottom=0)
+    panels.axes[0].set_ylabel(title)
+    panels.legend()
+    return panels.svg()
 
 
 def _words(
@@ -190,7 +178,7 @@ def _curve_table(curve: SeverityCurve) -> ReportTable:
                 f"{power:g}",
                 str(curve.num_scenes[index]),
                 *(
-                    cell(curve.estimates[name], (index,), unit_of(name))
+                    curve.estimates[name].cell((index,), unit_of(name))
                     for name, _ in SHOWN
                 ),
             )
@@ -303,7 +291,7 @@ def _dangers(findings: StudyFindings) -> list[ReportTable]:
     ]
 
 
-def _failures(record: StudyRecord, findings: StudyFindings) -> list[ReportTable]:
+def _failures(record: StudyRecord, findings: StudyFindings) -> tuple[ReportTable, ...]:
     left_out = {**record.failures, **findings.failures}
     rows = [("-", key, str(reason)) for key, reason in left_out.items()]
     failed = record.rows.select(
@@ -313,14 +301,4 @@ def _failures(record: StudyRecord, findings: StudyFindings) -> list[ReportTable]
         if one["failure"] and one["agents"] == "focal":
             where = f"{one['scenario_id']}, {one['condition']}"
             rows.append((one["method"], where, one["failure"]))
-    if not rows:
-        return []
-    left = len(rows) - _LISTED
-    return [
-        ReportTable(
-            title="Failed variants",
-            header=("method", "where", "why"),
-            rows=tuple(rows[:_LISTED]),
-            note=f"And {left} more." if left > 0 else "",
-        )
-    ]
+    return table_of_first("Failed variants", ("method", "where", "why"), rows)

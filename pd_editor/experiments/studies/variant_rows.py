@@ -1,6 +1,6 @@
 """Rows of a study: a scenario under a road condition, as one method drives it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 from jaxtyping import Bool
 
 from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
@@ -17,18 +18,19 @@ from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
 from pd_editor.analysis.metrics.road.off_lane import off_lane
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
-from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING
 from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
-from pd_editor.experiments.evaluation.scene_rows import is_on_its_way
-from pd_editor.experiments.work_engine.time_limit import time_limit
-from pd_editor.scene.base_reference import SceneCut, part_name
+from pd_editor.experiments.evaluation.scene_rows import SceneRows, is_on_its_way
+from pd_editor.experiments.evaluation.trial import TrialItem, tried
+from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
+from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_cut import COMPARED
 
+VARIANTS_NAME: Final = "variants.parquet"
 STUDY_METRICS: Final = (
     "off_drivable_steps",
     "off_drivable",
@@ -75,25 +77,12 @@ _MAX_REASON_CHARACTERS: Final = 300
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyItem:
+class StudyItem(TrialItem):
     """Work item: one scene, one method and one seed under several road conditions."""
 
-    folder: Path
-    split: str
     method: Method
     conditions: tuple[RoadCondition, ...]
-    seed: int
-    num_samples: int
     friction_coefficient: float | None
-    limit_s: float | None = None
-    """Time that the method may take for one condition; None: as long as it takes."""
-    cut: SceneCut = COMPARED
-    """What is used of the recording."""
-
-    @property
-    def place(self) -> Path:
-        """Its folder, with a name that tells which part of its map is used."""
-        return self.folder.with_name(part_name(self.folder.name, self.cut.window))
 
     def request(
         self, recorded: Scenario, condition: RoadCondition
@@ -112,17 +101,61 @@ class StudyItem:
         )
 
 
-def study_scene(item: StudyItem) -> pa.Table:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StudyRecord:
+    """Record of a run."""
+
+    rows: pa.Table
+    """Rows of all variants, in the order of the items."""
+    failures: Mapping[str, str]
+    """Reasons of items without rows, by key."""
+    num_resumed: int
+    """Number of items that an earlier run had finished."""
+
+    @property
+    def num_failed_variants(self) -> int:
+        """Number of variants without values."""
+        failed = len(self.rows) - self.rows["failure"].null_count
+        return failed // len(STUDY_AGENTS)
+
+
+def run_study(
+    items: Mapping[str, StudyItem],
+    folder: RowsFolder,
+    engine: WorkEngine,
+    *,
+    on_progress: Callable[[WorkProgress], None] | None = None,
+    on_rows: Callable[[pa.Table], None] = lambda _: None,
+) -> StudyRecord:
+    """Run the unfinished items, and write ``variants.parquet`` of all items.
+
+    ``on_rows`` is called with the rows of each item that this run finishes.
+
+    Raises:
+        ExportError: the folder cannot be written.
+    """
+    run = folder.run(
+        study_scene, items, engine, on_progress=on_progress, on_rows=on_rows
+    )
+    rows = pq.read_table(folder.rows_path)
+    return StudyRecord(rows=rows, failures=run.failures, num_resumed=run.num_resumed)
+
+
+def study_scene(item: StudyItem) -> SceneRows:
     """Rows of all conditions of an item.
 
     Raises:
         InputError: the scenario cannot be read.
     """
-    recorded = recorded_scenario(item.folder, item.cut)
-    rows = []
+    recorded, rows = recorded_scenario(item.folder, item.cut), []
+    failures: dict[str, str] = {}
     for condition in item.conditions:
-        rows += _rows(item, recorded, condition, variant_of(item, recorded, condition))
-    return pa.Table.from_pylist(rows, VARIANT_SCHEMA)
+        variant = variant_of(item, recorded, condition)
+        rows += _rows(item, recorded, condition, variant)
+        if variant.failure is not None:
+            failures[condition.label] = variant.failure
+    table = pa.Table.from_pylist(rows, VARIANT_SCHEMA)
+    return SceneRows(table=table, failures=failures)
 
 
 @lru_cache(maxsize=2)
@@ -159,14 +192,15 @@ def variant_of(
     item: StudyItem, recorded: Scenario, condition: RoadCondition
 ) -> DrivenVariant:
     """Run the item's method under a road condition; a method that fails has no values."""
-    try:
-        with time_limit(item.limit_s):
-            request = item.request(recorded, condition)
-            traffic = item.method.traffic(request)
-    except PdEditorError as error:
-        return _failed(str(error))
-    except Exception as error:  # noqa: BLE001  (methods may raise any error)
-        return _failed(f"{type(error).__name__}: {error}")
+
+    def drive() -> tuple[GenerationRequest, EvaluatedTraffic]:
+        request = item.request(recorded, condition)
+        return request, item.method.traffic(request)
+
+    driven = tried(drive, item.limit_s)
+    if isinstance(driven, str):
+        return _failed(driven)
+    request, traffic = driven
     return DrivenVariant(
         sums=_metric_sums(request, traffic), model_sha256=traffic.model_sha256
     )

@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
-from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.studies.avoidable_danger import (
     AvoidableDanger,
     dangers_of_part,
@@ -22,19 +22,17 @@ from pd_editor.experiments.studies.gallery import (
     worst_of_scenes,
 )
 from pd_editor.experiments.studies.severity import severity_curves
-from pd_editor.experiments.studies.study_folder import (
-    VARIANTS_NAME,
-    StudyFolder,
+from pd_editor.experiments.studies.study_plan import (
+    StudyPlan,
+    study_command,
+    study_items,
+)
+from pd_editor.experiments.studies.study_report import StudyFindings, study_report
+from pd_editor.experiments.studies.variant_rows import (
+    StudyItem,
     StudyRecord,
     run_study,
 )
-from pd_editor.experiments.studies.study_plan import StudyPlan, study_items
-from pd_editor.experiments.studies.study_report import (
-    StudyFindings,
-    severity_figures,
-    study_report,
-)
-from pd_editor.experiments.studies.variant_rows import StudyItem
 from pd_editor.experiments.studies.worst_case import (
     SearchItem,
     SearchSettings,
@@ -46,7 +44,6 @@ from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.work_engine import WorkFailure, WorkProgress
 from pd_editor.scene.base_reference import SceneCut
 
-REPORT_PAGE: Final = "report.html"
 WORK_ITEMS: Final = "work items"
 """What the variants of a study are worked on in."""
 ProgressOf = Callable[[str], Callable[[WorkProgress], None]]
@@ -123,9 +120,8 @@ def run_whole_study(
     plan: StudyPlan,
     extras: StudyExtras,
     found: FoundScenes,
-    folder: StudyFolder,
+    folder: RowsFolder,
     engine: WorkEngine,
-    command: str,
     *,
     progress_of: ProgressOf,
     on_rows: Callable[[pa.Table], None] = lambda _: None,
@@ -160,13 +156,9 @@ def run_whole_study(
         dangers=dangers,
         failures={**failures, **unwritten, **missed},
     )
+    command = study_command(plan, folder.path)
     report = study_report(plan, record, findings, len(found.scenes), command)
-    page = html_of(report, severity_figures(findings.curves))
-    files = (
-        folder.write("report.md", markdown_of(report).encode()),
-        folder.write(REPORT_PAGE, page.encode()),
-        folder.path / VARIANTS_NAME,
-    )
+    files = (*report.write(folder.path), folder.rows_path)
     return Study(
         folder=folder.path,
         files=files,
@@ -213,7 +205,7 @@ def _told(what: str, failures: Mapping[str, WorkFailure]) -> dict[str, PdEditorE
 def _dangers(
     found: FoundScenes,
     times: SceneCut,
-    folder: StudyFolder,
+    folder: RowsFolder,
     engine: WorkEngine,
     count: int,
     progress_of: ProgressOf,

@@ -69,6 +69,11 @@ class WorkProgress:
     num_failed: int
     num_items: int
 
+    @property
+    def fraction(self) -> float:
+        """Share of the items that are done."""
+        return self.num_done / max(self.num_items, 1)
+
 
 def rate_in_words(per_s: float, noun: str = "") -> str:
     """Rate of work, as in "2.5 a second" or "12 variants a minute"."""
@@ -84,14 +89,20 @@ def minutes_left(left_s: float) -> str:
     return f"{left // 60}:{left % 60:02d} left"
 
 
-def progress_line(progress: WorkProgress, elapsed_s: float, noun: str) -> str:
-    """Describe the progress of a run and its remaining time."""
+def progress_line(
+    progress: WorkProgress, elapsed_s: float, noun: str, variants_per_item: float = 0.0
+) -> str:
+    """Describe the progress of a run and its remaining time.
+
+    ``variants_per_item`` makes its rate one of variants instead of items.
+    """
     done, num = progress.num_done, progress.num_items
     words = f"{done} of {num} {noun}"
     if progress.num_failed:
         words += f", {progress.num_failed} failed"
     if done > 0 and elapsed_s > 0:
-        words += f", {rate_in_words(done / elapsed_s)}"
+        per_s, counted = done / elapsed_s, "variants" if variants_per_item else ""
+        words += f", {rate_in_words(per_s * (variants_per_item or 1), counted)}"
         if done < num:
             words += f", {minutes_left(elapsed_s / done * (num - done))}"
     return words

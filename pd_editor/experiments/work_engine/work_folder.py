@@ -2,16 +2,13 @@
 
 import json
 import os
-from dataclasses import asdict
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from pd_editor.base.errors import ExportError, FolderInUseError, InputError
 from pd_editor.base.regular_file import unwritable, write_whole
 from pd_editor.experiments.work_engine.local_processes import end_unguarded_worker
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 SETTINGS_NAME: Final = "settings.json"
 FINISHED_NAME: Final = "finished"
@@ -63,7 +60,7 @@ class ResumableFolder(WorkFolder):
     """Finished parts on disk with their settings; the run can be resumed."""
 
     def __init__(
-        self, path: Path, settings: "DataclassInstance", *, work: str, resume: bool
+        self, path: Path, settings: Mapping[str, Any], *, work: str, resume: bool
     ) -> None:
         """Create the folder, or resume the one of an earlier run with equal settings.
 
@@ -74,7 +71,7 @@ class ResumableFolder(WorkFolder):
             InputError: the folder belongs to a run with other settings.
         """
         super().__init__(path)
-        wanted = json.loads(json.dumps(asdict(settings)))
+        wanted = json.loads(json.dumps(settings))
         if not resume:
             self.check_free()
         elif self._holds_files():

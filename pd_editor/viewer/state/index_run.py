@@ -91,7 +91,7 @@ class IndexRun:
             self.index, self.num_missing = index, writer.num_missing
             noun = "scenarios" if isinstance(self.dataset, Library) else "scenes"
             if progress is not None:
-                self.fraction = progress.num_done / max(progress.num_items, 1)
+                self.fraction = progress.fraction
                 self.words = f"{progress_line(progress, job.elapsed_s, noun)}."
             elif writer.is_broken and self.fraction is None:
                 self.words = f"{self.file.name} cannot be read; it is to be made anew."

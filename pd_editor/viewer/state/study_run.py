@@ -6,12 +6,13 @@ from typing import Any, Final
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.studies.severity import SeverityCurve, severity_curves
-from pd_editor.experiments.studies.study_folder import StudyFolder
-from pd_editor.experiments.studies.study_job import StudyJob, StudyProgress
+from pd_editor.experiments.studies.study_job import StudyJob
 from pd_editor.experiments.studies.study_plan import StudyPlan, study_items
 from pd_editor.experiments.studies.whole_study import WORK_ITEMS, Study, StudyExtras
 from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
 
 CURVE_REFRESH_S: Final = 1.0
 
@@ -53,7 +54,7 @@ class StudyRun:
         plan: StudyPlan,
         extras: StudyExtras,
         found: FoundScenes,
-        folder: StudyFolder,
+        folder: RowsFolder,
     ) -> None:
         """Start a study; there must be none that is running."""
         assert self._job is None, "one study at a time"
@@ -90,14 +91,15 @@ class StudyRun:
         error, self._error = self._error, None
         return error
 
-    def _progressed(self, progress: StudyProgress) -> None:
+    def _progressed(self, noun: str, progress: WorkProgress, elapsed_s: float) -> None:
         job = self._job
         if job is None:
             return
-        is_grid, share = progress.noun == WORK_ITEMS, self._grid_share
+        is_grid, share = noun == WORK_ITEMS, self._grid_share
         start, end = (0.0, share) if is_grid else (share, 1.0)
         self.fraction = start + (end - start) * progress.fraction
-        text = progress.in_words(self._variants_per_item if is_grid else 0.0)
+        per_item = self._variants_per_item if is_grid else 0.0
+        text = progress_line(progress, elapsed_s, noun, per_item)
         self.words = (f"{text}.",)
         now = time.monotonic()
         if now - self._curves_at > CURVE_REFRESH_S:

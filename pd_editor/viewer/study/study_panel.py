@@ -13,20 +13,21 @@ from pd_editor.editor.commands.road import WARP_NAME
 from pd_editor.experiments.evaluation.evaluation import scenes_of
 from pd_editor.experiments.evaluation.method import Method
 from pd_editor.experiments.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import (
     ANCHORS,
     DEFAULT_ANCHOR,
     RoadCondition,
     road_conditions,
 )
-from pd_editor.experiments.studies.study_folder import StudyFolder
+from pd_editor.experiments.report import REPORT_PAGE
 from pd_editor.experiments.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
     grid_conditions,
 )
 from pd_editor.experiments.studies.study_report import SHOWN
-from pd_editor.experiments.studies.whole_study import REPORT_PAGE, Study, StudyExtras
+from pd_editor.experiments.studies.whole_study import Study, StudyExtras
 from pd_editor.experiments.studies.worst_case import (
     GRID_SIZE,
     SearchSettings,
@@ -65,10 +66,10 @@ class _MadeBy:
         return self.make()
 
 
-def _study_folder(path: Path, plan: StudyPlan, *, resumes: bool) -> StudyFolder:
+def _study_folder(path: Path, plan: StudyPlan, *, resumes: bool) -> RowsFolder:
     """The folder for the results; a refusal says what can be done in the panel."""
     try:
-        return StudyFolder(path, plan.settings, resume=resumes)
+        return plan.folder(path, resume=resumes)
     except FolderInUseError as error:
         raise FolderInUseError(
             f"{path}: already holds files; enter a new results folder, or press Resume "

@@ -11,7 +11,6 @@ from pd_editor.experiments.evaluation.evaluation import (
     run_evaluation,
     scenes_of,
 )
-from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
 from pd_editor.experiments.work_engine import LocalProcesses
 from tests.builders import scenario_with, straight_drivers
 from tests.experiments.evaluation.small_dataset import (
@@ -33,7 +32,7 @@ def root(tmp_path: Path) -> Path:
 
 
 def run(plan, out: Path, engine=None, *, resume=False):
-    folder = EvaluationFolder(out, plan.settings, resume=resume)
+    folder = plan.folder(out, resume=resume)
     record = run_evaluation(
         plan, scenes_of(plan.data, plan.limit), folder, engine or OneByOne()
     )
@@ -102,7 +101,7 @@ def test_scenes_that_cannot_be_judged_are_said_and_counted(root, tmp_path):
 
 def test_progress_counts_what_is_left(root, tmp_path):
     plan, seen = plan_for(root, "ground-truth"), []
-    folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = plan.folder(tmp_path / "out", resume=False)
     run_evaluation(
         plan,
         scenes_of(plan.data, plan.limit),

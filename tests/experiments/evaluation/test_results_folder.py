@@ -1,23 +1,23 @@
 from dataclasses import replace
+from pathlib import Path
 
-from pd_editor.experiments.evaluation.results_folder import (
-    EvaluationFolder,
-    RunSettings,
-)
+from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.scene_rows import ROW_SCHEMA, SceneRows
 
-SETTINGS = RunSettings(
-    version="1", data=("/data",), methods=("ground-truth",), samples=2, seed=0
-)
 EMPTY = SceneRows(table=ROW_SCHEMA.empty_table(), model_sha256={"m": "1"})
 
 
+def opened(path: Path, *, resume: bool = False) -> RowsFolder:
+    rows = "rows.parquet", ROW_SCHEMA
+    return RowsFolder(path, {"seed": 0}, rows, work="evaluation", resume=resume)
+
+
 def test_a_finished_scene_comes_back(tmp_path):
-    folder = EvaluationFolder(tmp_path / "out", SETTINGS, resume=False)
+    folder = opened(tmp_path / "out")
     folder.store("train/aaa/none", EMPTY)
     failed = replace(EMPTY, failures={"m": "No."}, has_future=False)
     folder.store("train/bbb/none", failed)
-    again = EvaluationFolder(tmp_path / "out", SETTINGS, resume=True)
+    again = opened(tmp_path / "out", resume=True)
     keys = {"train/aaa/none": 0, "train/bbb/none": 0, "train/ccc/none": 0}
     assert again.finished(keys) == {"train/aaa/none"}
     found = again.load("train/bbb/none")
@@ -28,7 +28,7 @@ def test_a_finished_scene_comes_back(tmp_path):
 
 
 def test_a_damaged_file_counts_as_not_finished(tmp_path):
-    folder = EvaluationFolder(tmp_path, SETTINGS, resume=False)
+    folder = opened(tmp_path)
     folder.store("a/none", EMPTY)
     path = tmp_path / "finished" / "a" / "none.parquet"
     path.write_bytes(path.read_bytes()[:-9])

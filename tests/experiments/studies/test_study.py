@@ -19,18 +19,17 @@ from pd_editor.experiments.evaluation.road_condition import (
 )
 from pd_editor.experiments.studies.gallery import export_cases, worst_of_scenes
 from pd_editor.experiments.studies.severity import severity_curves
-from pd_editor.experiments.studies.study_folder import (
-    VARIANTS_NAME,
-    StudyFolder,
-    run_study,
-)
-from pd_editor.experiments.studies.study_job import StudyProgress
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     grid_conditions,
     study_items,
 )
-from pd_editor.experiments.studies.variant_rows import STUDY_AGENTS, STUDY_METRICS
+from pd_editor.experiments.studies.variant_rows import (
+    STUDY_AGENTS,
+    STUDY_METRICS,
+    VARIANTS_NAME,
+    run_study,
+)
 from pd_editor.experiments.studies.worst_case import (
     SearchItem,
     SearchSettings,
@@ -38,6 +37,7 @@ from pd_editor.experiments.studies.worst_case import (
     search_scene,
 )
 from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
 from pd_editor.scene.av2_io.read import read_scenario
 from tests.experiments.evaluation.small_dataset import OneByOne, methods, write_dataset
 
@@ -56,7 +56,7 @@ def plan_for(root: Path, *names: str, **options) -> StudyPlan:
 
 def run(plan: StudyPlan, out: Path, engine=None, *, resume=False):
     items = study_items(plan, scenes_of(plan.data, plan.limit).scenes)
-    folder = StudyFolder(out, plan.settings, resume=resume)
+    folder = plan.folder(out, resume=resume)
     return run_study(items, folder, engine or OneByOne())
 
 
@@ -89,15 +89,13 @@ def test_each_anchor_has_one_curve_over_all_powers(av2_root, tmp_path):
 
 
 def test_progress_tells_rate_and_time_left():
-    progress = StudyProgress(
-        noun="work items", num_done=10, num_items=40, num_failed=1, elapsed_s=20.0
-    )
-    assert progress.in_words() == (
+    progress = WorkProgress(num_done=10, num_items=40, num_failed=1)
+    assert progress_line(progress, 20.0, "work items") == (
         "10 of 40 work items, 1 failed, 30 a minute, 1:00 left"
     )
-    assert "9 variants a second" in progress.in_words(18.0)
+    assert "9 variants a second" in progress_line(progress, 20.0, "work items", 18.0)
     done = replace(progress, num_done=40, num_failed=0)
-    assert done.in_words() == "40 of 40 work items"
+    assert progress_line(done, 20.0, "work items") == "40 of 40 work items, 2 a second"
 
 
 @pytest.mark.parametrize(
@@ -164,7 +162,7 @@ def test_a_study_that_was_killed_goes_on(root, tmp_path):
         run(plan, tmp_path / "killed", OneByOne(stop_after=5))
     engine = OneByOne()
     record = run(plan, tmp_path / "killed", engine, resume=True)
-    assert (record.num_resumed, len(engine.keys), record.num_items) == (5, 7, 12)
+    assert (record.num_resumed, len(engine.keys)) == (5, 7)
     whole, again = (tmp_path / one / VARIANTS_NAME for one in ("whole", "killed"))
     assert whole.read_bytes() == again.read_bytes()
 
@@ -253,7 +251,7 @@ def test_a_search_whose_method_always_fails_has_no_worst_case(root):
 def test_worst_cases_are_exported_for_the_editor(root, tmp_path):
     plan = plan_for(root, "constant-velocity")
     items = study_items(plan, scenes_of(plan.data).scenes)
-    folder = StudyFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = plan.folder(tmp_path / "out", resume=False)
     record = run_study(items, folder, OneByOne())
     settings = SearchSettings(metric="lateral_deviation_mean", agents="movers")
     cases = worst_of_scenes(grid_worst_cases(record.rows, settings), 2)
@@ -285,7 +283,7 @@ def test_scenes_of_one_id_are_studied_apart(tmp_path):
     (root / "copies" / "ccc").rename(root / "copies" / "renamed")
     plan = plan_for(root, "constant-velocity")
     items = study_items(plan, scenes_of(plan.data).scenes)
-    folder = StudyFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = plan.folder(tmp_path / "out", resume=False)
     record = run_study(items, folder, OneByOne())
     settings = SearchSettings(metric="lateral_deviation_mean", agents="movers")
     cases = worst_of_scenes(grid_worst_cases(record.rows, settings), 10)

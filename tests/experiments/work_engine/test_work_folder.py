@@ -1,23 +1,16 @@
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pd_editor.base.errors import ExportError, InputError
 from pd_editor.experiments.work_engine.work_folder import ResumableFolder
 
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    version: str
-    data: tuple[str, ...]
-    seed: int
+SETTINGS = {"version": "1", "data": ("/data",), "seed": 0}
 
 
-SETTINGS = Settings(version="1", data=("/data",), seed=0)
-
-
-def opened(path: Path, settings: Settings = SETTINGS, *, resume: bool):
+def opened(path: Path, settings: Mapping[str, Any] = SETTINGS, *, resume: bool):
     return ResumableFolder(path, settings, work="evaluation", resume=resume)
 
 
@@ -44,7 +37,7 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
 def test_other_settings_are_refused(tmp_path, change):
     opened(tmp_path, resume=False)
     with pytest.raises(InputError, match=next(iter(change))):
-        opened(tmp_path, replace(SETTINGS, **change), resume=True)
+        opened(tmp_path, SETTINGS | change, resume=True)
 
 
 def test_places_that_cannot_be_used(tmp_path):

@@ -9,10 +9,9 @@ import numpy as np
 from pd_editor.experiments.evaluation.evaluation import FoundScenes, Scene
 from pd_editor.experiments.evaluation.scene_bootstrap import Estimate
 from pd_editor.experiments.studies.severity import SeverityCurve
-from pd_editor.experiments.studies.study_folder import StudyFolder
-from pd_editor.experiments.studies.study_job import StudyProgress
 from pd_editor.experiments.studies.whole_study import WORK_ITEMS, StudyExtras
 from pd_editor.experiments.studies.worst_case import SearchSettings
+from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.viewer.state import study_run
 from pd_editor.viewer.state.study_run import StudyRun
 from pd_editor.viewer.study.severity_chart import severity_svg
@@ -63,7 +62,7 @@ def test_the_progress_of_a_study_never_falls(monkeypatch, tmp_path: Path):
         plan,
         extras,
         FoundScenes(scenes=scenes, num_skipped=0),
-        StudyFolder(tmp_path / "out", plan.settings, resume=False),
+        plan.folder(tmp_path / "out", resume=False),
     )
     seen = []
     for noun, done in (
@@ -72,10 +71,7 @@ def test_the_progress_of_a_study_never_falls(monkeypatch, tmp_path: Path):
         ("searches", 1),
         ("searches", 2),
     ):
-        given["on_progress"](
-            StudyProgress(
-                noun=noun, num_done=done, num_items=2, num_failed=0, elapsed_s=1.0
-            )
-        )
+        progress = WorkProgress(num_done=done, num_items=2, num_failed=0)
+        given["on_progress"](noun, progress, 1.0)
         seen.append(study.fraction)
     assert seen == [0.125, 0.25, 0.625, 1.0]

@@ -23,8 +23,8 @@ from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.analysis.metrics.values import MetricValues, measured
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.experiments.evaluation.report.tables import ReportTable
 from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
+from pd_editor.experiments.report import ReportTable
 
 PLAIN: Final = "none"
 STATE_METRICS: Final = (

@@ -2,7 +2,6 @@
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from pd_editor.experiments.evaluation.report.tables import named, unit_of
 from pd_editor.experiments.evaluation.road_condition import PLAIN, RoadCondition
 from pd_editor.experiments.evaluation.summary import FAR_FROM_LANE, PERTURBED, Summary
+from pd_editor.experiments.report import Figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +34,6 @@ PLACING_SHOWN: Final = (
 COLORS: Final = ("#333333", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 """Palette of Okabe and Ito, which colour-blind readers can distinguish."""
 _GROUP: Final = "movers on their way"
-_COLUMNS: Final = 3
 FIGURE_STYLE: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",  # Text stays text.
     "svg.hashsalt": "pd-editor",  # Equal figures, equal bytes.
@@ -44,16 +43,6 @@ FIGURE_STYLE: Final[dict[Any, Any]] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Figure:
-    """A picture with its caption."""
-
-    data: bytes
-    caption: str
-    media: str = "svg+xml"
-    """Type of the data, such as ``png``."""
 
 
 def figures_of(
@@ -91,7 +80,7 @@ def figures_of(
 
 def _intervals_svg(summary: Summary, shown: Sequence[str]) -> bytes:
     """Panels by metric, with a row for each method."""
-    panels = _Panels(len(shown), 0.7 + 0.3 * len(summary.methods))
+    panels = Panels(len(shown), 0.7 + 0.3 * len(summary.methods))
     rows = np.arange(len(summary.methods))
     roads = [road for road in (PLAIN, PERTURBED) if road in summary.roads]
     for axes, name in zip(panels.axes, shown, strict=True):
@@ -127,7 +116,7 @@ def _intervals_svg(summary: Summary, shown: Sequence[str]) -> bytes:
 
 def _powers_svg(summary: Summary, by_kind: dict[str, list[RoadCondition]]) -> bytes:
     """Panels by kind of warp, with a line for each method."""
-    panels = _Panels(len(by_kind), 2.4)
+    panels = Panels(len(by_kind), 2.4)
     median = summary.median_final_m[:, :, summary.groups.index(_GROUP)]
     for axes, (kind, roads) in zip(panels.axes, by_kind.items(), strict=True):
         columns = [summary.roads.index(one.label) for one in roads]
@@ -146,25 +135,29 @@ def _powers_svg(summary: Summary, by_kind: dict[str, list[RoadCondition]]) -> by
     return panels.svg()
 
 
-class _Panels:
+class Panels:
     """Panels of equal size side by side, rendered without a display."""
 
-    def __init__(self, count: int, height: float) -> None:
+    def __init__(
+        self, count: int, height: float, columns: int = 3, *, shares_y: bool = False
+    ) -> None:
+        """Make the panels; those that share their heights are as high as the highest."""
         from matplotlib import rc_context
         from matplotlib.figure import Figure as Canvas
         from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-        columns = min(count, _COLUMNS)
+        columns = min(count, columns)
         rows = -(-count // columns)
         with rc_context(FIGURE_STYLE):
             self._canvas = Canvas(
                 (3.8 * columns, height * rows),
                 layout=ConstrainedLayoutEngine(h_pad=0.1, w_pad=0.1),
             )
-            self.axes: list[Axes] = [
-                self._canvas.add_subplot(rows, columns, index + 1)
-                for index in range(count)
-            ]
+            self.axes: list[Axes] = []
+            for index in range(count):
+                first = self.axes[0] if shares_y and self.axes else None
+                added = self._canvas.add_subplot(rows, columns, index + 1, sharey=first)
+                self.axes.append(added)
 
     def legend(self) -> None:
         """Add a legend beside the panels."""

@@ -16,13 +16,13 @@ from pd_editor.analysis.metrics.likelihoods import (
     meta_metric,
 )
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.experiments.evaluation.report.tables import NONE, ReportTable, cell
 from pd_editor.experiments.evaluation.road_condition import PLAIN
 from pd_editor.experiments.evaluation.scene_bootstrap import (
     Estimate,
     mean_over_scenes,
     scene_weights,
 )
+from pd_editor.experiments.report import NONE, ReportTable
 
 FLOOR: Final = "constant-velocity"
 """Method whose meta-metric counts as 0 in the last column; that of the log is 1."""
@@ -45,7 +45,7 @@ def realism_tables(
     rows = []
     for name, mean in means.items():
         share = (float(mean.value[0]) - least) / (most - least)
-        cells = [cell(mean, (at,), "") for at in range(len(LIKELIHOODS) + 1)]
+        cells = [mean.cell((at,), "") for at in range(len(LIKELIHOODS) + 1)]
         rows.append((name, *cells, NONE if np.isnan(share) else f"{share:.0%}"))
     titles = [one.removeprefix("likelihood_of_") for one in LIKELIHOODS]
     words = [one.replace("_", " ") for one in titles]

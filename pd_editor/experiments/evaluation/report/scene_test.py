@@ -9,8 +9,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.experiments.evaluation.report.tables import ReportTable
 from pd_editor.experiments.evaluation.road_condition import PLAIN
+from pd_editor.experiments.report import ReportTable
 from scene_test import FEATURES, SceneTest, Surroundings, scene_test
 
 _EXTRA: Final = "install pd-editor[evaluate] for it (scikit-learn)"

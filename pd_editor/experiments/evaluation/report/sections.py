@@ -19,10 +19,14 @@ from pd_editor.experiments.evaluation.evaluation_task import (
     SAMPLED_HALF_SIDE_M,
     EvaluationTask,
 )
+from pd_editor.experiments.evaluation.report.figures import (
+    PLACING_SHOWN,
+    SHOWN,
+    figures_of,
+)
 from pd_editor.experiments.evaluation.report.tables import (
     HEADLINES,
     PLACING_HEADLINES,
-    ReportTable,
     complete_tables,
     definition_table,
     difference_tables,
@@ -32,40 +36,20 @@ from pd_editor.experiments.evaluation.report.tables import (
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_bootstrap import COVERAGE, NUM_RESAMPLES
 from pd_editor.experiments.evaluation.summary import Summary
+from pd_editor.experiments.report import (
+    Report,
+    ReportTable,
+    Section,
+    table_of_first,
+)
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 
-FIGURES_TITLE: Final = "Results"
-"""Title of the section with the figures."""
 _PACKAGES: Final = ("pd-editor", "numpy", "pyarrow", "shapely", "av2")
 _DISTANCES_WORDS: Final = (
     "Square roots of Jensen-Shannon divergences, natural logarithm (what the paper calls "
     "JSD), 0 to 0.833. Read each beside its noise floor: recordings differ that much from "
     "recordings."
 )
-_LISTED: Final = 30
-"""Number of failures listed; further ones are counted."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Section:
-    """A section: heading, paragraphs, then tables."""
-
-    title: str
-    paragraphs: tuple[str, ...] = ()
-    tables: tuple[ReportTable, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Report:
-    """A report: all sections in order."""
-
-    title: str
-    sections: tuple[Section, ...]
-
-    @property
-    def shown_sections(self) -> tuple[Section, ...]:
-        """Those with something in them."""
-        return tuple(one for one in self.sections if one.paragraphs or one.tables)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +87,7 @@ def report_of(
         sections=(
             Section(title="What was done", paragraphs=_words(plan, record, found)),
             Section(title="Scene test", tables=tuple(found.scene_test)),
-            *_compared(plan.task, summary, found.distances),
+            *_compared(plan, summary, found.distances),
             Section(title="Realism", tables=tuple(found.realism)),
             *_development(plan.task, found),
             Section(title="Road by road", tables=tuple(road_tables(summary))),
@@ -112,7 +96,14 @@ def report_of(
             Section(
                 title="What failed",
                 paragraphs=_failure_words(record),
-                tables=tuple(_failure_tables(record)),
+                tables=table_of_first(
+                    "Failed scenes",
+                    ("scene", "road", "method", "reason"),
+                    [
+                        (one.scene, one.condition, one.method or "all", one.reason)
+                        for one in record.failures
+                    ],
+                ),
             ),
             Section(
                 title="How to repeat it", tables=(_run_table(plan, record, command),)
@@ -122,9 +113,9 @@ def report_of(
 
 
 def _compared(
-    task: EvaluationTask, summary: Summary, distances: Sequence[ReportTable]
+    plan: EvaluationPlan, summary: Summary, distances: Sequence[ReportTable]
 ) -> tuple[Section, ...]:
-    beside = "collisions, path length, ADE and spread"
+    task, beside = plan.task, "collisions, path length, ADE and spread"
     if task.samples_states:
         beside = "collisions and path length"
     results = (
@@ -135,7 +126,7 @@ def _compared(
     of_states = "states (speed, nearest distance, density, nearest edge and its angle)"
     if task.samples_states:
         return (
-            _results(summary, f"{results}.", PLACING_HEADLINES),
+            _results(plan, summary, f"{results}."),
             _distances(
                 f"Distances of {of_states} are to all agents of the log, those of ways "
                 "to the agents that the log has to the end.",
@@ -144,9 +135,9 @@ def _compared(
         )
     return (
         _results(
+            plan,
             summary,
             f"{results}; the differences to the log, below, are free of that.",
-            HEADLINES,
         ),
         Section(
             title="Differences to the log",
@@ -189,11 +180,16 @@ def _listed(splits: Sequence[str]) -> str:
     return " and ".join(f"`{name}`" for name in splits)
 
 
-def _results(
-    summary: Summary, words: str, headlines: Sequence[tuple[str, str]]
-) -> Section:
-    tables = tuple(headline_tables(summary, headlines))
-    return Section(title=FIGURES_TITLE, paragraphs=(words,), tables=tables)
+def _results(plan: EvaluationPlan, summary: Summary, words: str) -> Section:
+    headlines, shown = HEADLINES, SHOWN
+    if plan.task.samples_states:
+        headlines, shown = PLACING_HEADLINES, PLACING_SHOWN
+    return Section(
+        title="Results",
+        paragraphs=(words,),
+        tables=tuple(headline_tables(summary, headlines)),
+        figures=figures_of(summary, plan.conditions, shown),
+    )
 
 
 def _distances(words: str, tables: Sequence[ReportTable]) -> Section:
@@ -308,24 +304,6 @@ def _failure_words(record: RunRecord) -> tuple[str, ...]:
     if whole:
         parts.append(f"{whole} times the whole scene")
     return (f"Of {record.num_items} scenes on roads: {', '.join(parts)}.",)
-
-
-def _failure_tables(record: RunRecord) -> Sequence[ReportTable]:
-    if not record.failures:
-        return ()
-    shown = record.failures[:_LISTED]
-    left = len(record.failures) - len(shown)
-    return (
-        ReportTable(
-            title="Failed scenes",
-            header=("scene", "road", "method", "reason"),
-            rows=tuple(
-                (one.scene, one.condition, one.method or "all", one.reason)
-                for one in shown
-            ),
-            note=f"And {left} more." if left else "",
-        ),
-    )
 
 
 def _run_table(plan: EvaluationPlan, record: RunRecord, command: str) -> ReportTable:

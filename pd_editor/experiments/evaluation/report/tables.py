@@ -1,7 +1,6 @@
 """Tables of a report, with text in cells."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -9,9 +8,9 @@ import numpy as np
 from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.experiments.evaluation.road_condition import PLAIN
-from pd_editor.experiments.evaluation.scene_bootstrap import Estimate
 from pd_editor.experiments.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.experiments.evaluation.summary import FAR_FROM_LANE, PERTURBED, Summary
+from pd_editor.experiments.report import NONE, ReportTable
 
 HEADLINES: Final = (
     ("lateral_deviation_final", "final lateral deviation, m"),
@@ -67,17 +66,6 @@ BY_ROAD: Final = (
     "end_spread",
 )
 MEDIAN: Final = "median"
-NONE: Final = "-"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportTable:
-    """A table of texts: header and rows."""
-
-    title: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
 
 
 def headline_tables(
@@ -91,7 +79,7 @@ def headline_tables(
     def rows(w: int, g: int) -> Iterator[tuple[str, ...]]:
         for m, method in enumerate(summary.methods):
             cells = [
-                cell(summary.statistics[name].mean, (m, w, g), unit_of(name))
+                summary.statistics[name].mean.cell((m, w, g), unit_of(name))
                 for name, _ in headlines
             ]
             cells.insert(of_median, _number(summary.median_final_m[m, w, g]))
@@ -116,7 +104,7 @@ def difference_tables(summary: Summary) -> list[ReportTable]:
             yield (
                 method,
                 str(summary.statistics[COMPARED[0]].num_pairs[m, w, g]),
-                *(cell(one, (m, w, g), unit, signed=True) for one, unit in differences),
+                *(one.cell((m, w, g), unit, signed=True) for one, unit in differences),
             )
 
     header = ("method", "pairs", *map(named, COMPARED))
@@ -129,7 +117,7 @@ def complete_tables(summary: Summary) -> list[ReportTable]:
     def rows(w: int, g: int) -> Iterator[tuple[str, ...]]:
         for name in (*METRIC_COLUMNS, FAR_FROM_LANE):
             mean, unit = summary.statistics[name].mean, unit_of(name)
-            cells = [cell(mean, (m, w, g), unit) for m in range(len(summary.methods))]
+            cells = [mean.cell((m, w, g), unit) for m in range(len(summary.methods))]
             if set(cells) != {NONE}:
                 yield (named(name), *cells)
 
@@ -180,7 +168,7 @@ def _road_table(summary: Summary, group: str, name: str) -> ReportTable:
     else:
         mean, unit = summary.statistics[name].mean, unit_of(name)
         texts = [
-            [cell(mean, (m, w, g), unit, with_interval=False) for w in roads]
+            [mean.cell((m, w, g), unit, with_interval=False) for w in roads]
             for m in range(len(summary.methods))
         ]
     title = "median of lateral_deviation_final, m" if name == MEDIAN else named(name)
@@ -213,29 +201,6 @@ def definition_table() -> ReportTable:
         header=("metric", "source", "unit", "better", "definition"),
         rows=tuple(rows),
     )
-
-
-def cell(
-    estimate: Estimate,
-    at: tuple[int, ...],
-    unit: str,
-    *,
-    signed: bool = False,
-    with_interval: bool = True,
-) -> str:
-    """Text of a mean with its interval; shares in per cent."""
-    scale = 100.0 if unit == "share" else 1.0
-    numbers = [
-        scale * float(part[at])
-        for part in (estimate.value, estimate.low, estimate.high)
-    ]
-    if np.isnan(numbers[0]):
-        return NONE
-    digits = 1 if unit == "share" else 2
-    texts = [f"{number:{'+' if signed else ''}.{digits}f}" for number in numbers]
-    if not with_interval or np.isnan(numbers[1]):
-        return texts[0]
-    return f"{texts[0]} [{texts[1]}, {texts[2]}]"
 
 
 def _number(value: float) -> str:

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pd_editor.base.errors import InputError, SynthesisError
 from pd_editor.base.regular_file import check_path
 from pd_editor.experiments.synthesis.dataset.dataset_folder import (
     DatasetFolder,
-    DatasetSettings,
     NetworkRecord,
 )
 from pd_editor.experiments.synthesis.dataset.network_worker import (
@@ -109,17 +108,19 @@ class DatasetPlan:
         return tuple(city_name(folder) for folder in self.networks)
 
     @property
-    def settings(self) -> DatasetSettings:
+    def settings(self) -> dict[str, Any]:
         """Settings that finished networks depend on."""
-        return DatasetSettings(
-            version=version("pd-editor"),
-            num=self.num,
-            seed=self.seed,
-            families=self.cities or (() if self.maps else (self.families or FAMILIES)),
-            maps=tuple(map(os.path.realpath, (*self.maps, *self.networks))),
-            form="shards" if self.as_shards else "folders",
-            noise=self.with_noise,
-        )
+        families = () if self.maps else (self.families or FAMILIES)
+        return {
+            # With another version, traffic may change.
+            "version": version("pd-editor"),
+            "num": self.num,
+            "seed": self.seed,
+            "families": self.cities or families,
+            "maps": list(map(os.path.realpath, (*self.maps, *self.networks))),
+            "form": "shards" if self.as_shards else "folders",
+            "noise": self.with_noise,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

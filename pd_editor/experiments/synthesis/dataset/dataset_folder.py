@@ -4,29 +4,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME, ResumableFolder
 from pd_editor.scene.exporters.bundle import replace_folder
 
 MANIFEST_NAME: Final = "manifest.json"
-
-
-@dataclass(frozen=True, kw_only=True)
-class DatasetSettings:
-    """Settings that must be equal for finished networks to be reused."""
-
-    version: str
-    """Version of the program, with which traffic may change."""
-    num: int
-    seed: int
-    families: tuple[str, ...]
-    """Families of procedural roads, or the names of cities."""
-    maps: tuple[str, ...]
-    """Roots of real maps, or folders of cities, used in place of procedural networks."""
-    form: str
-    """Format: ``folders`` or ``shards``."""
-    noise: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +34,9 @@ class NetworkFiles:
 class DatasetFolder(ResumableFolder):
     """Folder of a dataset that can be resumed."""
 
-    def __init__(self, path: Path, settings: DatasetSettings, *, resume: bool) -> None:
+    def __init__(
+        self, path: Path, settings: Mapping[str, Any], *, resume: bool
+    ) -> None:
         """Create the folder, or resume the one of an earlier run.
 
         Raises:
@@ -88,7 +73,7 @@ class DatasetFolder(ResumableFolder):
             ExportError: it cannot be written.
         """
         manifest = {
-            **asdict(self.settings),
+            **self.settings,
             "num_windows": sum(one.num_windows for one in networks.values()),
             "networks": {key: asdict(one) for key, one in networks.items()},
         }

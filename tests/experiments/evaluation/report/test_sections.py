@@ -18,10 +18,8 @@ from pd_editor.experiments.evaluation.evaluation import (
     splits_of,
 )
 from pd_editor.experiments.evaluation.report.figures import SHOWN, figures_of
-from pd_editor.experiments.evaluation.report.formats import html_of, markdown_of
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
 from pd_editor.experiments.evaluation.report.tables import named
-from pd_editor.experiments.evaluation.results_folder import EvaluationFolder
 from pd_editor.experiments.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.experiments.evaluation.summary import Summary, summarise
 from tests.experiments.evaluation.small_dataset import OneByOne, plan_for, write_dataset
@@ -40,7 +38,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     root = write_dataset(tmp_path_factory.mktemp("data"))
     plan = plan_for(root, *NAMES, warps=("none", "smooth-turn:3", "smooth-turn:9"))
     out = tmp_path_factory.mktemp("out") / "out"
-    folder = EvaluationFolder(out, plan.settings, resume=False)
+    folder = plan.folder(out, resume=False)
     record = run_evaluation(plan, scenes_of(plan.data, plan.limit), folder, OneByOne())
     summary = summarise(out / ROWS_NAME, NAMES, plan.conditions, 0)
     return plan, record, findings(summary)
@@ -56,7 +54,7 @@ def rows_under(text: str, heading: str) -> dict[str, list[str]]:
 
 
 def test_the_main_table_by_hand(found):
-    text = markdown_of(report_of(*found, "pd-editor evaluate"))
+    text = report_of(*found, "pd-editor evaluate").markdown()
     table = rows_under(text, "Movers, plain roads")
     assert table["method"][:2] == ["agents / scenes", "final lateral deviation, m"]
     head = dict(zip(table["method"], table["sideways"], strict=True))
@@ -70,7 +68,7 @@ def test_the_main_table_by_hand(found):
 
 
 def test_lateral_deviation_never_stands_alone(found):
-    text = markdown_of(report_of(*found, "x"))
+    text = report_of(*found, "x").markdown()
     for line in text.splitlines():
         if line.startswith("| method") and "final lateral deviation" in line:
             for other in ("new collisions", "path length", "ADE", "spread"):
@@ -78,7 +76,7 @@ def test_lateral_deviation_never_stands_alone(found):
 
 
 def test_the_report_says_what_was_done(found):
-    text = markdown_of(report_of(*found, "pd-editor evaluate --seed 0"))
+    text = report_of(*found, "pd-editor evaluate --seed 0").markdown()
     for words in (
         "3 scenes on plain roads and on roads warped by smooth-turn:3, smooth-turn:9.",
         "logged trajectories are warped with the map",
@@ -98,7 +96,7 @@ def test_held_out_scenes_stand_apart_from_those_that_chose_the_settings(
     found, tmp_path
 ):
     plan, record, _ = found
-    folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = plan.folder(tmp_path / "out", resume=False)
     run_evaluation(plan, scenes_of(plan.data, plan.limit), folder, OneByOne())
     splits = splits_of(plan, scenes_of(plan.data, plan.limit))
     assert (splits.held_out, splits.development) == (("val",), ("train",))
@@ -112,14 +110,14 @@ def test_held_out_scenes_stand_apart_from_those_that_chose_the_settings(
         summary=summary_of(splits.headline),
         development=summary_of(splits.development),
     )
-    text = markdown_of(report_of(plan, record, apart, "x"))
+    text = report_of(plan, record, apart, "x").markdown()
     assert "Figures are of `val` unless a title says otherwise." in text
     head = rows_under(text, "Movers, plain roads")
     other = rows_under(text, "Movers, plain roads (development)")
     assert head["sideways"][0] == "3 / 1"
     assert other["sideways"][0] == "5 / 2"
     only = replace(apart, splits=replace(splits, held_out=()), development=None)
-    assert "no evidence of quality" in markdown_of(report_of(plan, record, only, "x"))
+    assert "no evidence of quality" in report_of(plan, record, only, "x").markdown()
 
 
 def test_failures_and_left_out_scenes_are_said(found):
@@ -134,7 +132,7 @@ def test_failures_and_left_out_scenes_are_said(found):
         num_skipped_folders=4,
     )
     report = report_of(plan, broken, evaluated, "x")
-    text = markdown_of(report)
+    text = report.markdown()
     for words in (
         "2 scenes have no logged future",
         "4 folders lack a file",
@@ -143,13 +141,13 @@ def test_failures_and_left_out_scenes_are_said(found):
         "And 11 more.",
     ):
         assert words in text
-    assert "Broken &lt;map&gt;." in html_of(report, ())
+    assert "Broken &lt;map&gt;." in report.html()
 
 
 def test_the_page_is_whole_and_needs_nothing_else(found):
     plan, record, evaluated = found
     figures = figures_of(evaluated.summary, plan.conditions)
-    page = html_of(report_of(plan, record, evaluated, "x"), figures)
+    page = report_of(plan, record, evaluated, "x").html()
     assert not re.search(r"href=|src=(?!\"data:)|url\(|@import", page)
     open_tags: list[str] = []
 
@@ -182,9 +180,9 @@ def test_figures_are_valid_svg_with_a_panel_for_each_metric_and_kind_of_road(fou
 
 def test_a_run_without_any_row_still_has_a_report(found, tmp_path: Path):
     plan, record, _ = found
-    folder = EvaluationFolder(tmp_path / "out", plan.settings, resume=False)
+    folder = plan.folder(tmp_path / "out", resume=False)
     none = replace(scenes_of(plan.data, plan.limit), scenes=())
     run_evaluation(plan, none, folder, OneByOne())
     summary = summarise(folder.path / ROWS_NAME, NAMES, plan.conditions, 0)
     assert figures_of(summary, plan.conditions) == ()
-    assert "Definitions" in markdown_of(report_of(plan, record, findings(summary), "x"))
+    assert "Definitions" in report_of(plan, record, findings(summary), "x").markdown()
