@@ -116,3 +116,25 @@ def test_a_region_outlives_a_reload(editor):
     editor.open_tab("Generate")
     assert editor.field("Where").value == "On the whole mapped road"
     assert drawn_region(editor) is None
+
+
+def test_the_name_of_a_region_covers_no_words_of_a_mode(editor):
+    """It lay over the middle of what to do next."""
+    editor.open_tab("Generate")
+    editor.look_from_above()
+    editor.press("Draw a region")
+    editor.drag(near_focal(editor, 9.0, 19.0), near_focal(editor, -10.0, -1.0))
+    editor.until(lambda: drawn_region(editor), "a region")
+    editor.key("p")
+    bar = banner(editor)
+    bar.wait_for()
+    place = bar.bounding_box()
+    editor.page.get_by_role("group", name="Region").evaluate(
+        "(one, at) => { one.style.transform = `translate(${at.x + 20}px, ${at.y + 8}px)`; }",
+        place,
+    )
+    assert bar.evaluate(
+        "one => { const r = one.getBoundingClientRect();"
+        " return [30, 60, 90].every(x => one.contains("
+        "document.elementFromPoint(r.x + x, r.y + r.height / 2))); }"
+    )

@@ -73,3 +73,16 @@ def test_a_reload_keeps_the_page_and_escape_leaves_it(open_editor):
     expect(page.get_by_role("toolbar", name="Tools")).to_be_visible()
     assert not whole.is_visible()
     assert editor.session.base.scenario_id == "signalised-junction"
+
+
+def test_what_can_be_asked_for_is_whole_beside_the_panel(open_editor):
+    """The last of what happens was cut by the panel at this width."""
+    editor = open_editor(reference=None)
+    page = editor.page
+    page.set_viewport_size({"width": 1280, "height": 720})
+    page.wait_for_function("document.activeElement.matches('.pd-start-tile')")
+    page.keyboard.press("s")
+    page.get_by_role("tab", name="Library 1").click()
+    asked = page.get_by_role("group", name="What happens")
+    expect(asked.get_by_role("button")).to_have_count(10)
+    assert asked.evaluate("one => one.scrollWidth <= one.clientWidth")

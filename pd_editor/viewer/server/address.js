@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (80995b4c277f0db6); not to be edited. */
+/* Built by .ci/client.py from client/ (fe440d5006f1c643); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts
