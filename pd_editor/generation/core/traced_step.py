@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 
 import torch
 from torch import Tensor, nn
+from torch.jit import optimized_execution  # pyright: ignore[reportPrivateImportUsage]
 
 _CALLS_BEFORE: Final = 16
 """Calls with inputs of one form before it is traced, which takes as long as 30 save."""
@@ -34,10 +35,7 @@ class TracedStep:
         self._contexts = WeakKeyDictionary[Any, tuple[object, list[Tensor]]]()
 
     def __call__(self, *inputs: Any) -> Tensor:
-        """Run the function, or the operations that are known of inputs of this form.
-
-        The last input is that of several calls.
-        """
+        """Run the function, or what is known of this form; many calls share the last input."""
         # Torch's tracer ends with Python 3.13.
         if sys.version_info >= (3, 14) or not torch.is_inference_mode_enabled():
             return self._step(*inputs)
@@ -56,20 +54,21 @@ class TracedStep:
                 return self._step(*inputs)
             traced = self._traced[form] = self._trace(inputs, tensors)
         # The plain executor: the other one takes a tenth of a second for each function.
-        with torch.jit.optimized_execution(  # pyright: ignore[reportPrivateImportUsage]
-            should_optimize=False
-        ):
+        with optimized_execution(should_optimize=False):
             return traced(*tensors)
 
     def _trace(self, inputs: Any, tensors: list[Tensor]) -> Callable[..., Tensor]:
+        form = [inputs]
+
         def of_tensors(*tensors: Tensor) -> Tensor:
-            return self._step(*_filled(inputs, iter(tensors)))
+            return self._step(*_filled(form[0], iter(tensors)))
 
         with warnings.catch_warnings():
             # That it may go, and what it cannot know of branches: see above.
             warnings.simplefilter("ignore")
             traced: Any = torch.jit.trace(of_tensors, tuple(tensors), check_trace=False)
-            return traced
+        form.clear()  # Torch keeps the function.
+        return traced
 
 
 def trace_steps(model: nn.Module) -> None:

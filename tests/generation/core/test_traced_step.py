@@ -1,3 +1,5 @@
+import gc
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -84,6 +86,16 @@ def test_every_form_has_operations_of_its_own() -> None:
     for inputs in (*forms, of_sizes(41, 3), of_sizes(100, 3)):
         assert torch.equal(run(traced, inputs), plain_step(*inputs))
     assert step.count == ran
+
+
+def test_inputs_are_not_kept() -> None:
+    traced = TracedStep(plain_step)
+    inputs = of_sizes(20, 3)
+    run(traced, inputs, ENOUGH)
+    known = weakref.ref(inputs[-1])
+    del inputs
+    gc.collect()
+    assert known() is None
 
 
 def test_what_is_differentiated_is_not_traced() -> None:
