@@ -16,8 +16,8 @@ from pathlib import Path
 import pd_editor
 from benchmarks.figures import load_in_words
 from pd_editor.editor.library.library import CARD_NAME, SORTS, Library, card_content
-from pd_editor.experiments.scene_index.find import find_places
 from pd_editor.experiments.scene_index.index_file import IndexWriter, row_of, stamp_of
+from pd_editor.experiments.scene_index.query import find_places
 
 WORDS = ("junction", "miami merge", "nothing-of-this-kind")
 QUERIES = ("cut-in", "crossing with pedestrian pet < 3 and density > 5", "speed > 0")

@@ -31,13 +31,13 @@ from pd_editor.experiments.studies.worst_case import (
     grid_worst_cases,
     search_scene,
 )
-from pd_editor.experiments.work_engine import (
-    LocalProcesses,
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
+from pd_editor.experiments.work_engine.ray_cluster import RayCluster
+from pd_editor.experiments.work_engine.work_engine import (
     WorkEngine,
     WorkResult,
     run_items,
 )
-from pd_editor.experiments.work_engine.ray_cluster import RayCluster
 from pd_editor.generation.generators import make_generator
 
 Item = TypeVar("Item")

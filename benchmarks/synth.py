@@ -11,10 +11,13 @@ from pathlib import Path
 from pd_editor.base.errors import ExportError
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
-from pd_editor.experiments.synthesis.dataset.builder import DatasetPlan, build_dataset
-from pd_editor.experiments.synthesis.dataset.dataset_folder import DatasetFolder
+from pd_editor.experiments.synthesis.dataset.builder import (
+    DatasetFolder,
+    DatasetPlan,
+    build_dataset,
+)
 from pd_editor.experiments.synthesis.dataset.scene_source import scenario_folders
-from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.scene.av2_io.official import check_with_official_loaders
 
 NUM_WINDOWS = 1000

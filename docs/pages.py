@@ -7,8 +7,7 @@ from mkdocs.structure.files import File, Files
 
 from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.base.markdown import markdown_table
-from pd_editor.experiments.training.config.field_table import fields_table
-from pd_editor.experiments.training.config.settings import STAGES
+from pd_editor.experiments.training.config.settings import STAGES, fields_table
 
 ROOT = Path(__file__).parents[1]
 PAGES = (

@@ -35,18 +35,19 @@ from pd_editor.editor.library.library import SORTS, Library, LibraryCard
 from pd_editor.editor.library.taking_in import take_in
 from pd_editor.editor.recipe import moment
 from pd_editor.editor.variant import Variant
-from pd_editor.experiments.scene_index.find import find_scenes
 from pd_editor.experiments.scene_index.index_file import (
     IndexWriter,
     index_place,
 )
-from pd_editor.experiments.work_engine import (
-    EngineChoice,
+from pd_editor.experiments.scene_index.query import find_scenes
+from pd_editor.experiments.work_engine.engine_choice import EngineChoice
+from pd_editor.experiments.work_engine.work_engine import (
     InThisProcess,
     WorkEngine,
+    WorkFailure,
+    failure_of,
     run_items,
 )
-from pd_editor.experiments.work_engine.work_engine import WorkFailure, failure_of
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2

@@ -36,12 +36,8 @@ from pd_editor.editor.scenario_store import (
     read_once,
 )
 from pd_editor.editor.variant import short_id
-from pd_editor.experiments.work_engine import (
-    EngineChoice,
-    EngineName,
-    InThisProcess,
-    run_items,
-)
+from pd_editor.experiments.work_engine.engine_choice import EngineChoice, EngineName
+from pd_editor.experiments.work_engine.work_engine import InThisProcess, run_items
 from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.formats.registry import is_foreign_scene
 from pd_editor.scene.map_window import densest_windows, window_of

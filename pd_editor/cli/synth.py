@@ -19,20 +19,18 @@ from pd_editor.cli.options.arguments import (
 )
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.experiments.synthesis.dataset.builder import (
+    MANIFEST_NAME,
+    DatasetFolder,
     DatasetPlan,
     DatasetRecord,
     build_dataset,
 )
-from pd_editor.experiments.synthesis.dataset.dataset_folder import (
-    MANIFEST_NAME,
-    DatasetFolder,
-)
+from pd_editor.experiments.synthesis.dataset.realism_report import realism_report
 from pd_editor.experiments.synthesis.dataset.scene_source import (
     dataset_scenes,
     real_scenes,
     scenario_folders,
 )
-from pd_editor.experiments.synthesis.realism.realism_report import realism_report
 
 _MAX_REASONS = 5
 
@@ -76,7 +74,7 @@ class SynthOptions(EngineOptions):
         families: Families of procedural roads: grid, downtown, town, arterial, t-junctions, roundabout, merge, slip-lanes, winding-street, dead-ends.
         maps: Roots of Argoverse 2 datasets, on whose maps to drive instead.
         networks: Folders of SUMO scenarios (a .sumocfg with network and demand) to take instead, a random time and place of one at a time.
-        report: Write realism.md too: distances to real scenes below the first folder, and between those and scenes below a second one, if given.
+        report: Write realism.md and realism.html too: distances to real scenes below the first folder, and between those and scenes below a second one, if given.
         shards: Write compact shards for training instead of scenario folders.
         noise: Add a tracker's noise to states and break off tracks; not with --shards.
         workers: Work items that run at a time; they do not change the files.
@@ -146,6 +144,6 @@ def _reported(folder: DatasetFolder, roots: tuple[Path, ...]) -> tuple[Path, ...
     real, *others = map(real_scenes, roots)
     report = realism_report(dataset_scenes(folder.path), real, *others)
     return (
-        folder.write("realism.md", report.markdown().encode()),
+        *report.report().write(folder.path, "realism"),
         folder.write("realism.json", json.dumps(report.json(), indent=1).encode()),
     )

@@ -25,7 +25,7 @@ from pd_editor.cli.options.arguments import (
     taking,
 )
 from pd_editor.cli.output.progress import ProgressLine, preparation_shown
-from pd_editor.experiments.training.outcome import Training
+from pd_editor.experiments.training.loop.run_folder import Training
 from pd_editor.experiments.work_engine.work_engine import minutes_left
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.generators import SHIPPED_MODEL
@@ -197,7 +197,7 @@ def train(options: TrainOptions) -> Training:
 
 def _list_fields(stages: Sequence[Literal["init", "traj"]]) -> NoReturn:
     """Print the fields of stages as tables, and end."""
-    from pd_editor.experiments.training.config.field_table import fields_table
+    from pd_editor.experiments.training.config.settings import fields_table
 
     sys.stdout.write("\n\n".join(map(fields_table, stages)) + "\n")
     raise WorkDone(0)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pd_editor.experiments.synthesis.dataset import network_worker
-from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from tests.cli.shell import Shell
 from tests.experiments.evaluation.small_dataset import write_dataset
 from tests.experiments.recordings.recordings import drive

@@ -2,7 +2,7 @@
 
 A shard is a zip archive. ``index.json`` has the format's version and the windows;
 ``N/about.json`` describes recording N and its map, ``N/rows.bin`` has its states and
-``N/points.bin`` the map's points, both as integers (see ``integer_codec``). Positions
+``N/points.bin`` the map's points, both as integers (see ``recording_codec``). Positions
 are rounded to 1 cm, headings to 1 mrad, velocities to 2 cm/s, the map to 1 mm. Equal
 contents give equal bytes.
 """
@@ -100,29 +100,41 @@ class ShardReader:
     cheap. Readers can be pickled; no file is kept open.
     """
 
-    def __init__(self, path: Path | str, *, num_kept: int = 8) -> None:
+    def __init__(
+        self, path: Path | str, *, num_kept: int = 8, skips_damaged: bool = False
+    ) -> None:
         """Read the index of windows; ``num_kept`` decoded recordings are cached.
 
         Raises:
-            InputError: there is no shard, or one is damaged.
+            InputError: there is no shard, or one, or each that could be skipped, is
+                damaged.
         """
         path = Path(path)
         files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if os.path.isdir(path) else [path]
-        if not files:
-            raise InputError(f"{path}: there is no shard (*{SHARD_SUFFIX}) in it.")
         self.num_kept = num_kept
+        self.files: list[Path] = []
         self.recordings: list[tuple[Path, int]] = []
         """File, and index within the file, of each recording."""
         self.windows: list[tuple[int, Window]] = []
         """Index into ``recordings``, and window."""
+        error = InputError(f"{path}: there is no shard (*{SHARD_SUFFIX}) in it.")
         for file in files:
-            self._add(file)
+            try:
+                self._add(file)
+            except InputError as caught:
+                if not skips_damaged:
+                    raise
+                error = caught
+        if not self.files:
+            raise error
+        self.num_damaged = len(files) - len(self.files)
         self._kept: OrderedDict[int, Recording] = OrderedDict()
 
     def _add(self, file: Path) -> None:
         for number, entry in enumerate(_read_index(file)):
             self.windows += [(len(self.recordings), one) for one in entry]
             self.recordings.append((file, number))
+        self.files.append(file)
 
     def __len__(self) -> int:
         return len(self.windows)

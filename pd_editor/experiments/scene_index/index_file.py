@@ -18,8 +18,12 @@ from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import check_path, write_whole
 from pd_editor.editor.library.library import CARD_NAME, THUMBNAIL_NAME
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.experiments.work_engine import WorkEngine, run_items
-from pd_editor.experiments.work_engine.work_engine import WorkFailure, WorkProgress
+from pd_editor.experiments.work_engine.work_engine import (
+    WorkEngine,
+    WorkFailure,
+    WorkProgress,
+    run_items,
+)
 from pd_editor.scene.exporters.bundle import RECIPE_NAME
 
 INDEX_NAME: Final = "scenes.index.parquet"

@@ -8,13 +8,11 @@ import torch
 from torch import nn
 
 from pd_editor.experiments.training.config.presets import LOSSES
+from pd_editor.experiments.training.config.run_config import OwnSamplesConfig
 from pd_editor.experiments.training.config.settings import with_settings
 from pd_editor.experiments.training.loop.train_loop import Loss
-from pd_editor.experiments.training.own_samples.initial_states import (
+from pd_editor.experiments.training.sample_losses import (
     initial_state_samples_loss,
-)
-from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
-from pd_editor.experiments.training.own_samples.trajectories import (
     trajectory_samples_loss,
 )
 from pd_editor.generation.checkpoints.model_folder import StageKind, made_model

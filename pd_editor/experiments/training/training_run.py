@@ -41,7 +41,11 @@ from pd_editor.experiments.training.data.training_data import (
     training_data,
     write_basis,
 )
-from pd_editor.experiments.training.loop.run_folder import CURVES_NAME, RunFolder
+from pd_editor.experiments.training.loop.run_folder import (
+    CURVES_NAME,
+    RunFolder,
+    Training,
+)
 from pd_editor.experiments.training.loop.train_loop import (
     TrainingProgress,
     TrainLoop,
@@ -53,7 +57,6 @@ from pd_editor.experiments.training.loop.training_curves import (
     tensorboard_log,
 )
 from pd_editor.experiments.training.monitoring import Monitoring, SampleWatch
-from pd_editor.experiments.training.outcome import Training
 from pd_editor.experiments.training.stage_objective import STAGES
 from pd_editor.experiments.training.warm_start import (
     basis_of,

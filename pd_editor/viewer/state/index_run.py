@@ -15,9 +15,12 @@ from pd_editor.experiments.scene_index.index_file import (
     IndexWriter,
     SceneIndex,
 )
-from pd_editor.experiments.work_engine import LocalProcesses, WorkEngine
-from pd_editor.experiments.work_engine.local_processes import available_cores
+from pd_editor.experiments.work_engine.local_processes import (
+    LocalProcesses,
+    available_cores,
+)
 from pd_editor.experiments.work_engine.work_engine import (
+    WorkEngine,
     WorkFailure,
     WorkProgress,
     progress_line,

@@ -8,10 +8,14 @@ from pd_editor.base.errors import PdEditorError
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
 from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.studies.severity import SeverityCurve, severity_curves
-from pd_editor.experiments.studies.study_job import StudyJob
 from pd_editor.experiments.studies.study_plan import StudyPlan, study_items
-from pd_editor.experiments.studies.whole_study import WORK_ITEMS, Study, StudyExtras
-from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.studies.whole_study import (
+    WORK_ITEMS,
+    Study,
+    StudyExtras,
+    StudyJob,
+)
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
 
 CURVE_REFRESH_S: Final = 1.0

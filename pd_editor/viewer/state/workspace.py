@@ -40,7 +40,7 @@ from pd_editor.editor.variant import (
     name_from_text,
     short_id,
 )
-from pd_editor.experiments.scene_index.find import FoundScene
+from pd_editor.experiments.scene_index.query import FoundScene
 from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.exporters.bundle import zip_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2

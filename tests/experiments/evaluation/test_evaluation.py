@@ -11,7 +11,7 @@ from pd_editor.experiments.evaluation.evaluation import (
     run_evaluation,
     scenes_of,
 )
-from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from tests.builders import scenario_with, straight_drivers
 from tests.experiments.evaluation.small_dataset import (
     COLLIDING,

@@ -10,9 +10,9 @@ from pd_editor.base.errors import InputError
 from pd_editor.experiments.recordings import shards
 from pd_editor.experiments.recordings.clip import cut_scenario
 from pd_editor.experiments.recordings.clip_selection import choose_windows
-from pd_editor.experiments.recordings.map_codec import MAP_STEP_M
 from pd_editor.experiments.recordings.recording_codec import (
     HEADING_STEP_RAD,
+    MAP_STEP_M,
     POSITION_STEP_M,
     VELOCITY_STEP_MPS,
 )

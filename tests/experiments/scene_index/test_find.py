@@ -10,8 +10,8 @@ import pytest
 
 from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS
 from pd_editor.base.errors import InputError
-from pd_editor.experiments.scene_index.find import find_scenes
 from pd_editor.experiments.scene_index.index_file import SCHEMA, SceneIndex
+from pd_editor.experiments.scene_index.query import find_scenes
 
 KINDS = ("vehicle", "bus", "pedestrian")
 

@@ -36,7 +36,7 @@ from pd_editor.experiments.studies.worst_case import (
     grid_worst_cases,
     search_scene,
 )
-from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
 from pd_editor.scene.av2_io.read import read_scenario
 from tests.experiments.evaluation.small_dataset import OneByOne, methods, write_dataset

@@ -1,6 +1,6 @@
 """A work engine without processes, that may be stopped."""
 
-from pd_editor.experiments.work_engine import InThisProcess
+from pd_editor.experiments.work_engine.work_engine import InThisProcess
 
 
 class SerialEngine(InThisProcess):

@@ -13,7 +13,7 @@ from pd_editor.experiments.training.config.run_config import (
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.data.batched_scenes import TrainingData
+from pd_editor.experiments.training.data.training_data import TrainingData
 from pd_editor.experiments.training.loop.run_folder import RunFolder
 from pd_editor.experiments.training.loop.train_loop import TrainLoop
 

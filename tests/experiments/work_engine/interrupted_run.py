@@ -3,7 +3,8 @@
 import sys
 import time
 
-from pd_editor.experiments.work_engine import LocalProcesses, run_items
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
+from pd_editor.experiments.work_engine.work_engine import run_items
 from tests.experiments.work_engine.work_functions import process_id, sleep
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.experiments.work_engine import LocalProcesses, WorkEngine, run_items
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
+from pd_editor.experiments.work_engine.work_engine import WorkEngine, run_items
 from tests.experiments.work_engine.work_functions import (
     cannot_travel_back,
     dies_on_three,
@@ -176,7 +177,8 @@ def _group_lives(leader: int) -> bool:
 UNGUARDED = """
 import sys
 from pathlib import Path
-from pd_editor.experiments.work_engine import LocalProcesses, run_items
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
+from pd_editor.experiments.work_engine.work_engine import run_items
 from pd_editor.experiments.work_engine.work_folder import WorkFolder
 from tests.experiments.work_engine.work_functions import square
 

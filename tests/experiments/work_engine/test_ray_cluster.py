@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pd_editor.base.errors import InputError
-from pd_editor.experiments.work_engine import WorkEngine, run_items
 from pd_editor.experiments.work_engine.ray_cluster import RayCluster
+from pd_editor.experiments.work_engine.work_engine import WorkEngine, run_items
 from pd_editor.scene.formats.registry import REFERENCES
 from tests.experiments.work_engine.fake_ray import FakeRay
 from tests.experiments.work_engine.work_functions import (

@@ -5,8 +5,8 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.experiments.scene_index.find import find_scenes
 from pd_editor.experiments.scene_index.index_file import SCHEMA, SceneIndex
+from pd_editor.experiments.scene_index.query import find_scenes
 from pd_editor.viewer.files.content_query import COMMON, toggled
 
 EMPTY = SceneIndex(folder=Path("/"), table=SCHEMA.empty_table())

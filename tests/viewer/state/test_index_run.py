@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from pd_editor.base.installed_files import demo_folder
-from pd_editor.experiments.scene_index.find import find_scenes
 from pd_editor.experiments.scene_index.index_file import INDEX_NAME, SceneIndex
-from pd_editor.experiments.work_engine import InThisProcess
+from pd_editor.experiments.scene_index.query import find_scenes
+from pd_editor.experiments.work_engine.work_engine import InThisProcess
 from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.viewer.state import index_run
 from pd_editor.viewer.state.index_run import IndexRun

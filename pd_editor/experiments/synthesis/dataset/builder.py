@@ -1,9 +1,10 @@
-"""Builds a synthetic dataset of many networks, each with its windows."""
+"""Builds a synthetic dataset of many networks, each with its windows, in a folder."""
 
+import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -11,12 +12,10 @@ from typing import Any, Final
 
 from pd_editor.base.errors import InputError, SynthesisError
 from pd_editor.base.regular_file import check_path
-from pd_editor.experiments.synthesis.dataset.dataset_folder import (
-    DatasetFolder,
-    NetworkRecord,
-)
 from pd_editor.experiments.synthesis.dataset.network_worker import (
+    NetworkFiles,
     NetworkItem,
+    NetworkRecord,
     make_network,
 )
 from pd_editor.experiments.synthesis.dataset.scene_source import scenario_folders
@@ -29,8 +28,65 @@ from pd_editor.experiments.synthesis.sumo.sumo_scenario import (
     read_sumo_scenario,
 )
 from pd_editor.experiments.synthesis.sumo.sumo_tools import sumo_tool
-from pd_editor.experiments.work_engine import WorkEngine, run_items
-from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.experiments.work_engine.work_engine import (
+    WorkEngine,
+    WorkProgress,
+    run_items,
+)
+from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME, ResumableFolder
+from pd_editor.scene.exporters.bundle import replace_folder
+
+MANIFEST_NAME: Final = "manifest.json"
+
+
+class DatasetFolder(ResumableFolder):
+    """Folder of a dataset that can be resumed."""
+
+    def __init__(
+        self, path: Path, settings: Mapping[str, Any], *, resume: bool
+    ) -> None:
+        """Create the folder, or resume the one of an earlier run.
+
+        Raises:
+            ExportError: the folder cannot be written, or holds something else.
+            InputError: the folder belongs to a dataset with other settings.
+        """
+        self.settings = settings
+        super().__init__(path, settings, work="dataset", resume=resume)
+
+    def store(self, key: str, made: NetworkFiles) -> None:
+        """Write the files of a network, then its record, with which it is finished.
+
+        Raises:
+            ExportError: a file cannot be written.
+        """
+        for name, data in made.shards.items():
+            self.write(name, data)
+        for name, files in made.folders.items():
+            replace_folder(files, self.path / name)
+        self.write_json(f"{FINISHED_NAME}/{key}.json", asdict(made.record))
+
+    def load(self, key: str) -> NetworkRecord | None:
+        """Record of a finished network; None if it is not finished."""
+        try:
+            found = json.loads((self.path / FINISHED_NAME / f"{key}.json").read_bytes())
+            return NetworkRecord(**found)
+        except (OSError, ValueError, TypeError, RecursionError):
+            return None
+
+    def write_manifest(self, networks: Mapping[str, NetworkRecord]) -> Path:
+        """Write the dataset's settings and the records of its networks.
+
+        Raises:
+            ExportError: it cannot be written.
+        """
+        manifest = {
+            **self.settings,
+            "num_windows": sum(one.num_windows for one in networks.values()),
+            "networks": {key: asdict(one) for key, one in networks.items()},
+        }
+        return self.write_json(MANIFEST_NAME, manifest)
+
 
 WINDOWS_PER_SHARD: Final = 80
 FOLDERS_PER_NETWORK: Final = 20

@@ -2,6 +2,7 @@
 
 import dataclasses
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,10 +16,6 @@ from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.experiments.synthesis.av2_to_sumo.network_conversion import (
     network_of_map,
 )
-from pd_editor.experiments.synthesis.dataset.dataset_folder import (
-    NetworkFiles,
-    NetworkRecord,
-)
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
 from pd_editor.experiments.synthesis.traffic.city_traffic import simulate_city
 from pd_editor.experiments.synthesis.traffic.demand_config import MAP_DEMAND
@@ -30,6 +27,25 @@ WINDOW_SPACING_S: Final = 2.0
 """Duration by which each window lengthens a recording."""
 MIN_DURATION_S: Final = 30.0
 MAX_DURATION_S: Final = 160.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkRecord:
+    """Record of one finished network."""
+
+    num_windows: int
+    num_agents: int
+    """Number of agents in all windows at their current steps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkFiles:
+    """Windows of one network as files, which the worker makes and the caller writes."""
+
+    record: NetworkRecord
+    shards: Mapping[str, bytes]
+    folders: Mapping[str, Mapping[str, bytes]]
+    """Files of scenario folders, by the folder's name and their own."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,9 +30,11 @@ from pd_editor.experiments.synthesis.road_network.families.slip_lanes import (
 from pd_editor.experiments.synthesis.road_network.families.town import generate_town
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.road_network.plain_xml import PlainNetwork, convert
-from pd_editor.experiments.synthesis.sumo_to_av2.kerb_lanes import with_wide_kerb_lanes
 from pd_editor.experiments.synthesis.sumo_to_av2.map_conversion import net_road_map
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import BAY_SHARE
+from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
+    BAY_SHARE,
+    with_wide_kerb_lanes,
+)
 from pd_editor.scene.formats.sumo_net import read_sumo_net
 
 _GENERATE: Final[dict[str, Callable[[np.random.Generator], PlainNetwork]]] = {

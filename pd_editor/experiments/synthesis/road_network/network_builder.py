@@ -10,7 +10,6 @@ import shapely
 from jaxtyping import Float
 from shapely import LineString
 
-from pd_editor.experiments.synthesis.road_network.cross_section import Carriageway
 from pd_editor.experiments.synthesis.road_network.plain_xml import (
     NodeKind,
     PlainConnection,
@@ -25,6 +24,7 @@ from pd_editor.experiments.synthesis.road_network.street_curves import (
     CurveKind,
     curve,
 )
+from pd_editor.experiments.synthesis.road_network.street_types import Carriageway
 from pd_editor.scene.geometry.polyline import arc_length, densify, offset_line, point_at
 
 PlaneWarp = Callable[[Float[np.ndarray, "N 2"]], Float[np.ndarray, "N 2"]]

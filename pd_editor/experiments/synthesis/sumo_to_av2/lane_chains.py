@@ -1,9 +1,21 @@
-"""Chains of SUMO lanes, which join short junction lanes to others."""
+"""Chains of SUMO lanes, which join short junction lanes to others, and their centre lines."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
 
 from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
+from pd_editor.scene.geometry.angles import left_of
+from pd_editor.scene.geometry.polyline import arc_length, resample, without_repeats
+from pd_editor.scene.geometry.wide_line import (
+    WideLine,
+    wide_line,
+    with_end_normals,
+)
 from pd_editor.scene.road_map import LaneKind
 
 
@@ -102,3 +114,95 @@ def _chain(lanes: list[SumoLane], crossing: set[str]) -> LaneChain:
         main=main,
         is_intersection=not roads and main.junction in crossing,
     )
+
+
+_SPACING_M: Final = 1.0
+"""Distance between the points of a line through a junction."""
+_MAX_STEP_M: Final = 3.0
+"""Larger lateral steps between lanes are kept: SUMO's cyclists turn at a lane's edge."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Joint:
+    """Start or end of a road's lane."""
+
+    point_m: Float[np.ndarray, "2"]
+    normal: Float[np.ndarray, "2"]
+    width_m: float
+
+
+def chain_lines(chains: LaneChains) -> list[WideLine]:
+    """Centre line of each chain; junction lanes join the roads' lanes exactly."""
+    front = {after: n for n, following in chains.next_of.items() for after in following}
+    lines = []
+    for number, chain in enumerate(chains.chains):
+        before, after = front.get(number), chains.next_of[number]
+        start = None if before is None else chains.chains[before].lanes[-1]
+        end = chains.chains[after[0]].lanes[0] if after else None
+        lines.append(_line(chain, start, end))
+    return lines
+
+
+def _line(
+    chain: LaneChain, before: SumoLane | None, after: SumoLane | None
+) -> WideLine:
+    lanes = chain.lanes
+    first = _joint(before, -1) if lanes[0].is_internal else None
+    last = _joint(after, 0) if lanes[-1].is_internal else None
+    points, widths = [], []
+    at = 0
+    for is_internal, group in groupby(lanes, key=lambda lane: lane.is_internal):
+        run = tuple(group)
+        if is_internal:
+            start = first if at == 0 else _joint(lanes[at - 1], -1)
+            at += len(run)
+            end = last if at == len(lanes) else _joint(lanes[at], 0)
+            line, width = _junction_run(run, start, end)
+            points.append(line)
+            widths.append(width)
+        else:
+            at += len(run)
+            points += [lane.shape_m for lane in run]
+            widths += [np.full(len(lane.shape_m), lane.width_m) for lane in run]
+    return with_end_normals(
+        wide_line(np.concatenate(points), np.concatenate(widths)),
+        None if first is None else first.normal,
+        None if last is None else last.normal,
+    )
+
+
+def _joint(lane: SumoLane | None, row: int) -> _Joint | None:
+    """Start (row 0) or end (row -1) of a road's lane."""
+    if lane is None or lane.is_internal:
+        return None
+    points = without_repeats(lane.shape_m, 1e-3)
+    ahead = points[1] - points[0] if row == 0 else points[-1] - points[-2]
+    ahead = ahead / np.linalg.norm(ahead)
+    return _Joint(
+        point_m=points[row],
+        normal=left_of(ahead),
+        width_m=lane.width_m,
+    )
+
+
+def _junction_run(
+    run: tuple[SumoLane, ...], start: _Joint | None, end: _Joint | None
+) -> tuple[Float[np.ndarray, "N 2"], Float[np.ndarray, "N"]]:
+    """Points and widths through a junction, between two roads' lanes."""
+    points = without_repeats(np.concatenate([lane.shape_m for lane in run]), 1e-3)
+    if len(points) > 1:
+        length = float(arc_length(points)[-1])
+        points = resample(points, max(int(np.ceil(length / _SPACING_M)) + 1, 5))
+    along = arc_length(points)
+    fraction = (along / max(float(along[-1]), 1e-6))[:, None]
+    # Offsets are eased in and out, so that lines join the roads' lanes without a kink.
+    eased = fraction**2 * (3.0 - 2.0 * fraction)
+    for joint, row, weight in ((start, 0, 1.0 - eased), (end, -1, eased)):
+        if joint is not None:
+            step = joint.point_m - points[row]
+            if np.linalg.norm(step) < _MAX_STEP_M:
+                points = points + weight * step
+    ends = [joint.width_m for joint in (start, end) if joint is not None]
+    ends = ends or [run[0].width_m]
+    width = ends[0] + fraction[:, 0] * (ends[-1] - ends[0])
+    return points, width

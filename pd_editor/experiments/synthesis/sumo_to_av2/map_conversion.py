@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 import shapely
 
-from pd_editor.experiments.synthesis.sumo_to_av2.centerlines import chain_lines
 from pd_editor.experiments.synthesis.sumo_to_av2.lane_chains import (
     LaneChain,
     LaneChains,
+    chain_lines,
     lane_chains,
 )
 from pd_editor.experiments.synthesis.sumo_to_av2.lane_markings import (

@@ -1,8 +1,8 @@
 """Requested settings of a run, and the resulting configuration."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, TypeVar
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, TypeVar
 
 import torch
 
@@ -18,14 +18,18 @@ from pd_editor.experiments.training.config.presets import (
 from pd_editor.experiments.training.config.run_config import (
     Augmentation,
     Budget,
+    Optimisation,
+    OwnSamplesConfig,
     Precision,
     RunConfig,
 )
-from pd_editor.experiments.training.config.settings import Settings, with_settings
-from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
+from pd_editor.experiments.training.config.settings import (
+    Settings,
+    StageName,
+    with_settings,
+)
 from pd_editor.generation.checkpoints.tensor_file import config_from_json
 
-StageName = Literal["init", "traj"]
 _Value = TypeVar("_Value")
 
 
@@ -53,6 +57,11 @@ class RunRequest:
     settings: Settings = field(default_factory=Settings)
     """Values of single fields, by section; they count before the preset."""
 
+    def given(self, part: type[Any]) -> dict[str, Any]:
+        """What is asked for of the fields of a part of the configuration."""
+        asked = {one.name: getattr(self, one.name, None) for one in fields(part)}
+        return {name: value for name, value in asked.items() if value is not None}
+
     def with_settings(self, value: _Value, section: str) -> _Value:
         """A dataclass with the values that are given for a section.
 
@@ -75,29 +84,19 @@ def new_config(request: RunRequest, *, is_gpu: bool) -> RunConfig:
             "dataset or a folder of synthetic shards."
         )
     preset = PRESETS[request.stage][request.preset or ("gpu" if is_gpu else "default")]
-    own = {"batch_size": request.batch_size, "learning_rate": request.learning_rate}
-    asked = {name: one for name, one in own.items() if one is not None}
-    given = request.settings
+    usual = {"precision": fast_precision(is_gpu=is_gpu), "windows": preset.windows}
     return RunConfig(
-        stage=request.stage,
-        data=request.data,
-        weights=request.weights or (),
-        seed=request.seed or 0,
-        precision=request.precision or fast_precision(is_gpu=is_gpu),
+        **{**usual, **request.given(RunConfig)},
         model=_model_of(request, preset),
         loss=asdict(request.with_settings(LOSSES[request.stage](), "loss")),
         own_samples=asdict(request.with_settings(OwnSamplesConfig(), "own_samples"))
-        if given.of("own_samples")
+        if request.settings.of("own_samples")
         else {},
         augmentation=asdict(request.with_settings(Augmentation(), "augmentation")),
         sampling=_sampling_of(request),
-        start=request.start or "",
-        validate=request.validate or (),
-        windows=request.windows or preset.windows,
-        copies=request.copies or 1,
         optimisation=with_settings(
             request.with_settings(preset.optimisation, "optimisation"),
-            asked,
+            request.given(Optimisation),
             "optimisation",
         ),
         budget=_requested_budget(Budget(minutes=preset.minutes), request),
@@ -110,26 +109,15 @@ def continued_config(earlier: RunConfig, request: RunRequest) -> RunConfig:
     Raises:
         TrainingError: other settings are requested.
     """
-    same: dict[str, tuple[Any, Any]] = {
-        "stage": (request.stage, earlier.stage),
-        "data": (request.data, earlier.data),
-        "weights": (request.weights, earlier.weights),
-        "preset": (
-            None
-            if request.preset is None
-            else _model_of(request, PRESETS[request.stage][request.preset]),
-            earlier.model,
-        ),
-        "batch-size": (request.batch_size, earlier.optimisation.batch_size),
-        "learning-rate": (request.learning_rate, earlier.optimisation.learning_rate),
-        "precision": (request.precision, earlier.precision),
-        "seed": (request.seed, earlier.seed),
-        "from": (request.start, earlier.start),
-        "validate": (request.validate, earlier.validate),
-        "windows": (request.windows, earlier.windows),
-        "copies": (request.copies, earlier.copies),
-    }
-    other = [name for name, (new, old) in same.items() if new not in (None, old)]
+    other = [
+        "from" if name == "start" else name.replace("_", "-")
+        for part in (earlier, earlier.optimisation)
+        for name, value in request.given(type(part)).items()
+        if value != getattr(part, name)
+    ]
+    if request.preset is not None:
+        model = _model_of(request, PRESETS[request.stage][request.preset])
+        other += ["preset"] * (model != earlier.model)
     other += [
         f"{section}.{name}"
         for section, fields in request.settings.values.items()
@@ -152,11 +140,10 @@ def fast_precision(*, is_gpu: bool) -> Precision:
 
 
 def _requested_budget(budget: Budget, request: RunRequest) -> Budget:
-    if request.minutes is not None:
-        budget = replace(budget, minutes=request.minutes, steps=None)
-    if request.steps is not None:
-        budget = replace(budget, steps=request.steps)
-    return budget
+    given = request.given(Budget)
+    if "minutes" in given:
+        budget = replace(budget, steps=None)
+    return replace(budget, **given)
 
 
 def _model_of(request: RunRequest, preset: Preset) -> Mapping[str, Any]:

@@ -21,8 +21,8 @@ from pd_editor.experiments.training.data.scenario_source import (
     ScenarioSource,
     open_roots,
 )
-from pd_editor.experiments.work_engine import LocalProcesses, run_items
-from pd_editor.experiments.work_engine.work_engine import WorkProgress
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
+from pd_editor.experiments.work_engine.work_engine import WorkProgress, run_items
 from pd_editor.generation.features.encoded_scene import packed
 from pd_editor.generation.features.feature_store import (
     FORMAT_VERSION,
@@ -39,14 +39,6 @@ from pd_editor.generation.features.scene_features import (
 )
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.scene.scenario import Scenario
-
-__all__ = [
-    "Preparation",
-    "ScenarioSource",
-    "fit_basis",
-    "open_roots",
-    "prepare_features",
-]
 
 PART_SIZE: Final = 400
 """Scenarios per part; an interrupted preparation loses at most the running parts."""

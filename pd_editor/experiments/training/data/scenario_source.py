@@ -1,10 +1,8 @@
 """Scenarios of data roots: Argoverse 2 datasets and synthetic shards."""
 
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -35,34 +33,18 @@ class ShardRoot:
         Raises:
             InputError: there is no shard that can be read.
         """
-        files = sorted(path.glob(f"*{SHARD_SUFFIX}")) if os.path.isdir(path) else [path]
-        self._files: list[Path] = []
-        counts: list[int] = []
-        error: InputError | None = None
-        for file in files:
-            try:
-                counts.append(len(ShardReader(file)))
-                self._files.append(file)
-            except InputError as caught:
-                error = caught
-        if not self._files:
-            raise error or InputError(f"{path}: there is no shard in it.")
-        self.num_damaged = len(files) - len(self._files)
-        self._first = np.cumsum([0, *counts])
+        self._shards = ShardReader(path, skips_damaged=True)
+        self.num_damaged = self._shards.num_damaged
         self._noise = noise
 
     @property
     def fingerprint(self) -> str:
         """Hash of the names and sizes of the shards, and of the noise."""
-        sizes = [(file.name, file.stat().st_size) for file in self._files]
+        sizes = [(file.name, file.stat().st_size) for file in self._shards.files]
         return _digest([*sizes, self._noise])
 
     def __len__(self) -> int:
-        return int(self._first[-1])
-
-    def _place(self, index: int) -> tuple[ShardReader, int]:
-        file = int(np.searchsorted(self._first, index, side="right")) - 1
-        return _shard(self._files[file]), index - int(self._first[file])
+        return len(self._shards)
 
     def scenario(self, index: int) -> Scenario:
         """The scenario of a window; equal each time.
@@ -70,18 +52,12 @@ class ShardRoot:
         Raises:
             InputError: it is damaged.
         """
-        reader, number = self._place(index)
-        return reader.window(number, noise=self._noise)
+        return self._shards.window(index, noise=self._noise)
 
     def group(self, index: int) -> str:
         """Name of the recording, which is the name of its network."""
-        reader, number = self._place(index)
-        return reader.recording(reader.windows[number][0]).name
-
-
-@lru_cache(maxsize=4)
-def _shard(file: Path) -> ShardReader:
-    return ShardReader(file, num_kept=2)
+        place, _ = self._shards.windows[index]
+        return self._shards.recording(place).name
 
 
 class Av2Root:

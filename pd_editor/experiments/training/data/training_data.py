@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -16,22 +16,49 @@ from pd_editor.base.errors import TrainingError
 from pd_editor.base.regular_file import unwritable
 from pd_editor.experiments.training.config.run_config import Augmentation, Budget
 from pd_editor.experiments.training.data.augmentation import DEFAULT_AUGMENTATION
-from pd_editor.experiments.training.data.batched_scenes import (
-    TrainingData,
-    augmented_scenes,
-)
 from pd_editor.experiments.training.data.feature_preparation import (
     Preparation,
     fit_basis,
-    open_roots,
     prepare_features,
 )
+from pd_editor.experiments.training.data.scenario_source import open_roots
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.generation.checkpoints.tensor_file import read_tensors, write_tensors
 from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.feature_store import FORMAT_VERSION, FeatureStore
 from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+
+
+@runtime_checkable
+class Batch(Protocol):
+    """Interface of batches of scenes."""
+
+    def to(self, device: torch.device, /) -> "Batch":
+        """Move the batch to a device."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainingData:
+    """N scenes: training and validation rows, and functions that batch them."""
+
+    training_rows: tuple[Int[np.ndarray, "_"], ...]
+    held_out_rows: Int[np.ndarray, "_"]
+    size: Int[np.ndarray, "N"]
+    """Size of each scene; scenes of similar size share batches."""
+    batch: Callable[[Int[np.ndarray, "_"]], Batch]
+    augment: Callable[[Any, torch.Generator], Batch]
+    """Augments a batch by symmetries of the data."""
+
+
+def augmented_scenes(scene: SceneTensors, random: torch.Generator) -> SceneTensors:
+    """Rotate scenes at random, and mirror half of them."""
+    turn = torch.rand(scene.num_scenes, generator=random) * 2 * torch.pi
+    if torch.rand((), generator=random) < 0.5:
+        scene = scene.mirrored()
+    return scene.rotated(turn.to(scene.agent_pose, non_blocking=True))
+
 
 _BASIS_NAME: Final = "basis.safetensors"
 _BASIS_KIND: Final = "trajectory-basis"

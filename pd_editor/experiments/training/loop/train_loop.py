@@ -24,7 +24,7 @@ from pd_editor.experiments.training.config.run_config import (
     RunConfig,
 )
 from pd_editor.experiments.training.data.batch_sampler import BatchSampler
-from pd_editor.experiments.training.data.batched_scenes import Batch, TrainingData
+from pd_editor.experiments.training.data.training_data import Batch, TrainingData
 from pd_editor.experiments.training.loop.run_folder import RunFolder
 from pd_editor.experiments.training.loop.training_state import (
     TrainState,

@@ -10,13 +10,13 @@ from pd_editor.experiments.recordings.shards import ShardReader
 from pd_editor.experiments.synthesis.dataset import network_worker as corpus_networks
 from pd_editor.experiments.synthesis.dataset.builder import (
     WINDOWS_PER_SHARD,
+    DatasetFolder,
     DatasetPlan,
     build_dataset,
     usual_families,
 )
-from pd_editor.experiments.synthesis.dataset.dataset_folder import DatasetFolder
 from pd_editor.experiments.synthesis.road_network.generator import FAMILY_SHARES
-from pd_editor.experiments.work_engine import LocalProcesses
+from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.av2_io.read import read_scenario
 from tests.experiments.recordings.recordings import drive

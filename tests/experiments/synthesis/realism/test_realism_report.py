@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import jensenshannon
 
 from pd_editor.base.errors import InputError
-from pd_editor.experiments.synthesis.realism.realism_report import (
+from pd_editor.experiments.synthesis.dataset.realism_report import (
     RealismReport,
     RealismRow,
     realism_report,
 )
-from pd_editor.experiments.synthesis.realism.scene_statistics import (
+from pd_editor.experiments.synthesis.dataset.scene_statistics import (
     QUANTITIES,
     MeasuredScene,
 )
@@ -86,7 +86,7 @@ def test_like_scenes_pass_and_others_do_not() -> None:
     assert not row(fast, "speed").passes
     assert row(fast, "nearest agent").passes
     assert row(fast, "speed").other_real is not None
-    assert f"{len(speeds)} synthetic scenes" in fast.markdown()
+    assert f"{len(speeds)} synthetic scenes" in fast.report().markdown()
     stored = json.loads(json.dumps(fast.json()))
     assert stored["num_other"] == 5
     assert len(stored["rows"]) == len(fast.rows)

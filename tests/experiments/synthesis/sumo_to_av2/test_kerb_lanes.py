@@ -3,7 +3,9 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from pd_editor.experiments.synthesis.sumo_to_av2.kerb_lanes import with_wide_kerb_lanes
+from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
+    with_wide_kerb_lanes,
+)
 from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
 from pd_editor.scene.geometry.polyline import offset_line
 

@@ -4,16 +4,17 @@ import tomllib
 
 import pytest
 
-from pd_editor.experiments.training.config.field_table import (
-    fields_table,
-    settable_fields,
-)
 from pd_editor.experiments.training.config.run_request import (
     RunRequest,
     StageName,
     new_config,
 )
-from pd_editor.experiments.training.config.settings import SECTIONS, settings_of
+from pd_editor.experiments.training.config.settings import (
+    SECTIONS,
+    fields_table,
+    settable_fields,
+    settings_of,
+)
 
 STAGES: tuple[StageName, ...] = ("init", "traj")
 

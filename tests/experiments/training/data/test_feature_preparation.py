@@ -13,9 +13,9 @@ from pd_editor.experiments.training.data.augmentation import crawling_share
 from pd_editor.experiments.training.data.feature_preparation import (
     Preparation,
     fit_basis,
-    open_roots,
     prepare_features,
 )
+from pd_editor.experiments.training.data.scenario_source import open_roots
 from pd_editor.generation.features.encoded_scene import PackedScene, packed
 from pd_editor.generation.features.scene_features import scene_center, scene_features
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis

@@ -3,11 +3,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.experiments.training.own_samples.initial_states import (
-    collision_depth_m,
+from pd_editor.experiments.training.config.run_config import OwnSamplesConfig
+from pd_editor.experiments.training.sample_losses import (
     initial_state_samples_loss,
+    state_collisions_m,
 )
-from pd_editor.experiments.training.own_samples.settings import OwnSamplesConfig
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.network.conditioning import (
     sampling_conditioning,
@@ -29,13 +29,13 @@ def test_depth_is_that_of_boxes_that_overlap_and_may_not() -> None:
     scene = replace(scene, agent_pose=pose, agent_size=size, agent_kind=kind)
     states = encode_states(scene.agent_pose, scene.agent_speed)[None]
     task = sampling_conditioning(scene)
-    depth = collision_depth_m(states, scene, task, 0.1)
+    depth = state_collisions_m(states, scene, task, 0.1)
     assert depth[0, 0, 0, 1] == depth[0, 0, 1, 0] == pytest.approx(0.7, abs=1e-3)
     assert depth.sum() == pytest.approx(1.4, abs=1e-3)
     walking = replace(scene, agent_kind=torch.full_like(kind, PEDESTRIAN))
     given = replace(task, is_given=scene.has_agent)
-    assert collision_depth_m(states, walking, task, 0.1).sum() == 0
-    assert collision_depth_m(states, scene, given, 0.1).sum() == 0
+    assert state_collisions_m(states, walking, task, 0.1).sum() == 0
+    assert state_collisions_m(states, scene, given, 0.1).sum() == 0
 
 
 def test_fewer_overlaps_after_some_steps() -> None:

@@ -3,7 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.road_network.cross_section import Carriageway
 from pd_editor.experiments.synthesis.road_network.network_builder import (
     NetworkBuilder,
     split,
@@ -19,6 +18,7 @@ from pd_editor.experiments.synthesis.road_network.street_curves import (
     sample_main_line,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
+    Carriageway,
     avenue,
     collector,
     control,

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.road_network.cross_section import Carriageway
 from pd_editor.experiments.synthesis.road_network.network_builder import NetworkBuilder
 from pd_editor.experiments.synthesis.road_network.plain_xml import (
     NodeKind,
@@ -16,6 +15,7 @@ from pd_editor.experiments.synthesis.road_network.street_curves import (
     random_warp,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
+    Carriageway,
     avenue,
     collector,
     control,

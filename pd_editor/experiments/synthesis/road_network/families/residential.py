@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 from shapely import LineString
 
-from pd_editor.experiments.synthesis.road_network.cross_section import Carriageway
 from pd_editor.experiments.synthesis.road_network.network_builder import (
     NetworkBuilder,
     split,
@@ -24,6 +23,7 @@ from pd_editor.experiments.synthesis.road_network.street_curves import (
     through_points,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
+    Carriageway,
     collector,
     corner_radius_m,
     crossing_width_m,

@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.road_network.cross_section import Carriageway
 from pd_editor.experiments.synthesis.road_network.network_builder import NetworkBuilder
 from pd_editor.experiments.synthesis.road_network.plain_xml import (
     NodeKind,
@@ -21,6 +20,7 @@ from pd_editor.experiments.synthesis.road_network.street_curves import (
     sample_curve_kind,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
+    Carriageway,
     collector,
     control,
     crossing_width_m,

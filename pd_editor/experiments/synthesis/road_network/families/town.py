@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.road_network.cross_section import Carriageway
 from pd_editor.experiments.synthesis.road_network.network_builder import NetworkBuilder
 from pd_editor.experiments.synthesis.road_network.plain_xml import (
     NodeKind,
@@ -20,6 +19,7 @@ from pd_editor.experiments.synthesis.road_network.street_curves import (
     through_points,
 )
 from pd_editor.experiments.synthesis.road_network.street_types import (
+    Carriageway,
     collector,
     control,
     corner_radius_m,

@@ -9,8 +9,8 @@ import numpy as np
 from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
 from pd_editor.analysis.metrics.values import MaskedValues
 from pd_editor.base.errors import InputError
-from pd_editor.base.markdown import markdown_table
-from pd_editor.experiments.synthesis.realism.scene_statistics import (
+from pd_editor.experiments.report import NONE, Report, ReportTable, Section
+from pd_editor.experiments.synthesis.dataset.scene_statistics import (
     QUANTITIES,
     MeasuredScene,
     Quantity,
@@ -79,13 +79,13 @@ class RealismReport:
         chance = np.sqrt(1 + self.num_real / self.num_other)
         return f", which is {chance:.1f} for the other real scenes."
 
-    def markdown(self) -> str:
-        """Report as Markdown."""
+    def report(self) -> Report:
+        """Report as text and a table."""
         num_passed = sum(row.passes for row in self.rows)
-        lines = [
-            "# Synthetic traffic beside real traffic",
-            f"{self.num_synthetic} synthetic scenes, {self.num_real} real ones"
-            + (f", {self.num_other} other real ones." if self.num_other else "."),
+        scenes = f"{self.num_synthetic} synthetic scenes, {self.num_real} real ones"
+        others = f", {self.num_other} other real ones." if self.num_other else "."
+        words = (
+            scenes + others,
             "Distances are square roots of Jensen-Shannon divergences (natural "
             "logarithm) to the real scenes. The noise floor is that distance for as "
             "many agents of resampled real scenes, mean over resamples. A perfect "
@@ -94,9 +94,13 @@ class RealismReport:
             + self._chance(),
             f"{num_passed} of {len(self.rows)} distances are at most "
             f"{ALLOWED_RATIO:g} times the noise floor.",
-            markdown_table(_header(), map(_cells, self.rows)),
-        ]
-        return "\n\n".join(lines) + "\n"
+        )
+        rows = tuple(map(_cells, self.rows))
+        table = ReportTable(title="By quantity", header=_header(), rows=rows)
+        section = Section(title="Distances", paragraphs=words, tables=(table,))
+        return Report(
+            title="Synthetic traffic beside real traffic", sections=(section,)
+        )
 
 
 def realism_report(
@@ -184,7 +188,7 @@ def _header() -> tuple[str, ...]:
 
 
 def _cells(row: RealismRow) -> tuple[str, ...]:
-    other = "-"
+    other = NONE
     if row.other_real is not None:
         other = f"{row.other_real / max(row.noise_floor, 1e-9):.2f}"
     return (

@@ -1,1 +1,0 @@
-"""Comparison of synthetic scenes with recorded ones."""

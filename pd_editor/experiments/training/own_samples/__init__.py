@@ -1,1 +1,0 @@
-"""Loss of a network's own samples, differentiated through the last denoising steps."""
