@@ -142,7 +142,7 @@ def test_a_road_that_traffic_names_is_no_scene_of_its_own():
     other = {**both, "more.xosc": files["road.xosc"]}
     content = zip_folders({"one": both, "two": other, "three": both})
     scenes = scenes_in_upload({"x.zip": content})
-    assert list(scenes) == ["one", "three", "more", "traffic"]
+    assert list(scenes) == ["one", "more", "traffic", "three"]
     for give in scenes.values():
         scenario, _ = scenario_and_recipe(give())
         assert len(scenario.agents) == len(session.scenario.agents)
