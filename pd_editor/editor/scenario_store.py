@@ -44,6 +44,7 @@ from pd_editor.scene.formats.registry import (
     is_foreign_scene,
     name_of_scene,
     read_scene,
+    unread_file,
     writer,
 )
 from pd_editor.scene.map_window import window_of
@@ -256,6 +257,8 @@ def _no_scenario(text: str, path: str) -> InputError:
             f"{text}: is neither a scenario folder nor a demo "
             f"({', '.join(demo_names())})."
         )
+    if told := unread_file(Path(path)):
+        return InputError(f"{text}: {told}")
     if path.endswith(".json"):
         return InputError(
             f"{text}: is no file of a known format; recipes are replayed by pd-editor"
@@ -275,6 +278,10 @@ def scenario_and_recipe(files: Mapping[str, bytes]) -> tuple[Scenario, Recipe | 
         InputError: the files cannot be read.
     """
     foreign = _foreign_upload(_foreign_scenes(files))
+    for name, data in files.items() if foreign is None and len(files) == 1 else ():
+        with _as_file(name, data[:_HEAD_BYTES]) as path:
+            if told := unread_file(path):
+                raise InputError(f"{name[:60]}: {told}")
     scenario = scenario_from_upload(files) if foreign is None else foreign
     found = list(files_in_upload(files, RECIPE_NAME.__eq__, MAX_RECIPE_BYTES))
     try:

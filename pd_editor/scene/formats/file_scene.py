@@ -68,7 +68,7 @@ class FileTrack:
     heading_rad: Float[np.ndarray, "N"]
     """NaN: that of the motion."""
     velocity_mps: Float[np.ndarray, "N 2"] | None = None
-    """None: that of the positions."""
+    """None, or not finite anywhere: that of the positions."""
     longest_gap_s: float = 0.0
     """1.5 of the file's steps: states further apart have nothing between them."""
 
@@ -78,6 +78,8 @@ class FileTrack:
                 self.time_s, self.position_m, np.asarray(self.heading_rad, float)
             )
             object.__setattr__(self, "heading_rad", heading)
+        if self.velocity_mps is not None and not np.isfinite(self.velocity_mps).all():
+            object.__setattr__(self, "velocity_mps", None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

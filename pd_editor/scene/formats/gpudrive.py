@@ -63,20 +63,23 @@ class _Point(msgspec.Struct):
     y: float | None
 
 
+_Place = _Point | list[float | None]
+
+
 class _Object(msgspec.Struct):
     type: str
-    position: list[_Point]
+    position: list[_Place]
     valid: list[bool | int]
-    length: float | list[float | None]
-    width: float | list[float | None]
+    length: float | list[float | None] | None = None
+    width: float | list[float | None] | None = None
     heading: list[float | None] | None = None
-    velocity: list[_Point] | None = None
+    velocity: list[_Place] | None = None
     id: Any = None
 
 
 class _Road(msgspec.Struct):
     type: str
-    geometry: list[_Point]
+    geometry: list[_Place] | _Point | None
     id: Any = None
 
 
@@ -127,8 +130,9 @@ def _scene(path: Path, found: _File) -> FileScene:
         for row, one in enumerate(objects)
     ]
     roads = [
-        (row, one.type, distinct_points(_table(one.geometry)))
+        (row, one.type.lower(), distinct_points(_table(one.geometry)))
         for row, one in enumerate(found.roads)
+        if isinstance(one.geometry, list)
     ]
     asked, told = about.tracks_to_predict, about.sdc_track_index
     number = max((len(one.position) for one in objects), default=0)
@@ -227,8 +231,9 @@ def _signal(key: str, found: _Light, lane: int | None, step_s: float) -> FileSig
     )
 
 
-def _table(points: Sequence[_Point]) -> Float[np.ndarray, "N 2"]:
-    return np.array([(one.x, one.y) for one in points], float).reshape(-1, 2)
+def _table(points: Sequence[_Place]) -> Float[np.ndarray, "N 2"]:
+    pairs = [one[:2] if isinstance(one, list) else (one.x, one.y) for one in points]
+    return np.array(pairs, float).reshape(-1, 2)
 
 
 def _recognises(path: Path) -> bool:

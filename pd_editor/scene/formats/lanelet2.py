@@ -1,7 +1,7 @@
 """Lanelet2 maps in OpenStreetMap's XML (.osm)."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,9 +12,11 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
+from pd_editor.base.errors import FormatError
 from pd_editor.scene.formats.file_scene import FileScene
 from pd_editor.scene.formats.packed_file import stem_of
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
+from pd_editor.scene.formats.untold_links import with_untold_links
 from pd_editor.scene.formats.xml_file import Place, parse_xml
 from pd_editor.scene.geometry.map_projection import utm, utm_zone
 from pd_editor.scene.geometry.paved_area import valid_area
@@ -74,11 +76,22 @@ def read(path: Path) -> Scenario:
     """
     root, data = parse_xml(path, "osm")
     file = _File(root)
-    courses = [course for place in file.lanelets for course in _courses(file, place)]
+    courses: list[_Course] = []
+    for place in file.lanelets:
+        try:
+            courses += _courses(file, place)
+        except FormatError as error:
+            file.faults.append(error)
+    if file.faults and not courses:
+        raise file.faults[0]
     walks = [one for one in courses if one.tags.get("subtype") == "crosswalk"]
     shoulders = [one for one in courses if one.tags.get("subtype") in _SHOULDERS]
     lanes, told = _lanes(file, [one for one in courses if one.kind is not None])
-    notes = [file.frame, *told]
+    lanes, untold = with_untold_links(lanes)
+    notes = [file.frame, *told, *untold]
+    if count := len(file.faults):
+        what = str(file.faults[0]).removeprefix(f"{path}, ")
+        notes.append(f"Damaged lanelets and areas are left out ({count}): {what}")
     if file.num_rules:
         notes.append(f"{file.num_rules} regulatory elements are left out.")
     return FileScene(
@@ -126,29 +139,43 @@ class _File:
         relations: defaultdict[str, list[Place]] = defaultdict(list)
         for one in present["relation"]:
             relations[_tags(one).get("type", "")].append(one)
-        self.lanelets = relations["lanelet"]
         self.num_rules = len(relations["regulatory_element"])
-        if not self.lanelets:
+        if not relations["lanelet"]:
             raise root.error(
-                "has no lanelets; expected relations of type lanelet, which plain "
-                "exports of OpenStreetMap lack."
+                "has no lanelets; expected relations of type lanelet. Of a street map "
+                "of OpenStreetMap, netconvert --osm-files IN.osm -o OUT.net.xml makes a "
+                "SUMO network, which can be opened."
             )
+        self._nodes_of: dict[str, tuple[str, ...]] = {}
+        self.faults: list[FormatError] = []
+        """On lanelets and areas that are left out, such as those at the edge of a cut map."""
+        sides = ("left", "right", "centerline")
+        self.lanelets = [one for one in relations["lanelet"] if self._has(one, sides)]
         self._areas = [
             self._members(one, "outer")
             for one in relations["multipolygon"]
-            if _tags(one).get("subtype") in _PAVED_AREAS
+            if _tags(one).get("subtype") in _PAVED_AREAS and self._has(one, ("outer",))
         ]
         self._areas += [
             [name]
             for name, one in self._ways.items()
-            if _tags(one).get("type") in _PAVED_AREAS
+            if _tags(one).get("type") in _PAVED_AREAS and self._has(one, (), [name])
         ]
-        used = [way for area in self._areas for way in area]
-        for one in self.lanelets:
-            for role in ("left", "right", "centerline"):
-                used += self._members(one, role)
-        self._nodes_of = {way: self._nodes_of_way(way) for way in used}
+        if self.faults and not self.lanelets:
+            raise self.faults[0]
         self._points: dict[Bound, Float[np.ndarray, "_ 3"]] = {}
+
+    def _has(
+        self, place: Place, roles: Sequence[str], ways: Sequence[str] = ()
+    ) -> bool:
+        """Whether the file has all ways and nodes of an area, which are known from here on."""
+        try:
+            ways = ways or [way for n in roles for way in self._members(place, n)]
+            self._nodes_of |= {way: self._nodes_of_way(way) for way in ways}
+        except FormatError as error:
+            self.faults.append(error)
+            return False
+        return True
 
     def _members(self, place: Place, role: str) -> list[str]:
         """Ids of the ways that a relation has in a role."""
@@ -269,6 +296,11 @@ def _local(place: Place) -> list[float]:
 
 
 def _degrees(place: Place) -> tuple[float, float]:
+    if not (place.get("lat") and place.get("lon")):
+        raise place.error(
+            "has no place; expected lat and lon in degrees, or local_x and local_y of all "
+            "nodes in metres."
+        )
     lat, lon = place.number("lat"), place.number("lon")
     if abs(lat) > 90 or abs(lon) > 180:
         raise place.error(

@@ -35,6 +35,7 @@ from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
+from pd_editor.scene.formats.untold_links import with_untold_links
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
@@ -51,13 +52,13 @@ _LEAST_WIDTH_M: Final = 0.3
 """Lanes that are nowhere wider are left out."""
 _LANE_KINDS: Final = {
     "driving": LaneKind.VEHICLE, "entry": LaneKind.VEHICLE, "exit": LaneKind.VEHICLE,
-    "onRamp": LaneKind.VEHICLE, "offRamp": LaneKind.VEHICLE,
-    "connectingRamp": LaneKind.VEHICLE, "slipLane": LaneKind.VEHICLE,
-    "bidirectional": LaneKind.VEHICLE, "HOV": LaneKind.VEHICLE, "shared": LaneKind.VEHICLE,
-    "mwyEntry": LaneKind.VEHICLE, "mwyExit": LaneKind.VEHICLE,
+    "onramp": LaneKind.VEHICLE, "offramp": LaneKind.VEHICLE,
+    "connectingramp": LaneKind.VEHICLE, "sliplane": LaneKind.VEHICLE,
+    "bidirectional": LaneKind.VEHICLE, "hov": LaneKind.VEHICLE, "shared": LaneKind.VEHICLE,
+    "mwyentry": LaneKind.VEHICLE, "mwyexit": LaneKind.VEHICLE,
     "bus": LaneKind.BUS, "taxi": LaneKind.BUS, "biking": LaneKind.BIKE,
 }  # fmt: skip
-"""Types of lanes that are driven on."""
+"""Types of lanes that are driven on, in lower case."""
 _PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
 """Types of lanes that are drivable, but lead nowhere."""
 _MARKS: Final = {kind: mark for mark, kind in ROAD_MARKS.items()}
@@ -89,10 +90,10 @@ def read(path: Path) -> Scenario:
     roads_at = road_network_of(scenario[0]) if scenario and story == path else path
     root, data = parse_xml(roads_at, "OpenDRIVE")
     header = root.child("header")
-    major, minor = header.integer("revMajor"), header.integer("revMinor")
+    major, minor = header.integer("revMajor"), header.number("revMinor", 0.0)
     if major != 1 or not 0 <= minor <= MOST_MINOR:
         raise header.error(
-            f"is of version {major}.{minor}; expected 1.0 to 1.{MOST_MINOR}."
+            f"is of version {major}.{minor:g}; expected 1.0 to 1.{MOST_MINOR}."
         )
     roads = _roads(root)
     network = _Network(root, roads)
@@ -108,17 +109,18 @@ def read(path: Path) -> Scenario:
         notes = (*notes, f"{len(places)} virtual junctions join nothing.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
+    lanes, untold = network.lanes()
     scene = FileScene(
         path=path,
         name=stem_of(path),
-        lanes=network.lanes(),
+        lanes=lanes,
         crosswalks=crosswalks_of(enumerate(walks, start=10**6)),
         more_paved=paved,
         signals=signals,
         tracks=motion.tracks,
         ego_id=motion.ego_id,
         current_s=motion.current_s,
-        notes=(*notes, *motion.notes),
+        notes=(*notes, *untold, *motion.notes),
         attribution=told_of(header.element, "vendor", "name", "license", "copyright"),
     ).scenario(data + motion.data)
     return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
@@ -126,8 +128,12 @@ def read(path: Path) -> Scenario:
 
 def _roads(root: Place) -> "dict[str, _Road]":
     roads: dict[str, _Road] = {}
+    within = {
+        one.get("connectingRoad"): one.element.getparent().get("id")
+        for one in root.children("junction/connection")
+    }
     for place in root.children("road"):
-        road = _Road(place)
+        road = _Road(place, within)
         if road.name in roads:
             raise place.error("comes twice; expected ids that are unique.")
         roads[road.name] = road
@@ -198,7 +204,8 @@ class _Section:
 class _Road:
     """A road with its sections."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: Place, within: Mapping[str, str]) -> None:
+        """Of an element; ``within`` has junctions by their connecting roads."""
         self.place, self.name = place, place.attribute("id")
         self.length_m = place.number("length")
         if not 0 <= self.length_m <= MAX_LINES_M:
@@ -207,7 +214,7 @@ class _Road:
                 f"{MAX_LINES_M:g}."
             )
         self.drives_left = place.get("rule").upper() == "LHT"
-        junction = place.get("junction", "-1")
+        junction = place.get("junction", within.get(self.name, "-1"))
         self.junction = "" if junction == "-1" else junction
 
     @cached_property
@@ -287,7 +294,7 @@ class _Road:
         """Sections, ids and directions of the lanes that are driven on."""
         for section in self.sections:
             for number, place in section.lanes.items():
-                if place.get("type") in _LANE_KINDS and section.is_wide(number):
+                if _type(place) in _LANE_KINDS and section.is_wide(number):
                     for leads_on in self.leads_on(number, place):
                         yield section, number, leads_on
 
@@ -295,7 +302,7 @@ class _Road:
         """Whether a lane is driven in the direction of the road; two-way ones are twice."""
         told = place.get("direction")
         usual = ((lane < 0) != self.drives_left) != (told == "reversed")
-        if told == "both" or place.get("type") == "bidirectional":
+        if told == "both" or _type(place) == "bidirectional":
             return usual, not usual
         return (usual,)
 
@@ -303,12 +310,12 @@ class _Road:
         """Areas of asphalt, and of lanes that are drivable, but lead nowhere."""
         for section in self.sections:
             for number, place in section.lanes.items():
-                if place.get("type") in _PAVED:
+                if _type(place) in _PAVED:
                     inner = section.points(section.border_m[section.inner(number)])
                     outer = section.points(section.border_m[number])
                     yield valid_area(np.concatenate([inner, outer[::-1]])[:, :2])
         for one in self.place.children("objects/object"):
-            if one.get("type", "none").lower() == "none" and (
+            if _type(one) == "none" and (
                 one.children(f".//outline[@fillType='{PAVING}']")
             ):
                 yield valid_area(self._corners(one))
@@ -317,9 +324,7 @@ class _Road:
         """Corners of the objects that are crosswalks."""
         for one in self.place.children("objects/object"):
             is_placed = one.get("length") and one.get("width")
-            if one.get("type").lower() == "crosswalk" and (
-                is_placed or one.children(".//outline")
-            ):
+            if _type(one) == "crosswalk" and (is_placed or one.children(".//outline")):
                 yield self._corners(one)
 
     def _corners(self, place: Place) -> Float[np.ndarray, "N 2"]:
@@ -399,8 +404,8 @@ class _Network:
             if one.get("type") == "direct"
         }
 
-    def lanes(self) -> tuple[Lane, ...]:
-        """All lanes that are driven on, with their links."""
+    def lanes(self) -> tuple[tuple[Lane, ...], list[str]]:
+        """All lanes that are driven on, with their links; a note on those by place."""
         after: defaultdict[int, set[int]] = defaultdict(set)
         before: defaultdict[int, set[int]] = defaultdict(set)
         for first, second in self._links():
@@ -413,11 +418,28 @@ class _Network:
                     after[one] = after[one] - {number} | ends[1]
                 for one in ends[1]:
                     before[one] = before[one] - {number} | ends[0]
-        return tuple(
+        # Where any lane is linked, the file tells what is linked there.
+        told = {self._place(number, is_end=True) for number in after if after[number]}
+        told |= {
+            self._place(number, is_end=False) for number in before if before[number]
+        }
+        lanes = tuple(
             self._lane(*one, after, before)
             for one in self._driven
             if not one[0].is_joint
         )
+        return with_untold_links(
+            lanes,
+            lambda one, other: (
+                self._place(one.lane_id, is_end=True) not in told
+                or self._place(other.lane_id, is_end=False) not in told
+            ),
+        )
+
+    def _place(self, number: int, *, is_end: bool) -> tuple[str, int, bool]:
+        """Road, section, and whether it is the end of that, at which a lane begins or ends."""
+        road, section, _, leads_on = self._driven[number - 1]
+        return road.name, section.index, leads_on == is_end
 
     def signals(self, motion: Motion) -> tuple[tuple[FileSignal, ...], tuple[str, ...]]:
         """Traffic lights at the stop lines of their lanes, and notes on what is left out.
@@ -489,10 +511,9 @@ class _Network:
             self._named.get(told.get(code) or "", one)
             for code, one in zip((LEFT, RIGHT), beside, strict=True)
         )
-        kind = section.lanes[lane].element.get("type") or "none"
         return Lane(
             lane_id=number,
-            kind=_LANE_KINDS[kind],
+            kind=_LANE_KINDS[_type(section.lanes[lane])],
             is_intersection=INTERSECTION in told
             or (bool(road.junction) and road.junction not in self._direct),
             centerline=_simplified(section.points(section.middle(lane))[::step]),
@@ -573,6 +594,11 @@ class _Network:
         ):
             if first in self._number and second in self._number:
                 yield self._number[first], self._number[second]
+
+
+def _type(place: Place) -> str:
+    """Type of a lane or an object; cases are mixed up, and it may be left out."""
+    return place.get("type", "none").lower()
 
 
 def _contact(link: Any) -> End:

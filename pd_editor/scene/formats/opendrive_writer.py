@@ -17,7 +17,7 @@ from jaxtyping import Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import ExportError
-from pd_editor.scene.formats.openscenario_writer import (
+from pd_editor.scene.formats.openscenario import (
     entity_names,
     light_ids,
     openscenario_file,

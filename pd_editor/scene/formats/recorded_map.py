@@ -13,6 +13,7 @@ from jaxtyping import Float
 from pd_editor.base.errors import ExportError, FormatError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
+from pd_editor.scene.formats.untold_links import SAME_PLACE_M, meetings
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import (
@@ -46,9 +47,6 @@ _NO_ITEMS: Final = (str, int, float, list, tuple, np.ndarray, type(None))
 USUAL_WIDTH_M: Final = 3.5
 _WIDTHS_M: Final = (2.2, 6.0)
 _SAME_LINE_M: Final = 0.02
-_SAME_PLACE_M: Final = 0.6
-_SAME_WAY: Final = 0.8
-"""Cosine of the largest turn from one lane to the next, where links are not told."""
 
 
 class _FieldError(FormatError):
@@ -304,21 +302,16 @@ def _links(
     number: Mapping[str, int],
 ) -> dict[int, list[int]]:
     """Numbers of the lanes that follow each."""
-    start = np.array([line[0] for line in lines])
     if any(one.successors is not None for one in lanes):
-        begin = {one.key: place for one, place in zip(lanes, start, strict=True)}
+        begin = {one.key: line[0] for one, line in zip(lanes, lines, strict=True)}
         return {
             number[one.key]: [number[key] for key in _following(one, line[-1], begin)]
             for one, line in zip(lanes, lines, strict=True)
         }
-    end = np.array([line[-1] for line in lines])
-    begins = np.array([_unit(line[1] - line[0]) for line in lines])
-    ends = np.array([_unit(line[-1] - line[-2]) for line in lines])
-    near = np.linalg.norm(end[:, None] - start, axis=-1) < _SAME_PLACE_M
-    near &= ends @ begins.T > _SAME_WAY
-    return {
-        row + 1: (np.flatnonzero(near[row]) + 1).tolist() for row in range(len(lines))
-    }
+    found: dict[int, list[int]] = {}
+    for row, other in meetings(lines):
+        found.setdefault(row + 1, []).append(other + 1)
+    return found
 
 
 def _following(
@@ -327,7 +320,7 @@ def _following(
     """Lanes that follow one; of those of a whole road, which MetaDrive names, its own."""
     keys = [key for key in lane.successors or () if key]
     gaps = {key: np.hypot(*(begin[key] - end)) for key in keys if key in begin}
-    is_met = min(gaps.values(), default=np.inf) < _SAME_PLACE_M
+    is_met = min(gaps.values(), default=np.inf) < SAME_PLACE_M
     reach = USUAL_WIDTH_M / 2 if is_met else np.inf
     return [key for key in keys if gaps.get(key, 0.0) <= reach]
 
@@ -345,10 +338,6 @@ def _half_widths(lane: CenterLane) -> tuple[float, float]:
 
 def _simplified(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "M 2"]:
     return np.asarray(shapely.simplify(shapely.LineString(line), _SAME_LINE_M).coords)
-
-
-def _unit(vector: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-    return vector / max(float(np.hypot(*vector)), 1e-9)
 
 
 def ego_of(scenario: Scenario) -> str:

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 from functools import cache, partial
@@ -18,7 +19,7 @@ from pd_editor.scene.formats.foreign_format import foreign_format
 from pd_editor.scene.formats.gpudrive import GPUDRIVE
 from pd_editor.scene.formats.lanelet2 import LANELET2
 from pd_editor.scene.formats.opendrive import OPENDRIVE
-from pd_editor.scene.formats.packed_file import unpacked_name
+from pd_editor.scene.formats.packed_file import head_of, unpacked_name
 from pd_editor.scene.formats.pictures import PICTURES
 from pd_editor.scene.formats.player import PLAYER
 from pd_editor.scene.formats.scenarionet import SCENARIONET
@@ -42,6 +43,29 @@ OWN_FORMATS: Final[tuple[SceneFormat, ...]] = (
     PLAYER,
     *PICTURES,
 )
+
+_BESIDE: Final = (
+    "without roads; put it beside its network under the same name, as town.{0}.xml beside "
+    "town.net.xml, and open that."
+)
+_ROUTES: Final = (
+    f"SUMO's routes, {_BESIDE.format('rou')} Sizes are read from it, and motion from "
+    "town.fcd.xml, which sumo --fcd-output writes."
+)
+_ALONE: Final = {
+    "<fcd-export": f"SUMO's floating-car data, {_BESIDE.format('fcd')}",
+    "<routes": _ROUTES,
+    "<trips": _ROUTES,
+    "<additional": f"a SUMO additional file, {_BESIDE.format('add')}",
+    "<openscenario": "OpenSCENARIO without a road network; expected a <LogicFile> in its "
+    "<RoadNetwork> that names an .xodr file, which lies beside it.",
+    ".sumocfg": "a SUMO configuration; open the .net.xml that its net-file names, beside "
+    "which town.fcd.xml has the motion (sumo --fcd-output).",
+    ".pbf": "an OpenStreetMap extract, without lanes; osmium cat IN.pbf -o IN.osm and "
+    "netconvert --osm-files IN.osm -o OUT.net.xml make a network of it.",
+    ".tfrecord": "a Waymo record; ScenarioNet makes .pkl files of it, GPUDrive .json.",
+}
+"""What files are that no format reads alone, by their XML root or ending."""
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -166,3 +190,12 @@ def read_scene(path: Path) -> Scenario:
         raise
     origin = replace(scenario.provenance, file_format=title)
     return replace(scenario, provenance=origin)
+
+
+def unread_file(path: Path) -> str | None:
+    """What a file is that no format reads alone, and how it is opened; None for others."""
+    name, head = unpacked_name(path.name.lower()), head_of(path)
+    for sign, told in _ALONE.items():
+        if name.endswith(sign) or re.search(rf"{sign}[\s/>]".encode(), head):
+            return f"is {told}"
+    return None

@@ -1,7 +1,7 @@
 """ScenarioNet (MetaDrive) scenario descriptions: recordings of Waymo, nuPlan, nuScenes."""
 
 import pickle
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -117,9 +117,19 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         ego_id=str(about.get("sdc_id", "")),
         focal_id=asked,
         city=str(about.get("map") or about.get("dataset") or ""),
-        notes=(NO_HEADINGS,) * no_heading,
+        notes=(*(NO_HEADINGS,) * no_heading, *_beside_notes(features)),
         attribution=f"Recorded by {source}, under its own licence." if source else "",
     )
+
+
+def _beside_notes(features: Mapping[str, Any]) -> Iterator[str]:
+    number = sum(
+        len(one.get(side) or ()) > 1 and isinstance(one[side][0], dict)
+        for one in features.values()
+        for side in ("left_neighbor", "right_neighbor")
+    )
+    if number:
+        yield f"Lanes have several neighbours on {number} sides, of which the longest is kept."
 
 
 def _now(name: str, about: Mapping[str, Any]) -> int:
@@ -231,10 +241,18 @@ def _lane(key: str, found: Mapping[str, Any]) -> CenterLane:
 
 
 def _neighbor(found: Any, row: int) -> str | None:
-    """The first of those that Waymo has along a lane, the next of all that MetaDrive has."""
+    """The longest of those that Waymo has along a lane, the next of all of MetaDrive's."""
     found = found or [""]
-    is_along = isinstance(found[0], dict)
-    return str(found[0]["feature_id"] if is_along else found[row]) or None
+    if not isinstance(found[0], dict):
+        return str(found[row]) or None
+    beside = max(found, key=_length_of_neighbor)
+    return str(beside["feature_id"]) or None
+
+
+def _length_of_neighbor(found: Mapping[str, Any]) -> int:
+    """Along how many of a lane's points it has a neighbour."""
+    first, last = (found.get(f"self_{one}_index") for one in ("start", "end"))
+    return int(last or 0) - int(first or 0)
 
 
 def _recognises(path: Path) -> bool:

@@ -62,7 +62,7 @@ class SceneFormat:
 
 def has_root(root: str, *endings: str) -> Callable[[Path], bool]:
     """Tells whether a path has one of these endings, or is XML that begins with an element."""
-    begin = re.compile(rf"<([\w.-]+:)?{root}[\s>]".encode())
+    begin = re.compile(rf"<([\w.-]+:)?{root}[\s/>]".encode())
 
     def recognises(path: Path) -> bool:
         name = unpacked_name(path.name).lower()

@@ -27,14 +27,13 @@ def parse_xml(path: Path, root: str | None) -> tuple["Place", bytes]:
         huge_tree=False,
     )
     try:
-        found = etree.fromstring(content, parser)
+        # Blanks before the declaration, which XML forbids, are passed over.
+        found = etree.fromstring(content.lstrip(), parser)
     except etree.XMLSyntaxError as error:
         raise FormatError(f"{path}: is no valid XML ({error.msg}).") from error
-    if found.getroottree().docinfo.doctype:
-        raise FormatError(
-            f"{path}: declares a document type (DOCTYPE); expected none, since it could "
-            "hold entities."
-        )
+    document_type = found.getroottree().docinfo.internalDTD
+    if document_type is not None and any(document_type.iterentities()):
+        raise FormatError(f"{path}: declares entities in its DOCTYPE; expected none.")
     if found.tag != root and etree.QName(found).localname == root:
         for one in found.iter(etree.Element):
             one.tag = etree.QName(one).localname

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pd_editor.base.errors import FormatError, LargeMapError
-from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.base.errors import FormatError, InputError, LargeMapError
+from pd_editor.editor.scenario_store import open_scenario, scenario_and_recipe
 from tests.scene.formats.test_commonroad import text as commonroad
 from tests.scene.formats.test_opendrive import LINE, lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road
@@ -203,3 +203,40 @@ def test_a_truncated_pickle_is_unreadable_and_holds_nothing_forbidden(tmp_path: 
     path.write_bytes(path.read_bytes()[:-30])
     with pytest.raises(FormatError, match="is no readable pickle"):
         open_scenario(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        (
+            "a.fcd.xml",
+            "<fcd-export/>",
+            "SUMO's floating-car data, .*town.fcd.xml beside",
+        ),
+        ("out.xml", "<fcd-export xmlns:x='y'>", "SUMO's floating-car data"),
+        ("a.rou.xml", "<routes>", "SUMO's routes, .*town.rou.xml beside town.net.xml"),
+        ("a.trips.xml", "<routes/>", "SUMO's routes"),
+        ("a.trips.xml", "<trips>", "SUMO's routes"),
+        ("a.add.xml", "<additional>", "SUMO additional file"),
+        ("a.sumocfg", "<configuration>", "SUMO configuration; open the .net.xml"),
+        ("a.xosc", "<OpenSCENARIO>", "without a road network; expected a <LogicFile>"),
+        ("a.osm.pbf", "x", "netconvert --osm-files"),
+        ("a.osm", "<osm><node id='1'/></osm>", "netconvert --osm-files"),
+        ("a.tfrecord", "x", "Waymo record"),
+        ("a.xml", "<rooms/>", "no file of a known format"),
+    ],
+)
+def test_files_that_need_others_say_what_they_are_and_how_to_open_them(
+    tmp_path: Path, name: str, content: str, told: str
+):
+    """They were only files of no known format."""
+    path = tmp_path / name
+    path.write_text(f"<?xml version='1.0'?>\n<!-- written by sumo -->\n{content}")
+    with pytest.raises(InputError, match=told) as found:
+        open_scenario(path)
+    assert "\n" not in str(found.value)
+
+
+def test_an_upload_that_needs_other_files_says_so():
+    with pytest.raises(InputError, match=r"a\.fcd\.xml: is SUMO's floating-car data"):
+        scenario_and_recipe({"a.fcd.xml": b"<fcd-export/>"})

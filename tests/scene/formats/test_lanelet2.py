@@ -173,10 +173,10 @@ def test_degrees_become_metres(tmp_path: Path):
         (text(()), "has no lanelets; expected relations"),
         (text((lanelet(1, 10, 99),)), r"line 15: <relation> 1 names the way 99"),
         (
-            text(STREET, ALL_WAYS | {11: (4, 77)}),
+            text(STREET[:2], ALL_WAYS | {11: (4, 77)}),
             r"line 11: <way> 11 names the node 77",
         ),
-        (text(STREET, ALL_WAYS | {11: (4, 4)}), "fewer than two different"),
+        (text(STREET[:2], ALL_WAYS | {11: (4, 4)}), "fewer than two different"),
         (
             text(STREET, ALL_WAYS, {n: (x / 1e6, y / 1e6) for n, (x, y) in PLACES.items()}),
             "spans less than a metre",
@@ -187,7 +187,7 @@ def test_degrees_become_metres(tmp_path: Path):
         ),
         (
             text(STREET, ALL_WAYS).replace("local_x", "x"),
-            "<node> 1 needs a finite number for lat",
+            "<node> 1 has no place; expected lat and lon",
         ),
         (
             text(STREET, ALL_WAYS).replace('role="left"', 'role="outer"'),
@@ -258,3 +258,40 @@ def test_the_own_centre_line_of_a_lanelet_is_used_within_its_bounds(
     assert (line[:, 1].max() == 5.0) == is_used
     told = any("Centre lines of 1 lanelets" in one for one in scene.provenance.notes)
     assert told != is_used
+
+
+@pytest.mark.parametrize(
+    ("relation", "told"),
+    [
+        (lanelet(9, 10, 99), "names the way 99, which the file lacks"),
+        (lanelet(9, 10, 20), "names the node 77, which the file lacks"),
+        (lanelet(9, 10, 21), "has fewer than two different nodes"),
+        (lanelet(9, 10, 10), "needs one way as left bound"),
+        (
+            lanelet(9, 10, 11).replace('role="right"', 'role=""'),
+            "needs one way as left",
+        ),
+    ],
+)
+def test_damaged_lanelets_are_left_out_and_told(
+    tmp_path: Path, relation: str, told: str
+):
+    """One of them, as at the edge of a cut map, kept the whole map from opening."""
+    ways = ALL_WAYS | {20: (5, 77), 21: (5, 5)}
+    lanes, path = opened(tmp_path, text((*STREET, relation), ways))
+    assert sorted(lanes) == [1, 2, 3]
+    assert lanes[1].successors == (3,)
+    (note,) = open_scenario(path).provenance.notes[1:]
+    assert note.startswith("Damaged lanelets and areas are left out (1): line ")
+    assert told in note
+
+
+def test_lanelets_that_share_no_nodes_follow_each_other_where_they_meet(tmp_path: Path):
+    """Each had nodes of its own, so that no lane led anywhere."""
+    places = PLACES | {102: PLACES[2], 104: PLACES[4]}
+    ways = ALL_WAYS | {13: (102, 7), 15: (104, 8)}
+    lanes, path = opened(tmp_path, text(STREET, ways, places))
+    assert lanes[1].successors == (3,)
+    assert lanes[3].predecessors == (1,)
+    assert lanes[2].successors == ()
+    assert any("1 links" in one for one in open_scenario(path).provenance.notes)

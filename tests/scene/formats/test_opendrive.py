@@ -268,7 +268,7 @@ def test_shoulders_are_drivable_and_crosswalks_are_crossings(tmp_path: Path):
         ("<roads/>", "its root is <roads>; expected <OpenDRIVE>"),
         (
             '<!DOCTYPE x [<!ENTITY a "aaaa">]><OpenDRIVE>&a;</OpenDRIVE>',
-            "declares a document type",
+            "declares entities",
         ),
         ('<OpenDRIVE><header revMajor="2" revMinor="0"/></OpenDRIVE>', "version 2.0"),
         ("<OpenDRIVE/>", "line 1: <OpenDRIVE> has no <header>"),
@@ -503,3 +503,70 @@ def test_objects_without_a_size_are_left_out(tmp_path: Path):
     walk = '<object id="1" type="crosswalk" s="9" t="0" length="3"/>'
     scene = opened(tmp_path, road(section(lane(-1)), more=f"<objects>{walk}</objects>"))
     assert scene.road_map.crosswalks == ()
+
+
+def two_roads(link: str, its_link: str) -> tuple[str, ...]:
+    """Two roads end to end; lanes 1 lead back, and lanes -2 of the second are new."""
+    second = LINE.replace('x="0"', 'x="50"')
+    lanes = (lane(1), lane(-1))
+    return (
+        road(section(*lanes), "1", link=link),
+        road(section(*lanes, lane(-2)), "2", geometry=second, link=its_link),
+    )
+
+
+def links_of(path: Path) -> set[tuple[int, int]]:
+    return {
+        (one.lane_id, other)
+        for one in read(path).road_map.lanes
+        for other in one.successors
+    }
+
+
+@pytest.mark.parametrize("gap_m", [0.0, 0.3, 5.0])
+def test_lanes_without_links_lead_on_where_they_meet(tmp_path: Path, gap_m: float):
+    """Roads whose writer left out the links were no network."""
+    first, second = two_roads("", "")
+    second = second.replace('x="50"', f'x="{50 + gap_m}"')
+    scene = read(path := write(tmp_path, first, second))
+    forth = lane_at(scene, 0, -1.75), lane_at(scene, 50 + gap_m, -1.75)
+    told = any("links that the file does not tell" in n for n in scene.provenance.notes)
+    assert told == (gap_m < 1)
+    assert len(links_of(path)) == (2 if told else 0)
+    assert (forth[0].successors == (forth[1].lane_id,)) == told
+
+
+def test_links_that_a_file_tells_are_all_there_are(tmp_path: Path):
+    """Where a lane is linked, the file tells what is: the lane that leads back is not."""
+    ahead = '<successor elementType="road" elementId="2" contactPoint="start"/>'
+    first, second = two_roads(ahead, "")
+    first = first.replace('<lane id="-1" type="driving" level="false">',
+        '<lane id="-1" type="driving" level="false"><link><successor id="-1"/></link>')  # fmt: skip
+    path = write(tmp_path, first, second)
+    assert len(links_of(path)) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n  <?xml version='1.0'?>{}",
+        "<?xml version='1.0'?><!DOCTYPE OpenDRIVE SYSTEM 'OpenDRIVE.dtd'>{}",
+        "\ufeff{}",
+    ],
+)
+def test_what_other_writers_put_before_the_root_is_passed_over(
+    tmp_path: Path, text: str
+):
+    path = write(tmp_path, road(section(lane(-1, "Driving"))), version='revMajor="1"')
+    path.write_text(text.format(path.read_text()), "utf-8")
+    assert len(read(path).road_map.lanes) == 1
+
+
+def test_roads_that_connect_are_known_where_they_do_not_tell_it(tmp_path: Path):
+    junction = '<junction id="7"><connection id="0" incomingRoad="1" connectingRoad="2"/></junction>'
+    roads = two_roads("", "")
+    path = write(tmp_path, roads[0], roads[1].replace('junction="-1"', ""), junction)
+    inside = {
+        one.is_intersection for one in read(path).road_map.lanes if one.successors
+    }
+    assert inside == {False, True}

@@ -472,3 +472,61 @@ def test_crosswalks_without_a_place_are_left_out(tmp_path: Path):
     path = tmp_path / "sd_one.pkl"
     path.write_bytes(pickle.dumps(found))
     assert open_scenario(path).road_map.crosswalks == ()
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_of_several_neighbours_on_a_side_the_longest_is_kept(
+    tmp_path: Path, order: tuple[int, int]
+):
+    """It was the first one, however short."""
+    found = description()
+    beside = [
+        {"feature_id": "2", "self_start_index": "0", "self_end_index": "10"},
+        {"feature_id": "3", "self_start_index": "7", "self_end_index": "90"},
+    ]
+    found["map_features"]["1"]["left_neighbor"] = [beside[n] for n in order]
+    path = tmp_path / "sd_one.pkl"
+    path.write_bytes(pickle.dumps(found))
+    scene = open_scenario(path)
+    assert scene.road_map.lane_of[1].left_neighbor == 3
+    told = "Lanes have several neighbours on 1 sides, of which the longest is kept."
+    assert told in scene.provenance.notes
+
+
+def changed_gpudrive(what: str) -> dict[str, Any]:
+    found = as_gpudrive()
+    for one in found["objects"]:
+        if what == "points as lists":
+            one["position"] = [[p["x"], p["y"], p["z"]] for p in one["position"]]
+        elif what == "no sizes":
+            del one["length"], one["width"]
+        elif what == "unknown velocities":
+            one["velocity"] = [{"x": float("nan"), "y": None}] * len(one["velocity"])
+        else:
+            one["type"] = one["type"].upper()
+    for one in found["roads"]:
+        if what == "points as lists":
+            one["geometry"] = [[p["x"], p["y"]] for p in one["geometry"]]
+        elif what == "capital letters":
+            one["type"] = one["type"].upper()
+    sign = {"type": "stop_sign", "geometry": {"x": 1.0, "y": 2.0}}
+    found["roads"] += [sign, {"type": "speed_bump", "geometry": None}]
+    return found
+
+
+@pytest.mark.parametrize(
+    "what", ["points as lists", "no sizes", "unknown velocities", "capital letters"]
+)
+def test_gpudrive_scenes_of_other_writers_open(tmp_path: Path, what: str):
+    """Unknown velocities were places that are no numbers, the rest was refused."""
+    path = tmp_path / "one.json"
+    path.write_text(json.dumps(as_gpudrive()))
+    usual = open_scenario(path)
+    path.write_text(json.dumps(changed_gpudrive(what)))
+    scene = open_scenario(path)
+    assert len(scene.road_map.lanes) == len(usual.road_map.lanes)
+    assert scene.agents.kinds == usual.agents.kinds
+    there = usual.agents.is_valid[..., None]
+    gap = (scene.agents.position_m - usual.agents.position_m) * there
+    assert np.abs(gap).max() < 1e-6
+    assert scene.agents.has_known_size.any() == (what != "no sizes")
