@@ -298,11 +298,6 @@ def coded(
     return planes.T.tobytes()
 
 
-def num_coded_bytes(count: int) -> int:
-    """Number of bytes of ``count`` coded numbers."""
-    return count * _PLANES
-
-
 def decoded(
     data: bytes, first_row: Int[np.ndarray, "S_plus_1"]
 ) -> Int[np.ndarray, "P"]:
@@ -312,7 +307,7 @@ def decoded(
         ValueError: the number of bytes is not that of the series.
     """
     count = int(first_row[-1])
-    if len(data) != num_coded_bytes(count):
+    if len(data) != count * _PLANES:
         raise ValueError(f"{len(data)} bytes do not hold {count} numbers")
     planes = np.frombuffer(data, np.uint8).reshape(_PLANES, count)
     folded = np.ascontiguousarray(planes.T).view("<u4")[:, 0].astype(np.int64)

@@ -157,6 +157,8 @@ class Panels:
             for index in range(count):
                 first = self.axes[0] if shares_y and self.axes else None
                 added = self._canvas.add_subplot(rows, columns, index + 1, sharey=first)
+                if first is not None:
+                    added.label_outer()
                 self.axes.append(added)
 
     def legend(self) -> None:
