@@ -12,9 +12,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.av2_io.write import check_with_official_loaders, scenario_files
 from pd_editor.scene.formats.dataset import DatasetIndex
 from tests.scene.av2_io.round_trip import compare, copy_scenario
 

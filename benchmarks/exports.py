@@ -26,7 +26,7 @@ import pd_editor
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.av2_io.official import check_with_official_loaders
+from pd_editor.scene.av2_io.write import check_with_official_loaders
 from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import Scenario
 from tests.oracles.environment import oracle

@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.candidates import full_scenarios
 from benchmarks.figures import load_in_words
-from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.guidance_kind import AgentNow
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.analysis.guidance.kinds.space import StayOnRoad

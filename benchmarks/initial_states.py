@@ -19,13 +19,10 @@ import torch
 from pd_editor.analysis.metrics.collisions.box_collision import (
     box_overlap,
     init_collision_2m,
-)
-from pd_editor.analysis.metrics.collisions.interaction import (
     local_density,
     nearest_distance,
 )
-from pd_editor.analysis.metrics.distributions.distribution_distance import HISTOGRAMS
-from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
+from pd_editor.analysis.metrics.distribution_distance import HISTOGRAMS, noise_floor
 from pd_editor.analysis.metrics.motion.kinematics import motion_values
 from pd_editor.analysis.metrics.road.off_lane import nearest_edge, off_lane
 from pd_editor.analysis.metrics.traffic_view import (

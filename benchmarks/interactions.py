@@ -21,8 +21,7 @@ from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo, shared_pl
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
 from pd_editor.analysis.threats.encounter import Approach, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
-from pd_editor.analysis.threats.threat_feasibility import recorded_track
-from pd_editor.analysis.threats.threat_outcome import meets
+from pd_editor.analysis.threats.threat_feasibility import meets, recorded_track
 from pd_editor.analysis.threats.threat_plans import ThreatAim
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS

@@ -19,8 +19,7 @@ import pd_editor
 from benchmarks.figures import load_in_words
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import TransformAgents
-from pd_editor.editor.library.library import Library
-from pd_editor.editor.library.taking_in import take_in
+from pd_editor.editor.library.library import Library, take_in
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.session import EditorSession
 

@@ -38,7 +38,7 @@ from pd_editor.scene.generation import (
 )
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.palette import LIGHT
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

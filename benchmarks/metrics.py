@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pd_editor.analysis.metrics.collisions.box_collision import init_collision_2m
-from pd_editor.analysis.metrics.distributions.distribution_distance import HISTOGRAMS
-from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
+from pd_editor.analysis.metrics.distribution_distance import HISTOGRAMS, noise_floor
 from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic

@@ -18,10 +18,10 @@ from pd_editor.analysis.repair import (
     separate_overlaps,
     yield_to_others,
 )
+from pd_editor.analysis.repair.current_states import lanes_of
 from pd_editor.analysis.repair.lane_projection import MAX_OFFSET_M
 from pd_editor.analysis.repair.repairable import counted
 from pd_editor.analysis.repair.retimed_trajectories import Trajectories
-from pd_editor.analysis.repair.sliding import lanes_of
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 from pd_editor.scene.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD

@@ -16,16 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
-from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M
+from pd_editor.analysis.guidance.limits import OBEYED
 from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.metrics.road.off_road import departures
 from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.experiments.closed_loop.roll_out import (
-    RollOut,
-    RollOutRequest,
-    roll_out,
-)
+from pd_editor.experiments.closed_loop.roll_out import RollOut, RollOutRequest, roll_out
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
@@ -279,8 +275,8 @@ def main() -> None:
         )
     for words, gaps in zip(("guided", "unguided"), np.array(missed), strict=True):
         print(
-            f"Goals at {options.goals_at:g} s, {words}: {(gaps <= OBEYED_GOAL_M).sum()} of "
-            f"{len(gaps)} within {OBEYED_GOAL_M:g} m, median {np.median(gaps):.2f} m, p90 "
+            f"Goals at {options.goals_at:g} s, {words}: {(gaps <= OBEYED.goal_m).sum()} of "
+            f"{len(gaps)} within {OBEYED.goal_m:g} m, median {np.median(gaps):.2f} m, p90 "
             f"{np.quantile(gaps, 0.9, method='higher'):.1f} m."
         )
 

@@ -18,7 +18,7 @@ from pd_editor.experiments.synthesis.dataset.builder import (
 )
 from pd_editor.experiments.synthesis.dataset.scene_source import scenario_folders
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
-from pd_editor.scene.av2_io.official import check_with_official_loaders
+from pd_editor.scene.av2_io.write import check_with_official_loaders
 
 NUM_WINDOWS = 1000
 NUM_FOLDERS = 1000

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.distributions.distribution_distance import (
+from pd_editor.analysis.metrics.distribution_distance import (
     Histogram,
     jensen_shannon_divergences,
 )

@@ -15,9 +15,8 @@ from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.base.installed_files import SENTENCES_NAME, demo_names, demo_sentence
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentCategory, AgentKind
-from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.av2_io.write import check_with_official_loaders, scenario_files
 from pd_editor.scene.scenario import EGO_ID
 from pd_editor.scene.time_axis import TimeAxis
 

@@ -1,8 +1,10 @@
 """Makes texts from files and users safe to show in one line."""
 
+import csv
 import difflib
+import io
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 MAX_ID_CHARACTERS: Final = 255
@@ -23,10 +25,10 @@ def is_plain(text: str, most: int = MAX_ID_CHARACTERS) -> bool:
     )
 
 
-def is_note(text: str, most: int = MAX_TEXT_CHARACTERS) -> bool:
+def is_note(text: str) -> bool:
     """Whether a text can be stored that may also have line breaks and tabs."""
-    return len(text) <= most and (
-        text.isprintable() or is_plain(text.translate(_SPACES), most)
+    return len(text) <= MAX_TEXT_CHARACTERS and (
+        text.isprintable() or is_plain(text.translate(_SPACES), MAX_TEXT_CHARACTERS)
     )
 
 
@@ -45,10 +47,16 @@ def one_line(text: str, max_characters: int = _SHOWN_CHARACTERS) -> str:
     return f"{text[:half]} ... {text[-half:]}"
 
 
-def nearest_or_all(name: str, known: Iterable[str], most: int = 30) -> str:
+def listed(names: Sequence[str], most: int = 3) -> str:
+    """The first names, and how many more there are."""
+    more = f" and {len(names) - most} more" * (len(names) > most)
+    return f"{', '.join(names[:most])}{more}"
+
+
+def nearest_or_all(name: str, known: Iterable[str]) -> str:
     """What a user may have meant by an unknown name, for the end of a sentence.
 
-    Without a near name those that are known are listed, ``most`` of them.
+    Without a near name those that are known are listed, 30 of them.
     """
     names = list(dict.fromkeys(known))
     lower = {one.lower(): one for one in reversed(names)}
@@ -57,5 +65,30 @@ def nearest_or_all(name: str, known: Iterable[str], most: int = 30) -> str:
         return f"the nearest is {lower[near[0]]}"
     if not names:
         return "there is none"
-    more = f" and {len(names) - most} more" * (len(names) > most)
-    return f"expected one of {', '.join(names[:most])}{more}"
+    return f"expected one of {listed(names, 30)}"
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Text in cells; bars and line breaks in it do not end a cell."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(map(_escaped, line))} |" for line in lines)
+
+
+def csv_file(rows: Iterable[Iterable[object]], line_end: str = "\n") -> bytes:
+    """A table as a CSV file in UTF-8."""
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator=line_end).writerows(rows)
+    return text.getvalue().encode("utf-8", "replace")
+
+
+def aligned(rows: Iterable[Sequence[str]], align: str = "<") -> tuple[str, ...]:
+    """Lines of a table whose columns are as wide as their cells need."""
+    columns = [
+        [f"{one:{align}{max(map(len, column))}}" for one in column]
+        for column in zip(*rows, strict=True)
+    ]
+    return tuple("  ".join(row).rstrip() for row in zip(*columns, strict=True))
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")

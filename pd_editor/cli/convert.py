@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 from pd_editor.cli.many_scenes import ManyOptions, PartsOptions, over_scenes
 from pd_editor.cli.options.arguments import FormatOption, NameOption
-from pd_editor.cli.output.outcome import Outcome, described, write_session
+from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
 from pd_editor.editor.scenario_store import LOSSES_NAME, open_part
-from pd_editor.editor.session import EditorSession
 from pd_editor.scene.formats.registry import writer
 
 
@@ -28,8 +27,7 @@ def convert(scenario: str, options: ConvertOptions) -> Outcome:
     """Write scenes of any format that is read in another one."""
     to = options.to
     writer(to)  # A format that cannot be written is refused before files are read.
-    session = EditorSession(open_part(scenario, options.cut))
-    session.describe(described(options.name))
+    session = edited_session(open_part(scenario, options.cut), (), options.name)
     folder = write_session(
         options.out, session, overwrite=options.overwrite, format_name=to
     )

@@ -22,18 +22,16 @@ from pd_editor.cli.options.arguments import (
 )
 from pd_editor.cli.options.guide_option import guidance_terms_of
 from pd_editor.cli.options.kept_agents import lock_commands
-from pd_editor.cli.output.guidance_table import GuidanceTable
-from pd_editor.cli.output.outcome import Outcome, described, write_session
+from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
 from pd_editor.cli.output.plans_file import write_plans
-from pd_editor.cli.output.progress import ProgressLine
+from pd_editor.cli.output.progress import run_showing_progress
+from pd_editor.cli.output.tables import GuidanceTable
 from pd_editor.editor.commands import AddGuidance, Command, SampleSignals
 from pd_editor.editor.scenario_store import open_part
-from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.experiments.closed_loop.policies import policy_of
 from pd_editor.experiments.closed_loop.report import Drive, drive_report
 from pd_editor.experiments.closed_loop.roll_out import (
-    RollOut,
     RollOutRequest,
     roll_out,
     route_of,
@@ -42,7 +40,7 @@ from pd_editor.experiments.closed_loop.scores import drive_scores
 from pd_editor.experiments.work_engine.work_engine import failure_of
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
-from pd_editor.scene.generation import GuidanceReport, ScenarioGenerator
+from pd_editor.scene.generation import GuidanceReport
 from pd_editor.scene.policy import Policy
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
@@ -150,13 +148,10 @@ def drive(scenario: str, options: DriveOptions) -> Outcome:
     if len(set(labels)) < len(labels):
         raise InputError(f"Two policies have one name: {', '.join(labels)}.")
     opened = open_part(scenario, options.cut)
-    session = EditorSession(opened)
-    for command in options.edits():
-        session.apply(command)
     run = _Run(
         opened=opened,
         request=RollOutRequest(
-            scenario=session.scenario,
+            scenario=edited_session(opened, options.edits()).scenario,
             duration_s=float(options.seconds),
             replan_s=float(options.replan),
             keeps_density=options.enter,
@@ -218,13 +213,11 @@ class _Run:
         driven = {agent: policy_of(one) for agent, one in self.also.items()}
         if policy is not None:
             driven = {ego: policy_of(policy), **driven}
-        rolled = _rolled_out(
-            replace(request, policies=driven), make_generator(options.model), label
+        rolling = replace(request, policies=driven)
+        rolled = run_showing_progress(
+            roll_out(rolling, make_generator(options.model)), label
         )
-        session = EditorSession(opened)
-        session.describe(described(called))
-        for command in (*edits, rolled.command):
-            session.apply(command)
+        session = edited_session(opened, (*edits, rolled.command), called)
         may_replace = options.overwrite or done is not None
         folder = write_session(out, session, overwrite=may_replace)
         if driven:
@@ -280,16 +273,3 @@ def _finished(record: Path, known: Mapping[str, Any]) -> Drive | None:
         return None
     is_there = os.path.isdir(record.parents[1] / drive.folder)
     return drive if found == known and is_there else None
-
-
-def _rolled_out(
-    request: RollOutRequest, generator: ScenarioGenerator, label: str
-) -> RollOut:
-    """Roll out with progress on stderr."""
-    steps, line = roll_out(request, generator), ProgressLine()
-    while True:
-        try:
-            line.show(f"{label}: {next(steps).message}")
-        except StopIteration as stop:
-            line.clear()
-            return stop.value

@@ -1,6 +1,5 @@
 """``pd-editor export``: write scenarios, with a name, tags and a note."""
 
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Final
@@ -9,6 +8,7 @@ import numpy as np
 import tyro
 
 from pd_editor.base.errors import EditError, ExportError
+from pd_editor.base.plain_text import listed
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.options.arguments import (
     CutOptions,
@@ -25,6 +25,7 @@ from pd_editor.cli.options.arguments import (
 from pd_editor.cli.output.outcome import (
     Outcome,
     described,
+    refuse_existing,
     undated_recipe,
     write_session,
 )
@@ -34,7 +35,7 @@ from pd_editor.editor.library.index_table import INDEX_NAME, index_csv, index_ro
 from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name
-from pd_editor.scene.av2_io.official import check_with_official_loaders
+from pd_editor.scene.av2_io.write import check_with_official_loaders
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import zip_folders
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
@@ -121,9 +122,8 @@ def _verified(folder: Path) -> str:
     hidden = [name for name in present if name not in visible]
     if hidden:
         raise ExportError(
-            f"{folder}: loaders do not see agent {hidden[0]}"
-            + (f" and {len(hidden) - 1} more" if hidden[1:] else "")
-            + " at the last observed step; sample them again, with a past."
+            f"{folder}: loaders do not see agent {listed(hidden, 1)}"
+            " at the last observed step; sample them again, with a past."
         )
     return (
         "Loaded again with av2's own loaders and the editor's reader; "
@@ -157,8 +157,7 @@ def opened_session(reference: str, variant: Variant, cut: SceneCut) -> EditorSes
 def _zipped(options: ExportOptions, sessions: list[EditorSession]) -> tuple[Path, ...]:
     """Write one zip; the second of two scenarios of the same name gets -2."""
     target = Path(options.out) / ZIP_NAME
-    if os.path.exists(target) and not options.overwrite:
-        raise ExportError(f"{target}: is there already; add --overwrite to replace it.")
+    refuse_existing(target, overwrite=options.overwrite)
     made: dict[str, dict[str, bytes]] = {}
     rows = []
     for session in sessions:

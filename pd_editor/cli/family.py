@@ -1,27 +1,24 @@
 """``pd-editor family``: many variants of one edited scenario."""
 
-import csv
-import io
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from pd_editor.base.errors import ExportError, PdEditorError
+from pd_editor.base.plain_text import csv_file
 from pd_editor.base.regular_file import write_whole
-from pd_editor.cli.many_scenes import SCENE_FILES, Scenes, scenes_of
+from pd_editor.cli.many_scenes import Scenes, all_scenes
 from pd_editor.cli.options.arguments import (
     Number,
     ResultOptions,
-    several,
     shown,
     taking,
 )
-from pd_editor.cli.output.outcome import Outcome
+from pd_editor.cli.output.outcome import Outcome, refuse_existing
 from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.cli.replay import RecipeOptions, open_base, read_recipe
 from pd_editor.editor.family import (
@@ -81,14 +78,12 @@ def family(options: FamilyOptions) -> Outcome:
     adds = adds_traffic(recipe, replay(recipe, opened))
     texts = (options.vary,) if isinstance(options.vary, str) else options.vary
     out = Path(os.path.abspath(options.out))
-    named = (scenes_of(str(one), SCENE_FILES, out) for one in several(options.on))
-    on = list(dict.fromkeys(chain.from_iterable(named)))
+    on = all_scenes(options.on, out)
     numbers = varied_numbers(recipe, texts, adds=adds) if texts or not on else ()
     values = list(members(numbers, options.num if numbers else 1, options.seed))
     whole = Path(options.out) / f"{recipe.result_id}-family"
     table, page = (whole.with_name(f"{whole.name}.{one}") for one in ("csv", "html"))
-    if os.path.exists(table) and not options.overwrite:
-        raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
+    refuse_existing(table, overwrite=options.overwrite)
     plans = planned(recipe.result_id, values, on)
     count = len(plans)
     for plan in plans:
@@ -170,7 +165,6 @@ def _table(
         ]
         for one in made
     ]
-    sink = io.StringIO(newline="")
     head = ["name", "base", *(one.name for one in numbers), "num_problems"]
-    csv.writer(sink).writerows([head, *rows])
-    return sink.getvalue().encode(), sum(not row[-1] for row in rows)
+    told = csv_file([head, *rows], line_end="\r\n")
+    return told, sum(not row[-1] for row in rows)

@@ -29,10 +29,9 @@ from pd_editor.cli.options.kept_agents import (
     lock_commands,
     wanted_kinds,
 )
-from pd_editor.cli.output.guidance_table import GuidanceTable, reports_of
-from pd_editor.cli.output.outcome import Outcome, described, write_session
+from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
 from pd_editor.cli.output.progress import run_showing_progress
-from pd_editor.cli.output.sample_table import SampleTable
+from pd_editor.cli.output.tables import GuidanceTable, SampleTable, reports_of
 from pd_editor.editor.commands import (
     AddGuidance,
     Command,
@@ -53,8 +52,7 @@ from pd_editor.generation.defaults import (
 )
 from pd_editor.generation.features.lane_tokens import lane_pieces
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, Activity, AgentKind
 from pd_editor.scene.generation import (
     GenerationRequest,
     Quality,
@@ -182,7 +180,7 @@ def generate(scenario: str, options: GenerateOptions) -> Outcome:
     opened = open_part(scenario, options.cut)
     edits = options.edits()
     terms = tuple(one.term for one in edits if isinstance(one, AddGuidance))
-    base = _edited(opened, edits).scenario
+    base = edited_session(opened, edits).scenario
     request, removed = _request(options, opened, base)
     _check_supports(generator, request, has_terms=bool(terms))
     names = _names(opened, options.name, request)
@@ -208,7 +206,8 @@ def generate(scenario: str, options: GenerateOptions) -> Outcome:
         table = SampleTable.of(results, drawn, options.rank, options.pick)
         written = sorted(table.picked)
     sessions = [
-        _edited(opened, (*edits, commands[index]), names[index]) for index in written
+        edited_session(opened, (*edits, commands[index]), names[index])
+        for index in written
     ]
     guidance = GuidanceTable(
         names=tuple(names[index] for index in written),
@@ -226,16 +225,6 @@ def generate(scenario: str, options: GenerateOptions) -> Outcome:
             *traffic.measures,
         ),
     )
-
-
-def _edited(
-    opened: Scenario, commands: Sequence[Command], name: str = ""
-) -> EditorSession:
-    session = EditorSession(opened)
-    session.describe(described(name))
-    for command in commands:
-        session.apply(command)
-    return session
 
 
 def _request(
@@ -304,9 +293,8 @@ def _check_supports(
 
 def _tell_problems(request: GenerationRequest, terms: tuple[GuidanceTerm, ...]) -> None:
     """Write what is doubtful about guidance to stderr."""
-    adds = request.samples_num_agents or any(request.num_new_agents.values())
     problems = guidance_problems(
-        request.scenario, terms, None if adds else request.agent_ids
+        request.scenario, terms, None if request.adds_agents else request.agent_ids
     )
     for problem in problems:
         if problem.severity == "error":

@@ -9,7 +9,7 @@ import tyro
 
 from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import user_path
-from pd_editor.cli.many_scenes import SCENE_FILES, EngineOptions, scenes_of
+from pd_editor.cli.many_scenes import EngineOptions, all_scenes
 from pd_editor.cli.options.arguments import several, shown, taking
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.experiments.scene_index.index_file import INDEX_NAME, IndexWriter
@@ -61,8 +61,7 @@ def index(options: IndexOptions) -> Indexed:
     if not roots:
         raise InputError("Missing ROOT; see pd-editor index --help.")
     file, choice = _file(roots, options.out), options.choice
-    scenes = [one for each in roots for one in scenes_of(str(each), SCENE_FILES, file)]
-    writer = IndexWriter(file, dict.fromkeys(scenes))
+    writer = IndexWriter(file, all_scenes(roots, file))
     earlier = len(writer.done)
     with choice.engine() as runner:
         failures = writer.read_missing(runner, work_shown("scenes"))

@@ -2,10 +2,8 @@
 
 import json as json_text
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -13,11 +11,11 @@ import tyro
 
 from pd_editor.analysis.findings.scorecard import ROWS
 from pd_editor.base.errors import ExportError, InputError
-from pd_editor.base.plain_text import nearest_or_all, one_line
+from pd_editor.base.plain_text import aligned, nearest_or_all, one_line
 from pd_editor.base.regular_file import state_folder, user_path, write_whole
 from pd_editor.cli.export import ZIP_NAME, opened_session
 from pd_editor.cli.find import Found
-from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
+from pd_editor.cli.many_scenes import all_scenes, engine_of
 from pd_editor.cli.options.arguments import (
     FolderOption,
     FormatOption,
@@ -28,11 +26,10 @@ from pd_editor.cli.options.arguments import (
     TagsOption,
     several,
 )
-from pd_editor.cli.output.outcome import Outcome, described
+from pd_editor.cli.output.outcome import Outcome, described, refuse_existing
 from pd_editor.cli.output.progress import work_shown
 from pd_editor.editor.library.index_table import INDEX_NAME
-from pd_editor.editor.library.library import SORTS, Library, LibraryCard
-from pd_editor.editor.library.taking_in import take_in
+from pd_editor.editor.library.library import SORTS, Library, LibraryCard, take_in
 from pd_editor.editor.recipe import moment
 from pd_editor.editor.variant import Variant
 from pd_editor.experiments.scene_index.index_file import (
@@ -42,8 +39,6 @@ from pd_editor.experiments.scene_index.index_file import (
 from pd_editor.experiments.scene_index.query import find_scenes
 from pd_editor.experiments.work_engine.engine_choice import EngineChoice
 from pd_editor.experiments.work_engine.work_engine import (
-    InThisProcess,
-    WorkEngine,
     WorkFailure,
     failure_of,
     run_items,
@@ -89,13 +84,8 @@ class Listed:
                 (first, more, *row)
                 for (first, *row), more in zip(rows, [self.metric, *told], strict=True)
             ]
-        columns = zip(*rows, strict=True)
-        filled = [
-            [f"{one:<{max(map(len, column))}}" for one in column] for column in columns
-        ]
-        lines = ["  ".join(row).rstrip() for row in zip(*filled, strict=True)]
         count = len(self.cards)
-        return "\n".join([*lines, f"{count} scenario{'s' * (count != 1)}."])
+        return "\n".join([*aligned(rows), f"{count} scenario{'s' * (count != 1)}."])
 
 
 def add(
@@ -123,10 +113,7 @@ def add(
     """
     library = Library(user_path(str(folder)))
     described("", tags, note)  # What does not fit is told before scenes are read.
-    found = [
-        scenes_of(str(one), SCENE_FILES, library.root) for one in several(scenarios)
-    ]
-    scenes = tuple(dict.fromkeys(chain.from_iterable(found)))
+    scenes = all_scenes(scenarios, library.root)
     if not scenes:
         raise InputError("Missing SCENARIO; see pd-editor library add --help.")
     one_more = partial(_added, library.root, tags, note, author)
@@ -165,7 +152,7 @@ def find(
     facts = library.facts()
     # A wrong query is told before scenes are read.
     find_scenes(writer.index().beside(facts), query)
-    with _engine(workers) as engine:
+    with engine_of(EngineChoice(num_workers=workers)) as engine:
         failures = writer.read_missing(engine, work_shown("scenarios"))
     found = find_scenes(writer.index().beside(facts), query)
     return Found(scenes=found, is_json=json, failures=failures, noun="scenario")
@@ -225,8 +212,7 @@ def export(
     chosen = library.named(several(names))
     place = Path(out)
     table = place / (ZIP_NAME if zip else INDEX_NAME)
-    if table.exists() and not overwrite:
-        raise ExportError(f"{table}: is there already; add --overwrite to replace it.")
+    refuse_existing(table, overwrite=overwrite)
     if zip:
         write_whole(table, library.zipped(chosen, to))
         return Outcome(folders=(table,), scenarios=())
@@ -330,17 +316,12 @@ def _opened(folder: str | Path) -> Library:
     return library
 
 
-def _engine(workers: int | None) -> AbstractContextManager[WorkEngine]:
-    choice = EngineChoice(name="local", num_workers=workers)
-    return nullcontext(InThisProcess()) if workers is None else choice.engine()
-
-
 def _of_each(
     function: Callable[[str], str], items: Iterable[str], workers: int | None
 ) -> tuple[dict[str, str], Mapping[str, WorkFailure]]:
     """What a function says of each item, and why it could not."""
     told: dict[str, str] = {}
-    with _engine(workers) as engine:
+    with engine_of(EngineChoice(num_workers=workers)) as engine:
         failures = run_items(
             engine,
             function,

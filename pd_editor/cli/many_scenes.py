@@ -4,8 +4,8 @@ import functools
 import glob
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from itertools import chain
@@ -37,7 +37,11 @@ from pd_editor.editor.scenario_store import (
 )
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.work_engine.engine_choice import EngineChoice, EngineName
-from pd_editor.experiments.work_engine.work_engine import InThisProcess, run_items
+from pd_editor.experiments.work_engine.work_engine import (
+    InThisProcess,
+    WorkEngine,
+    run_items,
+)
 from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.formats.registry import is_foreign_scene
 from pd_editor.scene.map_window import densest_windows, window_of
@@ -147,8 +151,7 @@ def over_scenes(
         @functools.wraps(command)
         def run(asked: Many) -> Outcome:
             out = Path(os.path.abspath(str(asked.out)))
-            named = [scenes_of(str(one), files, out) for one in several(asked.scenario)]
-            found = list(dict.fromkeys(chain.from_iterable(named)))
+            found = all_scenes(asked.scenario, out, files)
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
             has_parts = getattr(asked, "densest", None) is not None
@@ -174,7 +177,21 @@ def over_scenes(
     return of_many
 
 
-def scenes_of(reference: str, files: str, out: Path) -> list[str]:
+def all_scenes(
+    references: Scenes, out: Path, files: str = SCENE_FILES
+) -> tuple[str, ...]:
+    """Scenes of patterns, of all demos and of folders, each once, without results."""
+    named = (_scenes_of(str(one), files, out) for one in several(references))
+    return tuple(dict.fromkeys(chain.from_iterable(named)))
+
+
+def engine_of(choice: EngineChoice) -> AbstractContextManager[WorkEngine]:
+    """An engine for scenes, which uses no other process unless that is asked for."""
+    is_here = choice.name == "local" and choice.num_workers is None
+    return nullcontext(InThisProcess()) if is_here else choice.engine()
+
+
+def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
     """Scenes of a pattern, of all demos or of a folder, without results; else itself."""
     if reference == ALL_DEMOS:
         return list(demo_names())
@@ -211,7 +228,7 @@ def scenes_of(reference: str, files: str, out: Path) -> list[str]:
     return list(map(str, inside))
 
 
-def _windows(scenes: list[str], asked: Any) -> dict[str, Any]:
+def _windows(scenes: Sequence[str], asked: Any) -> dict[str, Any]:
     """The densest parts of each scene, by names that say where they are."""
     return {
         f"{scene} around {one.x_m:g} {one.y_m:g}": replace(
@@ -236,9 +253,8 @@ def _run_all(
             f"--name is for one scenario; {len(scenes)} were given, which are named by "
             "their edits."
         )
-    choice, is_here = asked.choice, asked.engine == "local" and asked.workers is None
     done: dict[str, Outcome] = {}
-    with nullcontext(InThisProcess()) if is_here else choice.engine() as engine:
+    with engine_of(asked.choice) as engine:
         failures = run_items(
             engine,
             functools.partial(_outcome, command, this_run),

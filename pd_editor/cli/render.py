@@ -1,26 +1,23 @@
 """``pd-editor render``: scenes as a page that plays them, a film, or a figure."""
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from pd_editor.base.errors import EditError, ExportError
 from pd_editor.base.regular_file import user_path, write_whole
 from pd_editor.cli.export import opened_session
-from pd_editor.cli.many_scenes import SCENE_FILES, scenes_of
+from pd_editor.cli.many_scenes import all_scenes
 from pd_editor.cli.options.arguments import (
     CutOptions,
     ResultOptions,
     SeveralScenarios,
     Switch,
-    several,
     shown,
     taking,
 )
-from pd_editor.cli.output.outcome import Outcome, described
+from pd_editor.cli.output.outcome import Outcome, described, refuse_existing
 from pd_editor.cli.output.plans_file import read_plans
 from pd_editor.cli.output.progress import ProgressLine
 from pd_editor.scene.base_reference import SceneCut
@@ -79,12 +76,8 @@ def render(options: RenderOptions) -> Outcome:
     asked = {name: getattr(options, name) for name in _FIELDS}
     asked["compare"] = options.compare and not is_pair
     look = _look(target, {name: one for name, one in asked.items() if one})
-    if os.path.exists(target) and not options.overwrite:
-        raise ExportError(f"{target}: is there already; add --overwrite to replace it.")
-    named = (
-        scenes_of(str(one), SCENE_FILES, target) for one in several(options.scenarios)
-    )
-    references = list(dict.fromkeys(chain.from_iterable(named)))
+    refuse_existing(target, overwrite=options.overwrite)
+    references = all_scenes(options.scenarios, target)
     sessions = [opened_session(one, described(""), options.cut) for one in references]
     found = tuple(replace(one.scenario, scenario_id=one.name) for one in sessions)
     if not found:

@@ -7,13 +7,12 @@ from typing import Annotated
 from pd_editor.base.errors import EditError
 from pd_editor.cli.many_scenes import ManyOptions, PartsOptions, over_scenes
 from pd_editor.cli.options.arguments import FocalOption, NameOption, shown
-from pd_editor.cli.output.outcome import Outcome, described, write_session
+from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
 from pd_editor.editor.commands import SetFocalAgent, SetRoadWarp
 from pd_editor.editor.scenario_store import open_part
-from pd_editor.editor.session import EditorSession
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
     WARP_KINDS,
@@ -91,15 +90,13 @@ def warp(scenario: str, options: WarpOptions) -> Outcome:
     """Warp the road ahead of an anchor; several kinds add up."""
     # Numbers are validated before files are read: cheap checks first.
     terms, friction = options.terms, options.friction
-    session = EditorSession(open_part(scenario, options.cut))
-    if options.focal:
-        session.apply(SetFocalAgent(agent_id=options.focal))
+    focal = (SetFocalAgent(agent_id=options.focal),) if options.focal else ()
+    session = edited_session(open_part(scenario, options.cut), focal, options.name)
     anchor = _anchor_pose(session.scenario, options.anchor)
     command = SetRoadWarp(
         warp=RoadWarp(anchor=anchor, terms=terms),
         friction_coefficient=None if friction is None else float(friction),
     )
-    session.describe(described(options.name))
     session.apply(command)
     folder = write_session(options.out, session, overwrite=options.overwrite)
     return Outcome(

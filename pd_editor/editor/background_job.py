@@ -3,10 +3,12 @@
 import logging
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import closing
 from typing import Generic, TypeVar
 
-from pd_editor.base.errors import PdEditorError
+from pd_editor.base.errors import GenerationError, PdEditorError
+from pd_editor.scene.generation import GenerationProgress
 
 _logger = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
@@ -33,7 +35,7 @@ class BackgroundJob(ABC, Generic[_Result]):
         self._on_done = on_done
         self._on_error = on_error
         self._cancelled = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = threading.Thread(target=self.run, name=name, daemon=True)
 
     def start(self) -> None:
         """Start the thread; only once."""
@@ -65,7 +67,8 @@ class BackgroundJob(ABC, Generic[_Result]):
     def _fault(self) -> PdEditorError:
         """Error for the user after a fault of the work's own code."""
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Do the work in this thread."""
         try:
             result = self._result()
         except Cancelled:
@@ -82,3 +85,41 @@ class BackgroundJob(ABC, Generic[_Result]):
     def _fail(self, error: PdEditorError) -> None:
         if not self._cancelled.is_set():
             self._on_error(error)
+
+
+class GenerationJob(BackgroundJob[_Result]):
+    """One run of a generator: progress, then exactly one of result and error.
+
+    Callbacks are called from the job's thread, and none after ``cancel``, which stops
+    the generator after the step in progress.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        steps: Callable[[], Generator[GenerationProgress, None, _Result]],
+        on_progress: Callable[[GenerationProgress], None],
+        on_done: Callable[[_Result], None],
+        on_error: Callable[[PdEditorError], None],
+    ) -> None:
+        """Prepare the run of a generator of some name; ``start`` starts it."""
+        super().__init__(f"generate-{name}", on_done, on_error)
+        self._generator = name
+        self._steps = steps
+        self._on_progress = on_progress
+
+    def _result(self) -> _Result | None:
+        with closing(self._steps()) as steps:
+            while not self._cancelled.is_set():
+                try:
+                    progress = next(steps)
+                except StopIteration as stop:
+                    return stop.value
+                if not self._cancelled.is_set():
+                    self._on_progress(progress)
+        return None
+
+    def _fault(self) -> PdEditorError:
+        return GenerationError(
+            f"{self._generator} failed by a fault of its own; the log has details."
+        )

@@ -39,7 +39,7 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.generation import GuidanceSetting, ScenarioGenerator
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import AgentsGuidance, GuidanceTerm
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.roles.traffic_choice import (
     drivable_agent_ids,
     replaceable_agent_ids,

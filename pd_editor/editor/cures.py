@@ -7,7 +7,7 @@ from typing import Final
 from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.analysis.findings.friction import friction_coefficient_of
-from pd_editor.analysis.findings.road_shape import weakened_to_radius
+from pd_editor.analysis.findings.road import weakened_to_radius
 from pd_editor.analysis.findings.scorecard import scorecard
 from pd_editor.analysis.metrics.road.off_road import nearest_on_road
 from pd_editor.base.errors import PdEditorError

@@ -13,9 +13,10 @@ from pd_editor.analysis.findings.finding import (
     capitalised,
 )
 from pd_editor.analysis.guidance.report import term_outcomes
-from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.command import Command, parts_of
 from pd_editor.editor.commands.guidance import AddGuidance, ChangeGuidance
-from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
+from pd_editor.editor.commands.motion import AdoptTrajectory, PullSpeed
+from pd_editor.editor.commands.poses import PoseCommand
 from pd_editor.editor.commands.roll_out import BeginAt, begun_like
 from pd_editor.editor.commands.traffic import ReplaceTraffic
 from pd_editor.scene.generation import GuidanceSetting, TrafficSample
@@ -67,7 +68,7 @@ def unrun_terms(
     }
     generated: set[str] = set()
     found: dict[GuidanceTerm, None] = {}
-    for part in _parts(commands if in_force else ())[::-1]:
+    for part in parts_of(commands if in_force else (), Command)[::-1]:
         if isinstance(part, ReplaceTraffic):
             generated.update(part.sample.ids)
         elif isinstance(part, AddGuidance | ChangeGuidance):
@@ -85,7 +86,7 @@ def scene_outcomes(
     agents, now = scenario.agents, scenario.current_step
     generated: set[str] = set()
     own: list[GuidanceTerm] = []
-    for part in _parts(commands)[::-1]:
+    for part in parts_of(commands, Command)[::-1]:
         if isinstance(part, BeginAt):
             break
         if isinstance(part, ReplaceTraffic):
@@ -125,10 +126,6 @@ def guidance_in_words(scenario: Scenario, commands: Sequence[Command]) -> list[s
         ),
         *(f"{term.in_words}: not run" for term in unrun_terms(scenario, commands)),
     ]
-
-
-def _parts(commands: Iterable[Command]) -> list[Command]:
-    return [part for command in commands for part in command.parts]
 
 
 def _own_terms(traffic: ReplaceTraffic) -> list[GuidanceTerm]:
@@ -180,7 +177,7 @@ def _origins(scenario: Scenario, commands: Iterable[Command]) -> dict[str, Sourc
     """What set the present trajectory of each agent that edits have touched."""
     terms = [term for term in scenario.guidance if term.is_on]
     origin: dict[str, Source] = {}
-    for part in _parts(commands):
+    for part in parts_of(commands, Command):
         if not isinstance(part, ReplaceTraffic):
             origin.update(dict.fromkeys(edited_by(part), "edited"))
             continue
@@ -198,9 +195,7 @@ def _samples(commands: Iterable[Command]) -> dict[str, str]:
     """Sample that each agent's trajectory is from; reactions to edits continue it."""
     return {
         name: f"{part.generator} {part.seed} {part.request.sample_index}"
-        for command in commands
-        if not isinstance(command, RegeneratedEdit)
-        for part in command.parts
+        for part in commands
         if isinstance(part, ReplaceTraffic)
         for name in part.sample.ids
     }
@@ -225,3 +220,30 @@ def _source(finding: Finding, origin: dict[str, Source]) -> Source:
     order: tuple[Source, ...] = ("edited", "model", "guidance")
     ranks = [order.index(origin.get(name, "edited")) for name in finding.agent_ids]
     return order[max(ranks, default=0)]
+
+
+def carried_agent_ids(commands: Iterable[Command]) -> frozenset[str]:
+    """Ids of agents whose trajectory was moved together with their pose.
+
+    An agent leaves the set when its trajectory is regenerated.
+    """
+    carried: set[str] = set()
+    for command in parts_of(commands, Command):
+        if isinstance(command, PoseCommand):
+            carried |= edited_by(command)
+        elif isinstance(command, AdoptTrajectory):
+            carried.discard(command.agent_id)
+        elif isinstance(command, ReplaceTraffic):
+            carried.difference_update(command.sample.ids)
+    return frozenset(carried)
+
+
+def generated_agent_ids(commands: Iterable[Command]) -> frozenset[str]:
+    """Ids of agents whose trajectory is generated, and not chosen by hand since."""
+    generated: set[str] = set()
+    for command in parts_of(commands, Command):
+        if isinstance(command, ReplaceTraffic):
+            generated.update(command.sample.ids)
+        elif isinstance(command, AdoptTrajectory | PullSpeed):
+            generated.discard(command.agent_id)
+    return frozenset(generated)

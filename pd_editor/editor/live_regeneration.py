@@ -1,11 +1,14 @@
 """Live regeneration: generated traffic reacts while an edit is being made."""
 
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
 from pd_editor.base.errors import PdEditorError
+from pd_editor.editor.background_job import GenerationJob
 from pd_editor.editor.commands import (
     Command,
     RegeneratedEdit,
@@ -13,18 +16,108 @@ from pd_editor.editor.commands import (
     traffic_command,
 )
 from pd_editor.editor.commands.locks import apply_within_locks
-from pd_editor.editor.commands.regenerated_edit import carried_to
-from pd_editor.editor.newest_run import NewestRun
+from pd_editor.editor.commands.traffic import carried_to
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene.generation import (
     GeneratedTraffic,
+    GenerationProgress,
     GenerationRequest,
     ScenarioGenerator,
 )
 from pd_editor.scene.scenario import Scenario
 
+LONGEST_GAP_S: Final = 0.1
+"""Time without a result after which a run is completed although a newer one waits."""
+WORTH_ITS_REST: Final = 0.5
+"""Share of a run after which it is completed, because its result is near."""
+
 CLOSE_WAIT_S: Final = 2.0
 """Time in which a cancelled generator finishes its step."""
+
+
+class NewestRun:
+    """Runs one request at a time; of the waiting ones only the newest.
+
+    A run that a newer request has made obsolete is cancelled between two steps, except
+    near its end, and except when the last result is old: otherwise frequent requests
+    would prevent all results. Callbacks are called on the thread, and none after
+    ``drop``.
+    """
+
+    def __init__(self) -> None:
+        """Make it idle; the first request starts the thread."""
+        self._changed = threading.Condition()
+        self._waiting: GenerationJob[GeneratedTraffic] | None = None
+        self._running: GenerationJob[GeneratedTraffic] | None = None
+        self._is_closed = False
+        self._thread: threading.Thread | None = None
+        self._last_result_s = float("-inf")
+
+    def ask(
+        self,
+        generator: ScenarioGenerator,
+        request: GenerationRequest,
+        on_done: Callable[[GeneratedTraffic], None],
+        on_error: Callable[[PdEditorError], None],
+    ) -> None:
+        """Run a request as soon as possible, instead of the one that waits."""
+
+        def follow(progress: GenerationProgress) -> None:
+            if self._is_obsolete(progress):
+                job.cancel()
+
+        def done(traffic: GeneratedTraffic) -> None:
+            self._last_result_s = time.monotonic()
+            on_done(traffic)
+
+        steps = partial(generator.generate, request)
+        job = GenerationJob(generator.name, steps, follow, done, on_error)
+        with self._changed:
+            if self._is_closed:
+                return
+            self._waiting = job
+            if self._thread is None:
+                self._thread = threading.Thread(
+                    target=self._work, name="generate-live", daemon=True
+                )
+                self._thread.start()
+            self._changed.notify()
+
+    def drop(self) -> None:
+        """Cancel the running and the waiting request, without result or error."""
+        with self._changed:
+            self._waiting = None
+            if self._running is not None:
+                self._running.cancel()
+
+    def close(self, timeout_s: float | None = None) -> None:
+        """Drop everything and wait until the thread has ended."""
+        self.drop()
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._running = None
+                while self._waiting is None and not self._is_closed:
+                    self._changed.wait()
+                if self._is_closed:
+                    return
+                self._running, self._waiting = self._waiting, None
+            assert self._running is not None
+            self._running.run()
+
+    def _is_obsolete(self, progress: GenerationProgress) -> bool:
+        if progress.fraction >= WORTH_ITS_REST:
+            return False
+        with self._changed:
+            is_newer_waiting = self._waiting is not None
+        age_s = time.monotonic() - self._last_result_s
+        return is_newer_waiting and age_s < LONGEST_GAP_S
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

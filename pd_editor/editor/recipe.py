@@ -3,7 +3,7 @@
 import json
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, tzinfo
 from typing import Any, Final
 
@@ -23,6 +23,7 @@ from pd_editor.editor.commands import (
     command_to_json,
     traffic_command,
 )
+from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import edit_findings, edited_by
@@ -76,7 +77,7 @@ class Recipe:
     def edited_ids(self) -> frozenset[str]:
         """Ids of agents that the commands, or the base's earlier edits, add or change."""
         found = set(self.base.edited_ids)
-        for command in (part for one in self.commands for part in one.parts):
+        for command in parts_of(self.commands, Command):
             if isinstance(command, ReplaceTraffic):
                 found.update(command.sample.ids)
             if not isinstance(command, SetFocalAgent):
@@ -86,16 +87,13 @@ class Recipe:
     @property
     def generators(self) -> frozenset[str]:
         """Names of what generated its traffic."""
-        parts = (part for one in self.commands for part in one.parts)
-        return frozenset(
-            one.generator for one in parts if isinstance(one, ReplaceTraffic)
-        )
+        sampled = parts_of(self.commands, ReplaceTraffic)
+        return frozenset(one.generator for one in sampled)
 
     @property
     def is_bent(self) -> bool:
         """Whether the result's road is warped."""
-        parts = [part for command in self.commands for part in command.parts]
-        bends = [one for one in parts if isinstance(one, SetRoadWarp)]
+        bends = parts_of(self.commands, SetRoadWarp)
         return self.base.is_bent or bool(bends and bends[-1].warp is not None)
 
     @property
@@ -160,18 +158,7 @@ class Recipe:
         if not isinstance(data, dict) or data.get("format") != RECIPE_FORMAT:
             raise RecipeError(f'This is not a recipe; its format is "{RECIPE_FORMAT}".')
         check_version(data.get("version"), RECIPE_VERSION, "recipe")
-        unknown = set(data) - {
-            "format",
-            "version",
-            "created_at",
-            "base",
-            "notes",
-            "variant",
-            "caused_findings",
-            "warps",
-            "friction_coefficient",
-            "commands",
-        }
+        unknown = set(data) - {"format", "version", *(one.name for one in fields(cls))}
         if unknown:
             raise RecipeError(f"The recipe has an unknown field {min(unknown)!r}.")
         commands = data.get("commands")
@@ -181,32 +168,24 @@ class Recipe:
         notes = data.get("notes", [])
         if not isinstance(notes, list):
             raise RecipeError("The recipe's notes must be a list.")
+
+        def read(name: str, hint: Any, default: Any = None) -> Any:
+            return from_json(hint, data.get(name, default), f"The recipe's {name}")
+
         return cls(
-            base=from_json(BaseReference, data.get("base"), "The recipe's base"),
+            base=read("base", BaseReference),
             commands=tuple(
                 command_from_json(item, f"Entry {number}")
                 for number, item in enumerate(commands, start=1)
             ),
-            created_at=from_json(
-                str, data.get("created_at", ""), "The recipe's created_at"
-            ),
+            created_at=read("created_at", str, ""),
             notes=tuple(
                 note for note in notes if isinstance(note, str) and is_note(note)
             ),
             variant=variant_from_json(data.get("variant", {})),
-            caused_findings=from_json(
-                tuple[FindingKey, ...] | None,
-                data.get("caused_findings"),
-                "The recipe's caused_findings",
-            ),
-            warps=from_json(
-                tuple[RoadWarp, ...], data.get("warps", []), "The recipe's warps"
-            ),
-            friction_coefficient=from_json(
-                float | None,
-                data.get("friction_coefficient"),
-                "The recipe's friction_coefficient",
-            ),
+            caused_findings=read("caused_findings", tuple[FindingKey, ...] | None),
+            warps=read("warps", tuple[RoadWarp, ...], []),
+            friction_coefficient=read("friction_coefficient", float | None),
         )
 
 
@@ -400,7 +379,7 @@ def _regenerated(
 
 def _comparison(number: int, stored: Command, fresh: Command) -> RegeneratedEntry:
     (ours,), (theirs,) = (
-        [part.sample for part in one.parts if isinstance(part, ReplaceTraffic)]
+        [part.sample for part in parts_of([one], ReplaceTraffic)]
         for one in (stored, fresh)
     )
     if ours.ids != theirs.ids or ours.position_m.shape != theirs.position_m.shape:

@@ -196,10 +196,7 @@ def _read(text: str) -> Scenario:
     name = text.removeprefix(DEMO_PREFIX)
     if name in demo_names() and not os.path.isdir(text):
         scenario = read_scenario(demo_folder(name))
-        provenance = dataclasses.replace(
-            scenario.provenance, source=f"{DEMO_PREFIX}{name}"
-        )
-        return dataclasses.replace(scenario, provenance=provenance)
+        return scenario.with_origin(source=f"{DEMO_PREFIX}{name}")
     # os.path, unlike pathlib, does not raise for an unknown ~user or forbidden parent.
     folder = os.path.expanduser(text)
     if os.path.isfile(folder) and folder.lower().endswith(".zip"):
@@ -241,8 +238,7 @@ def _open_zip(path: Path) -> Scenario:
     scenario, recipe = scenario_and_recipe(
         {path.name: read_regular(path, max_bytes=MAX_UPLOAD_BYTES)}
     )
-    source = dataclasses.replace(scenario.provenance, source=os.path.realpath(path))
-    scenario = dataclasses.replace(scenario, provenance=source)
+    scenario = scenario.with_origin(source=os.path.realpath(path))
     return scenario if recipe is None else made_by(scenario, recipe)
 
 
@@ -383,8 +379,7 @@ def _foreign_upload(scenes: Mapping[str, Mapping[str, bytes]]) -> Scenario | Non
             told = str(error).replace(str(paths[0]), paths[0].name)
             error.args = (told, *error.args[1:])
             raise
-    provenance = dataclasses.replace(scenario.provenance, source="")
-    return dataclasses.replace(scenario, provenance=provenance)
+    return scenario.with_origin(source="")
 
 
 @contextlib.contextmanager
@@ -419,19 +414,16 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
         return scenario
     # Writers name themselves as who made a file.
     told = recipe.base.attribution or scenario.provenance.attribution
-    origin = dataclasses.replace(scenario.provenance, attribution=told)
-    scenario = dataclasses.replace(scenario, provenance=origin)
+    scenario = scenario.with_origin(attribution=told)
     if not recipe.commands:
         return scenario
     scenario = scenario.as_referred_to(recipe.base)
     root = recipe.base.root
     labels = "; ".join(command.label for command in recipe.commands[:MAX_LABELS])
     more = len(recipe.commands) - MAX_LABELS
-    note = f"Exported from {root.scenario_id} with these edits: {labels}" + (
-        f"; and {more} more." if more > 0 else "."
-    )
-    provenance = dataclasses.replace(
-        scenario.provenance,
+    note = f"Exported from {root.scenario_id} with these edits: {labels}"
+    note += f"; and {more} more." if more > 0 else "."
+    return scenario.with_origin(
         notes=(*scenario.provenance.notes, *recipe.notes, note),
         base=recipe.base,
         is_bent=recipe.is_bent,
@@ -442,7 +434,6 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
         warps=recipe.warps,
         friction_coefficient=recipe.friction_coefficient,
     )
-    return dataclasses.replace(scenario, provenance=provenance)
 
 
 def has_same_content(one: Scenario, other: Scenario) -> bool:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC
 from operator import is_
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 from pd_editor.base.errors import EditError, PdEditorError, RecipeError
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.roll_out import BeginAt, begun_like
 from pd_editor.editor.history import History, HistoryEntry, Snapshot
+from pd_editor.editor.journal import Journal
 from pd_editor.editor.recipe import MAX_COMMANDS, Recipe, checked_base, moment
 from pd_editor.editor.variant import ExportMark, Variant, proposed_name
 from pd_editor.scene.formats.player import Player
@@ -56,59 +56,6 @@ class Branch:
 Listener = Callable[[SessionState, SessionState], None]
 
 
-@runtime_checkable
-class EditRecorder(Protocol):
-    """Interface that records the commits of a session, such as a journal on disk."""
-
-    def start(self, base: Scenario, base_files: Mapping[str, bytes] | None) -> None:
-        """Start recording for an opened scenario; earlier records are not changed."""
-        ...
-
-    def committed(
-        self, command: Command, selection: tuple[str, ...], time_s: float
-    ) -> None:
-        """Record a committed command and the selection before it."""
-        ...
-
-    def moved_to(self, position: int, time_s: float) -> None:
-        """Record a move along the branch in force to a position."""
-        ...
-
-    def switched_to(self, number: int, time_s: float) -> None:
-        """Record a move to an edit of another branch, by number."""
-        ...
-
-    def dropped(self, numbers: frozenset[int], time_s: float) -> None:
-        """Record the last edits of all branches that are not offered any more."""
-        ...
-
-    def described(self, variant: Variant, time_s: float) -> None:
-        """Record a new name, tags and note."""
-        ...
-
-    def exported(self, mark: ExportMark, time_s: float) -> None:
-        """Record that the current state was exported or saved to the library."""
-        ...
-
-    def retry(self) -> None:
-        """Record what could not be recorded before."""
-        ...
-
-    def close(self, *, discard: bool) -> None:
-        """End the session; ``discard`` deletes the records."""
-        ...
-
-    @property
-    def problem(self) -> str | None:
-        """Reason why edits are not recorded at the moment; None while they are."""
-        ...
-
-    @property
-    def path(self) -> Path | None:
-        """Path of the records; None before the first edit."""
-        ...
-
-
 class EditorSession:
     """An open scenario with its selection and history.
 
@@ -121,7 +68,7 @@ class EditorSession:
         scenario: Scenario,
         *,
         clock: Callable[[], float] = time.time,
-        journal: EditRecorder | None = None,
+        journal: Journal | None = None,
         max_undo: int = 200,
         base_files: Mapping[str, bytes] | None = None,
     ) -> None:
@@ -154,7 +101,7 @@ class EditorSession:
 
     @classmethod
     def from_recipe(
-        cls, recipe: Recipe, base: Scenario, *, journal: EditRecorder | None = None
+        cls, recipe: Recipe, base: Scenario, *, journal: Journal | None = None
     ) -> "EditorSession":
         """Open a session and apply a recipe's commands to its base.
 
@@ -533,7 +480,7 @@ class EditorSession:
             self._journal.close(discard=discard)
             self._journal = None
 
-    def continue_journal(self, journal: EditRecorder) -> None:
+    def continue_journal(self, journal: Journal) -> None:
         """Record further edits in ``journal``, which already has the earlier ones."""
         assert self._journal is None
         self._journal = journal

@@ -59,8 +59,6 @@ class UnfinishedWork:
     base: BaseReference
     num_edits: int
     """Number of commands in force at its end; the journal also has undone ones."""
-    started_at: float
-    """Time when the scenario was opened, in seconds since 1970."""
     last_time: float
     """Time of the last edit, in seconds since 1970."""
     variant: Variant
@@ -126,7 +124,6 @@ def _summary(path: Path, _changed_ns: int, _size: int) -> UnfinishedWork | None:
         path=path,
         base=header.base,
         num_edits=num_edits,
-        started_at=header.time_s,
         last_time=max(entry.time_s for entry in entries),
         variant=described[-1] if described else header.variant,
         exports=exports,

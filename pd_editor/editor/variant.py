@@ -8,7 +8,7 @@ from typing import Final
 from pd_editor.analysis.findings.finding import IgnoredKey
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import is_note, is_plain
-from pd_editor.editor.commands.command import Command
+from pd_editor.editor.commands.command import Command, parts_of
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.editor.commands.roll_out import BeginAt, ContinueScene
 from pd_editor.editor.commands.traffic import ReplaceTraffic
@@ -124,9 +124,8 @@ def proposed_name(base_id: str, commands: Sequence[Command], scenario: Scenario)
     applied = scenario.applied_warp
     terms = () if applied is None else applied.warp.terms
     parts += [f"{term.kind}-{power_name(term.power)}" for term in terms]
-    done = [part for command in commands for part in command.parts]
-    generated = [one for one in done if isinstance(one, ReplaceTraffic)]
-    if generated:
+    done = parts_of(commands, Command)
+    if generated := parts_of(commands, ReplaceTraffic):
         parts.append(f"s{generated[-1].seed}")
     for one in done:
         if isinstance(one, BeginAt):

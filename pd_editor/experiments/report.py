@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from pd_editor.base.markdown import markdown_table
+from pd_editor.base.plain_text import markdown_table
 from pd_editor.base.regular_file import write_whole
 
 if TYPE_CHECKING:

@@ -62,7 +62,7 @@ def check_request(request: GenerationRequest) -> None:
     axis = scenario.time_axis
     if is_long(scenario):
         raise GenerationError(
-            f"The scenario's future lasts {axis.num_future_steps * axis.step_s:.1f} s; "
+            f"The scenario's future lasts {axis.future_s:.1f} s; "
             f"the model samples {FUTURE_S:g} s. Cut it: 'Keep {FUTURE_S:g} s after t = 0' "
             "under Scene; on the shell --until 6 (open_scenario: until_s=6)."
         )

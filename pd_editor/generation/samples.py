@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
+from pd_editor.base.plain_text import listed
 from pd_editor.generation.trajectory.network.decoding import Motion
 from pd_editor.generation.trajectory.task import TrajectoryTask
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, Activity
 from pd_editor.scene.generation import (
     AVOIDANCE,
     LANE_GUIDANCE,
@@ -72,11 +72,8 @@ class Sampled:
                 "a collision."
             ]
         (names,) = self.slowed_ids
-        names_listed = ", ".join(names[:_MOST_NAMED])
-        more = f" and {len(names) - _MOST_NAMED} more" * (len(names) > _MOST_NAMED)
-        return [
-            f"{count} {agents} slowed down to avoid a collision: {names_listed}{more}."
-        ]
+        told = listed(names, _MOST_NAMED)
+        return [f"{count} {agents} slowed down to avoid a collision: {told}."]
 
 
 def samples_of(

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,6 +13,10 @@ from pd_editor.base.plain_text import nearest_or_all
 from pd_editor.scene.agent_kind import GROUP_KINDS, AgentGroup, AgentKind
 from pd_editor.scene.geometry.oriented_box import BoxStates
 
+MOTION: Final = ("position_m", "heading_rad", "velocity_mps")
+"""Names of the arrays that tell how agents move."""
+STEPPED: Final = (*MOTION, "is_valid")
+"""Names of the arrays over time."""
 _States = TypeVar("_States", bound="AgentStates")
 
 
@@ -89,10 +93,7 @@ class AgentStates(BoxStates):
             ids=self.ids,
             kinds=self.kinds,
             size_m=self.size_m,
-            position_m=self.position_m[:, step:],
-            heading_rad=self.heading_rad[:, step:],
-            velocity_mps=self.velocity_mps[:, step:],
-            is_valid=self.is_valid[:, step:],
+            **{name: getattr(self, name)[:, step:] for name in STEPPED},
         )
 
     def joined(self: _States, other: _States) -> _States:

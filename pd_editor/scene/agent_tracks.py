@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.scene.agent_kind import AgentCategory
-from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.agent_states import MOTION, STEPPED, AgentStates
 
-_OVER_TIME = ("position_m", "heading_rad", "velocity_mps", "is_valid", "observed")
+_OVER_TIME = (*STEPPED, "observed")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +54,35 @@ class AgentTracks(AgentStates):
             changed[name] = array
         return replace(self, **changed)
 
+    def with_motion(
+        self,
+        rows: Int[np.ndarray, "G"],
+        since: int,
+        motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+        at: Bool[np.ndarray, "G S"] | None = None,
+    ) -> "AgentTracks":
+        """A copy in which some agents move otherwise at S steps from one on.
+
+        Positions, headings and velocities of ``motion`` are taken where ``at`` is true,
+        and the agents are there then; None: where they were there before.
+        """
+        steps = slice(since, since + motion[1].shape[1])
+        there = self.is_valid[rows]
+        at = there[:, steps] if at is None else at
+        changed = {name: getattr(self, name)[rows] for name in MOTION}
+        for values, new in zip(changed.values(), motion, strict=True):
+            values[:, steps][at] = new[at]
+        there[:, steps] |= at
+        return self.with_rows(rows, **changed, is_valid=there)
+
+    def with_motion_of(
+        self, rows: Int[np.ndarray, "G"], other: AgentStates, theirs: np.ndarray
+    ) -> "AgentTracks":
+        """A copy in which some agents move as others, at all steps at which they are there."""
+        return self.with_rows(
+            rows, **{name: getattr(other, name)[theirs] for name in MOTION}
+        )
+
     def cut_to(self, steps: slice) -> "AgentTracks":
         """The tracks at some steps."""
         return replace(
@@ -89,7 +118,7 @@ def same_motion(
     rows = np.array(known, int)
     theirs = other.rows(one.ids[row] for row in known)
     same = np.ones(len(rows), bool)
-    for name in ("position_m", "heading_rad", "velocity_mps", "is_valid"):
+    for name in STEPPED:
         mine = getattr(one, name)[rows][:, steps]
         others = getattr(other, name)[theirs][:, steps]
         if mine.shape != others.shape:

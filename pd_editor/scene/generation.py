@@ -6,9 +6,16 @@ caller can show progress and cancel.
 
 import hashlib
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, Protocol, get_args, runtime_checkable
+from typing import (
+    Final,
+    Literal,
+    Protocol,
+    TypeVar,
+    get_args,
+    runtime_checkable,
+)
 
 import numpy as np
 import shapely
@@ -21,7 +28,8 @@ from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M
-from pd_editor.scene.traffic_sample import TrafficSample, check_finite
+from pd_editor.scene.thresholds import SAME_STATE_M
+from pd_editor.scene.traffic_sample import TrafficSample
 
 MAX_SAMPLES: Final = 1_000
 MAX_DENOISING_STEPS: Final = 1_000
@@ -31,10 +39,8 @@ MAX_TRAJECTORIES: Final = 50_000
 MAX_SEED: Final = 2**63 - 1
 
 
-_KEPT_TOLERANCE_M: Final = 0.01
-"""Largest distance of a generated position to one that is kept: the current one, unless
-states are sampled, and what a lock keeps."""
-
+Made = TypeVar("Made")
+"""What steps return at their end."""
 Quality = Literal["fast", "high"]
 """Quality of sampled states; higher quality takes more time."""
 Capability = Literal["states", "new-agents", "guidance"]
@@ -279,13 +285,14 @@ class GenerationRequest:
         return tuple(one for one in (*self.scenario.guidance, *own) if one.is_on)
 
     @property
+    def adds_agents(self) -> bool:
+        """Whether agents are added."""
+        return self.samples_num_agents or any(self.num_new_agents.values())
+
+    @property
     def samples_states(self) -> bool:
         """Whether initial states of any agents are sampled."""
-        return bool(
-            self.samples_num_agents
-            or self.resampled_state_ids
-            or any(self.num_new_agents.values())
-        )
+        return self.adds_agents or bool(self.resampled_state_ids)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -410,8 +417,7 @@ def check_supported(
     Raises:
         GenerationError: names the generator and what it cannot do.
     """
-    adds = request.samples_num_agents or any(request.num_new_agents.values())
-    if adds and "new-agents" not in supports:
+    if request.adds_agents and "new-agents" not in supports:
         raise GenerationError(
             f"The generator {name} adds no agents; keep those of the scene, or choose a "
             "generator that does."
@@ -492,14 +498,15 @@ def check_traffic(traffic: GeneratedTraffic, request: GenerationRequest) -> None
             "asked for."
         )
     num_steps = request.scenario.time_axis.num_future_steps + 1
-    adds = request.samples_num_agents or any(request.num_new_agents.values())
     for number, sample in enumerate(traffic.samples):
-        kept = sample.ids[: len(request.agent_ids)] if adds else sample.ids
+        kept = (
+            sample.ids[: len(request.agent_ids)] if request.adds_agents else sample.ids
+        )
         if kept != request.agent_ids or len(sample.kinds) != len(sample.ids):
             raise GenerationError(
                 f"Sample {number} holds other agents than were asked for."
             )
-        _check_arrays(sample, number, len(sample.ids), num_steps)
+        sample.check(num_steps, f"Sample {number}:")
         _check_current(sample, number, request)
         check_kept(sample, request)
 
@@ -513,7 +520,7 @@ def _check_current(
     gap = sample.position_m[: len(rows), 0] - agents.position_m[rows, now]
     distance = np.hypot(gap[:, 0], gap[:, 1])
     for name, moved_m in zip(request.agent_ids, distance.tolist(), strict=True):
-        if moved_m > _KEPT_TOLERANCE_M and name not in request.resampled_state_ids:
+        if moved_m > SAME_STATE_M and name not in request.resampled_state_ids:
             raise GenerationError(
                 f"Sample {number} moves agent {name} by {moved_m:.2f} m at the current "
                 "step; expected its state as it is, since none was to be sampled."
@@ -535,7 +542,7 @@ def check_kept(sample: TrafficSample, request: GenerationRequest) -> None:
     found = [sample.ids.index(name) for name in ids]
     is_kept = scenario.kept_steps()[rows, now:] & scenario.agents.is_valid[rows, now:]
     gap = sample.position_m[found] - scenario.agents.position_m[rows, now:]
-    is_off = (np.hypot(gap[..., 0], gap[..., 1]) > _KEPT_TOLERANCE_M) & is_kept
+    is_off = (np.hypot(gap[..., 0], gap[..., 1]) > SAME_STATE_M) & is_kept
     for name, is_moved in zip(ids, np.any(is_off, axis=1).tolist(), strict=True):
         if is_moved:
             raise GenerationError(
@@ -545,47 +552,14 @@ def check_kept(sample: TrafficSample, request: GenerationRequest) -> None:
             )
 
 
-def _check_arrays(
-    sample: TrafficSample, number: int, num_agents: int, num_steps: int
-) -> None:
-    for name, expected in (
-        ("size_m", (num_agents, 2)),
-        ("position_m", (num_agents, num_steps, 2)),
-        ("heading_rad", (num_agents, num_steps)),
-        ("velocity_mps", (num_agents, num_steps, 2)),
-    ):
-        values = np.asarray(getattr(sample, name))
-        if values.shape != expected:
-            raise GenerationError(
-                f"Sample {number}: {name} has the shape {values.shape}; expected "
-                f"{expected}."
-            )
-        # Its arrays may have been changed since the sample was made.
-        check_finite(name, values, sample.ids, ("step",))
-
-
-class RunningGeneration:
-    """Iterator over the progress of a generation that stores its result."""
-
-    def __init__(
-        self, steps: Generator[GenerationProgress, None, GeneratedTraffic]
-    ) -> None:
-        """Wrap the steps of a generation; nothing runs yet."""
-        self._steps = steps
-        self.traffic: GeneratedTraffic | None = None
-        """The result; None until the last step is done."""
-
-    def __iter__(self) -> Iterator[GenerationProgress]:
-        self.traffic = yield from self._steps
-
-
 def run_to_end(
-    steps: Generator[GenerationProgress, None, GeneratedTraffic],
+    steps: Generator[GenerationProgress, None, Made],
     on_progress: Callable[[GenerationProgress], None] = lambda _: None,
-) -> GeneratedTraffic:
+) -> Made:
     """Run a generation and return its result."""
-    running = RunningGeneration(steps)
-    for progress in running:
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as stop:
+            return stop.value
         on_progress(progress)
-    assert running.traffic is not None
-    return running.traffic

@@ -5,15 +5,6 @@ from typing import Final, Literal
 
 from pd_editor.scene.guidance_terms import GuidanceTerm
 
-MAX_WORSE_OFF_ROAD: Final = 0.02
-"""Bound of the additional share of agent steps off the road."""
-MAX_WORSE_COLLISIONS: Final = 0
-"""Bound of additional agents in collisions."""
-MAX_WORSE_LATERAL_M: Final = 0.5
-"""Bound of the additional mean distance to the lanes."""
-MAX_WORSE_ACCELERATION_MPS2: Final = 1.0
-"""Bound of the additional mean acceleration."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class GuidanceProblem:
@@ -40,6 +31,12 @@ class Realism:
     """Mean absolute acceleration."""
 
 
+MOST_WORSE: Final = Realism(
+    off_road=0.02, num_collisions=0, lateral_deviation_m=0.5, acceleration_mps2=1.0
+)
+"""Bounds of what guidance may add to each figure."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class GuidanceCost:
     """Realism of a guided sample, and of the unguided one of the same seed."""
@@ -49,30 +46,22 @@ class GuidanceCost:
 
     def worse(self) -> tuple[str, ...]:
         """What guidance made worse than its bound, in words."""
-        mine, other = self.guided, self.unguided
-        found: list[str] = []
-        if mine.num_collisions - other.num_collisions > MAX_WORSE_COLLISIONS:
-            found.append(
-                f"{mine.num_collisions} instead of {other.num_collisions} agents collide"
-            )
-        if mine.off_road - other.off_road > MAX_WORSE_OFF_ROAD:
-            found.append(
-                f"moving agents are off the road for {mine.off_road:.0%} instead of "
-                f"{other.off_road:.0%} of the time"
-            )
-        further = mine.lateral_deviation_m - other.lateral_deviation_m
-        if further > MAX_WORSE_LATERAL_M:
-            found.append(
-                f"agents are {mine.lateral_deviation_m:.1f} instead of "
-                f"{other.lateral_deviation_m:.1f} m from their lanes"
-            )
-        harder = mine.acceleration_mps2 - other.acceleration_mps2
-        if harder > MAX_WORSE_ACCELERATION_MPS2:
-            found.append(
-                f"agents accelerate with {mine.acceleration_mps2:.1f} instead of "
-                f"{other.acceleration_mps2:.1f} m/s2"
-            )
-        return tuple(found)
+        words = {
+            "num_collisions": "{} instead of {} agents collide",
+            "off_road": "moving agents are off the road for {:.0%} instead of {:.0%} of "
+            "the time",
+            "lateral_deviation_m": "agents are {:.1f} instead of {:.1f} m from their lanes",
+            "acceleration_mps2": "agents accelerate with {:.1f} instead of {:.1f} m/s2",
+        }
+        values = {
+            name: (getattr(self.guided, name), getattr(self.unguided, name))
+            for name in words
+        }
+        return tuple(
+            words[name].format(mine, other)
+            for name, (mine, other) in values.items()
+            if mine - other > getattr(MOST_WORSE, name)
+        )
 
     @property
     def is_worse(self) -> bool:

@@ -3,14 +3,13 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
-from pd_editor.scene.road_map import LaneKind, RoadMap
+from pd_editor.scene.road_map import LaneKind, RoadMap, once_per_map
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.signals import Signal, SignalState, signals_of_lanes
 
@@ -137,17 +136,9 @@ def _signals(
     ]
 
 
-_junctions: WeakKeyDictionary[RoadMap, tuple[Junction, ...]] = WeakKeyDictionary()
-
-
+@once_per_map
 def junctions(road_map: RoadMap) -> tuple[Junction, ...]:
-    """Junctions with movements that cross, of lanes for vehicles; once per map value."""
-    if road_map not in _junctions:
-        _junctions[road_map] = _found_junctions(road_map)
-    return _junctions[road_map]
-
-
-def _found_junctions(road_map: RoadMap) -> tuple[Junction, ...]:
+    """Junctions with movements that cross, of lanes for vehicles."""
     lanes = [
         lane
         for lane in road_map.lanes

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.agent_states import STEPPED, AgentStates
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
@@ -118,10 +118,7 @@ def history(agents: AgentTracks, num_steps: int) -> AgentHistory:
         ids=agents.ids,
         kinds=agents.kinds,
         size_m=agents.size_m,
-        position_m=past(agents.position_m),
-        heading_rad=past(agents.heading_rad),
-        velocity_mps=past(agents.velocity_mps),
-        is_valid=past(agents.is_valid),
+        **{name: past(getattr(agents, name)) for name in STEPPED},
     )
 
 

@@ -3,14 +3,17 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from functools import cached_property
-from typing import Any
+from functools import cached_property, wraps
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.geometry.polyline import at_height_zero
+
+_Made = TypeVar("_Made")
 
 DENSE_SPACING_M = 2.0
 """Spacing at which a polyline follows the sharpest allowed curve within 0.1 m."""
@@ -248,3 +251,16 @@ class RoadMap:
         points, z = lines.points_m[:, :2], lines.points_m[:, 2]
         moved = replace(lines, points_m=np.column_stack([motion(points), z]))
         return self.with_polylines(tuple(moved.apart()))
+
+
+def once_per_map(make: Callable[[RoadMap], _Made]) -> Callable[[RoadMap], _Made]:
+    """Let a function be called once for each map; its result lives as long as the map."""
+    made: WeakKeyDictionary[RoadMap, _Made] = WeakKeyDictionary()
+
+    @wraps(make)
+    def kept(road_map: RoadMap) -> _Made:
+        if road_map not in made:
+            made[road_map] = make(road_map)
+        return made[road_map]
+
+    return kept

@@ -15,6 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import EditError
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import heading_of, unit_vector
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 
 MAX_POWER: Final = 10.0
@@ -180,3 +182,28 @@ class RoadWarp:
             if term.power != 0
         ]
         return max(ends, default=0.0)
+
+
+def warped_agents(
+    agents: AgentTracks, warp: RoadWarp, sign: float = 1.0
+) -> AgentTracks:
+    """Transform agents by a warp, or by its inverse (sign -1).
+
+    Positions are sheared; headings and velocities follow by the Jacobian J, so that a
+    velocity stays the rate of its position and speeds scale by |J t|. States behind
+    the warp's border keep their exact values.
+    """
+    ahead = warp.distance_ahead(agents.position_m)
+    touched = agents.is_valid & (ahead > warp.border_m())
+    before = agents.position_m[touched]
+    direction = unit_vector(agents.heading_rad[touched])
+
+    heading = agents.heading_rad.copy()
+    heading[touched] = heading_of(warp.turn(before, direction, sign))
+    velocity = agents.velocity_mps.copy()
+    velocity[touched] = warp.turn(before, agents.velocity_mps[touched], sign)
+    position = agents.position_m.copy()
+    position[touched] = warp.apply(before) if sign > 0 else warp.undo(before)
+    return replace(
+        agents, position_m=position, heading_rad=heading, velocity_mps=velocity
+    )

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 import pd_editor
-from pd_editor.scene.activity import Activity, activity_at, stands
+from pd_editor.scene.agent_kind import Activity, activity_at, stands
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.guidance_terms import NO_TRACK_M, GuidanceTerm, terms_without
@@ -229,6 +229,10 @@ class Scenario:
     def kept_steps(self) -> Bool[np.ndarray, "A T"]:
         """Steps that locks keep of each agent."""
         return kept_steps(self.agents, self.time_axis, self.locks)
+
+    def with_origin(self, **changed: Any) -> "Scenario":
+        """The scenario with other fields of its provenance."""
+        return replace(self, provenance=replace(self.provenance, **changed))
 
     def with_agents(self, agents: AgentTracks, note: str | None = None) -> "Scenario":
         """Replace the agents, with a note on what is not recorded; none is repeated."""

@@ -33,6 +33,11 @@ class TimeAxis:
         return self.num_steps - self.current_step - 1
 
     @property
+    def future_s(self) -> float:
+        """Time from the current step to the last one."""
+        return self.num_future_steps * self.step_s
+
+    @property
     def duration_s(self) -> float:
         """Time from the first to the last step."""
         return (self.num_steps - 1) * self.step_s

@@ -13,7 +13,7 @@ from pd_editor.scene.map_window import within_window
 from pd_editor.scene.scenario import Provenance, Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
-FUTURE_S: Final = TimeAxis().num_future_steps * TimeAxis().step_s
+FUTURE_S: Final = TimeAxis().future_s
 """Future that the shipped models sample, and that methods are compared on."""
 COMPARED: Final = SceneCut(until_s=FUTURE_S)
 """What methods are compared on: of the scene as it is, what models sample."""
@@ -24,7 +24,7 @@ _MORE: Final = 1e-6
 def is_long(scenario: Scenario) -> bool:
     """Whether the future is longer than ``FUTURE_S`` by more than rounding."""
     axis = scenario.time_axis
-    return axis.num_future_steps * axis.step_s > FUTURE_S + 0.05
+    return axis.future_s > FUTURE_S + 0.05
 
 
 def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
@@ -39,8 +39,7 @@ def cut_scenario(scenario: Scenario, cut: SceneCut) -> Scenario:
     if cut.window is not None:
         scenario = within_window(scenario, cut.window)
         # The part of the map alone, unless times are cut below.
-        origin = replace(scenario.provenance, cut=SceneCut(window=cut.window))
-        scenario = replace(scenario, provenance=origin)
+        scenario = scenario.with_origin(cut=SceneCut(window=cut.window))
     axis = scenario.time_axis
     now, last = steps_of_cut(axis, cut)
     if (now, last) == (axis.current_step, axis.num_steps - 1):

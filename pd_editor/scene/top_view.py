@@ -12,9 +12,8 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.geometry.oriented_box import Boxes
-from pd_editor.scene.lane_marks import DASH_M, GAP_M
 from pd_editor.scene.palette import LIGHT, Palette, Rgb, agent_color, parts_of_one
-from pd_editor.scene.road_layers import RoadLayer, road_layers
+from pd_editor.scene.road_layers import DASH_M, GAP_M, RoadLayer, road_layers
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState

@@ -2,17 +2,15 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentKind
-
-MAX_SIZE_M: Final = 100.0
-"""Longest and widest agent that is generated."""
+from pd_editor.scene.agent_kind import Activity, AgentKind
+from pd_editor.scene.agent_states import MOTION
+from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.scene_limits import MAX_LENGTH_M
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,20 +27,57 @@ class TrafficSample:
     """Of each agent at the current step; empty: unknown of all."""
 
     def __post_init__(self) -> None:
-        for name in ("position_m", "heading_rad", "velocity_mps"):
+        for name in MOTION:
             check_finite(name, getattr(self, name), self.ids, ("step",))
-        if not ((self.size_m > 0) & (self.size_m <= MAX_SIZE_M)).all():
+        if not ((self.size_m > 0) & (self.size_m <= MAX_LENGTH_M)).all():
             raise GenerationError(
                 f"The generated size_m holds a value that is not above 0 and at most "
-                f"{MAX_SIZE_M:g} m."
+                f"{MAX_LENGTH_M:g} m."
             )
+
+    def check(self, num_steps: int | None = None, what: str = "The generated") -> None:
+        """Refuse arrays that are not of its agents, or of other numbers of steps.
+
+        Arrays of plugins may have been changed since the sample was made.
+
+        Raises:
+            GenerationError: a shape is wrong, or an id occurs twice.
+        """
+        count = len(self.ids)
+        if num_steps is None:
+            num_steps = (*np.shape(self.position_m), 0, 0)[1]
+        for name, expected in (
+            ("size_m", (count, 2)),
+            ("position_m", (count, num_steps, 2)),
+            ("heading_rad", (count, num_steps)),
+            ("velocity_mps", (count, num_steps, 2)),
+        ):
+            values = np.asarray(getattr(self, name))
+            if values.shape != expected:
+                raise GenerationError(
+                    f"{what} {name} has the shape {values.shape}; expected {expected}."
+                )
+            check_finite(name, values, self.ids, ("step",))
+        if len(self.activity) not in (0, count):
+            raise GenerationError(
+                f"{what} activity is of {len(self.activity)} agents, not {count}."
+            )
+        if len(self.kinds) != count or len(set(self.ids)) != count:
+            raise GenerationError("The generated agents need one kind and one id each.")
 
     def is_equal(self, other: "TrafficSample") -> bool:
         """Whether another sample has the same agents with the same trajectories."""
         return self.ids == other.ids and all(
-            np.array_equal(getattr(self, name), getattr(other, name))
-            for name in ("position_m", "heading_rad", "velocity_mps")
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in MOTION
         )
+
+    def applied_to(
+        self, agents: AgentTracks, rows: Int[np.ndarray, "G"], now: int
+    ) -> AgentTracks:
+        """Tracks in which some agents are there and move as in the sample."""
+        motion = self.position_m, self.heading_rad, self.velocity_mps
+        is_there = np.ones(self.heading_rad.shape, bool)
+        return agents.with_motion(rows, now, motion, is_there)
 
     def without(self, gone: Collection[str]) -> "TrafficSample":
         """The sample without some agents."""
@@ -70,7 +105,7 @@ class MadeUpPast:
     velocity_mps: Float32[np.ndarray, "G P 2"]
 
     def __post_init__(self) -> None:
-        for name in ("position_m", "heading_rad", "velocity_mps"):
+        for name in MOTION:
             check_finite(name, getattr(self, name), self.ids, ("step",))
         steps = self.heading_rad.shape[1]
         if len(self.num_steps) != len(self.ids) or not all(

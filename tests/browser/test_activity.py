@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 from pd_editor.viewer.agents.agent_panel import MORE
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

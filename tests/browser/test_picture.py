@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 from pd_editor.editor.commands import SetLocks, SetRoadWarp, TransformAgents
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.palette import DARK, LIGHT
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

@@ -11,8 +11,7 @@ from playwright.sync_api import Page, expect
 
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.formats.player import Player, player_page
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
-from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor, warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

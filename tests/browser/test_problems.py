@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 from pd_editor.editor.commands import DuplicateAgents, SetRoadWarp, TransformAgents
 from pd_editor.editor.session import EditorSession
 from pd_editor.generation.path_diffuser import PathDiffuser
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.overlay.messages import StatusState
 

@@ -8,8 +8,8 @@ import zipfile
 import pytest
 
 from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
-from pd_editor.scene.av2_io.official import check_with_official_loaders
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.av2_io.write import check_with_official_loaders
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.files.export_panel import OTHER_WAYS
 

@@ -7,7 +7,7 @@ import pytest
 
 import pd_editor
 from pd_editor.base.installed_files import demo_folder, demo_names
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from tests.cli.shell import Shell, files_of
 
 BEND = {"kind": "smooth-turn", "power": 4}

@@ -47,8 +47,7 @@ from pd_editor.editor.commands import (
     new_agent_ids,
 )
 from pd_editor.editor.commands.roll_out import RolledMotion
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentKind, default_sizes_m
+from pd_editor.scene.agent_kind import Activity, AgentKind, default_sizes_m
 from pd_editor.scene.generation import GuidanceSetting, TrafficSample
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import GuidanceTerm

@@ -25,7 +25,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.generation import GenerationRequest, Region, run_to_end
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.roles.traffic_choice import (
     drivable_agent_ids,

@@ -19,7 +19,7 @@ from pd_editor.editor.scenario_store import (
     scenario_and_recipe,
 )
 from pd_editor.editor.session import EditorSession
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers

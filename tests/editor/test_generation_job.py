@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.editor.generation_job import GenerationJob
+from pd_editor.editor.background_job import GenerationJob
 from pd_editor.scene.generation import GenerationRequest
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.fake_generators import DriftGenerator

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.editor import newest_run
-from pd_editor.editor.newest_run import NewestRun
+from pd_editor.editor import live_regeneration
+from pd_editor.editor.live_regeneration import NewestRun
 from pd_editor.scene.generation import GenerationRequest
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.fake_generators import DriftGenerator
@@ -65,8 +65,8 @@ def run():
     made.close(10)
 
 
-def test_of_waiting_requests_only_the_newest_runs(run, monkeypatch):
-    monkeypatch.setattr(newest_run, "LONGEST_GAP_S", 60.0)
+def test_of_waiting_requests_only_the_live_regenerations(run, monkeypatch):
+    monkeypatch.setattr(live_regeneration, "LONGEST_GAP_S", 60.0)
     heard, gate = Heard(), Gate()
     heard.ask(run, DriftGenerator(), 0)
     heard.wait_for(1)
@@ -85,7 +85,7 @@ def test_of_waiting_requests_only_the_newest_runs(run, monkeypatch):
 
 def test_frequent_requests_do_not_prevent_results(run, monkeypatch):
     """An obsolete run is completed if the last result is old."""
-    monkeypatch.setattr(newest_run, "LONGEST_GAP_S", 0.0)
+    monkeypatch.setattr(live_regeneration, "LONGEST_GAP_S", 0.0)
     heard, gate = Heard(), Gate()
     heard.ask(run, gate.generator, 1)
     assert gate.reached.wait(10)
@@ -96,7 +96,7 @@ def test_frequent_requests_do_not_prevent_results(run, monkeypatch):
 
 
 def test_an_obsolete_run_near_its_end_is_completed(run, monkeypatch):
-    monkeypatch.setattr(newest_run, "LONGEST_GAP_S", 60.0)
+    monkeypatch.setattr(live_regeneration, "LONGEST_GAP_S", 60.0)
     heard, gate = Heard(), Gate(num_steps=2)
     heard.ask(run, DriftGenerator(), 0)
     heard.wait_for(1)

@@ -30,6 +30,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.edit_findings import unrun_terms
+from pd_editor.editor.journal import Journal
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession, SessionState
 from pd_editor.editor.variant import Variant
@@ -439,7 +440,7 @@ def test_an_entry_that_is_seen_while_it_is_written_shows_its_scenario():
         moved_to = committed
 
     seen: list[tuple[int, Scenario]] = []
-    session = EditorSession(BASE, journal=Recorder())
+    session = EditorSession(BASE, journal=Recorder(spec=Journal))
     session.apply(shift(1.0))
     moved = session.scenario
     session.undo()

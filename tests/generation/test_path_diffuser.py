@@ -20,8 +20,7 @@ from pd_editor.generation.initial_state.network.denoiser import InitialStateDeno
 from pd_editor.generation.path_diffuser import DenoisingProgress, PathDiffuser
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.task import TrajectoryTask
-from pd_editor.scene.activity import Activity, activity_at
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentKind, activity_at
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import (
     LANE_GUIDANCE,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.distributions.distribution_distance import histogram_of
+from pd_editor.analysis.metrics.distribution_distance import histogram_of
 from pd_editor.experiments.evaluation.method import Method
 from pd_editor.generation.lane_follower import LaneFollower
 from reproduction.claims import claims_table

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.scene.activity import Activity, activity_at, true_activity
+from pd_editor.scene.agent_kind import Activity, activity_at, true_activity
 from pd_editor.scene.thresholds import MOVING_MPS
 from tests.builders import straight_drivers
 

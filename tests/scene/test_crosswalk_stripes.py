@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.crosswalk_stripes import (
+from pd_editor.scene.road_layers import (
     STRIPE_M,
     _direction,
     crosswalk_stripes,

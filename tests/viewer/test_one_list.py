@@ -22,7 +22,7 @@ from pd_editor.editor.library.index_table import index_csv
 from pd_editor.editor.scenario_store import exported_files, made_by
 from pd_editor.scene.av2_io.upload import scenario_from_upload
 from pd_editor.scene.generation import GenerationRequest, run_to_end
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.generation.sample_strip import SampleCards, SampleSet, card_lines
 from tests.editor.command_strategies import present_ids

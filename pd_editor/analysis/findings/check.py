@@ -15,8 +15,7 @@ from pd_editor.analysis.findings.motion import (
     motion_findings,
     without_past,
 )
-from pd_editor.analysis.findings.road_departures import road_departures
-from pd_editor.analysis.findings.road_shape import road_problems
+from pd_editor.analysis.findings.road import road_departures, road_problems
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario

@@ -36,12 +36,10 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.geometry.oriented_box import BoxStates, overlap_area
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import MOVING_MPS
+from pd_editor.scene.thresholds import MOVING_MPS, STATIONARY_M
 
 NEAR_PASS_M: Final = 0.35
 """Boxes nearer than this pass each other closely."""
-MOVING_M: Final = 0.5
-"""An agent that stays within this distance is stationary."""
 _PAIRS_AT_ONCE: Final = 1_000
 MAX_COLLISIONS: Final = 500
 """Limit of reported collisions, which bounds time and memory."""
@@ -205,7 +203,7 @@ def _moves(
         position_m, is_valid.argmax(axis=1)[:, None, None], axis=1
     )
     distance = np.linalg.norm(position_m - first, axis=-1)
-    return np.any(is_valid & (distance > MOVING_M), axis=1)
+    return np.any(is_valid & (distance > STATIONARY_M), axis=1)
 
 
 def _pairs_matter(

@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.findings.collisions import MOVING_M
 from pd_editor.analysis.findings.finding import Finding, at_time, finding_of_agent
 from pd_editor.analysis.metrics.motion.kinematics import (
     DEGREE,
@@ -29,7 +28,7 @@ from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, GRAVI
 from pd_editor.scene.perturbation.friction_slowdown import BRAKING_MPS2
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, STATIONARY_M
 
 TOLERANCE: Final = 1.25
 """Ratio of acceleration to limit up to which an agent is not reported.
@@ -75,7 +74,8 @@ def sideways_motion(scenario: Scenario) -> SidewaysMotion:
     is_valid = agents.is_valid[rows, now:]
     path = fill_gaps(agents.position_m[rows, now:], is_valid)
     rows = rows[
-        np.linalg.norm(path - path[:, :1], axis=-1).max(axis=1, initial=0) > MOVING_M
+        np.linalg.norm(path - path[:, :1], axis=-1).max(axis=1, initial=0)
+        > STATIONARY_M
     ]
     is_valid = agents.is_valid[rows]
     position, warps = agents.position_m[rows], scenario.warps
@@ -201,13 +201,8 @@ def _one_pass(
         acceleration_mps2=FIRM_ACCELERATION_MPS2,
     )
     distance, slowed = slowed_distance(along, speed, drivable, step_s)
-    moved, turned, velocity = retime(curve, heading, is_valid, distance, step_s, slowed)
-    position, headings = agents.position_m[rows], agents.heading_rad[rows]
-    velocities = agents.velocity_mps[rows]
-    position[:, now:], headings[:, now:], velocities[:, now:] = moved, turned, velocity
-    return agents.with_rows(
-        rows, position_m=position, heading_rad=headings, velocity_mps=velocities
-    )
+    later = retime(curve, heading, is_valid, distance, step_s, slowed)
+    return agents.with_motion(rows, now, later)
 
 
 def _derivatives(

@@ -8,11 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, finding_of_agent
 from pd_editor.analysis.metrics.motion.kinematics import (
-    COMFORT_ACCELERATION_MPS2,
-    COMFORT_BRAKING_MPS2,
-    COMFORT_JERK_MPS3,
-    COMFORT_LATERAL_MPS2,
-    COMFORT_YAW_RATE_RADPS,
+    COMFORT,
     MAX_ACCELERATION_MPS2,
     MAX_CURVATURE_PER_M,
     TURNING_MPS,
@@ -67,13 +63,13 @@ def _too_hard(
     turns = motion.speed_mps > TURNING_MPS
     bend = np.where(turns, yaw / np.where(turns, motion.speed_mps, 1.0), 0.0)
     comfort = (
-        (forward, COMFORT_BRAKING_MPS2, "brakes with {:.1f} m/s\u00b2"),
-        (forward, COMFORT_ACCELERATION_MPS2, "accelerates with {:.1f} m/s\u00b2"),
-        (np.abs(lateral), COMFORT_LATERAL_MPS2, "{:.1f} m/s\u00b2 sideways"),
-        (motion.jerk_mps3, COMFORT_JERK_MPS3, "jerk of {:.0f} m/s\u00b3"),
+        (forward, COMFORT.braking_mps2, "brakes with {:.1f} m/s\u00b2"),
+        (forward, COMFORT.acceleration_mps2, "accelerates with {:.1f} m/s\u00b2"),
+        (np.abs(lateral), COMFORT.lateral_mps2, "{:.1f} m/s\u00b2 sideways"),
+        (motion.jerk_mps3, COMFORT.jerk_mps3, "jerk of {:.0f} m/s\u00b3"),
         (
             np.degrees(yaw),
-            np.degrees(COMFORT_YAW_RATE_RADPS),
+            np.degrees(COMFORT.yaw_rate_radps),
             "turns with {:.0f} \u00b0/s",
         ),
     )

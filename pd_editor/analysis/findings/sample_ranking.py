@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import truediv
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -28,13 +29,15 @@ RANKING_WORDS: Final[dict[Ranking, str]] = {
     "interaction": "Closest interaction",
     "movement": "Most movement",
 }
-USUAL_COLLIDING_SHARE: Final = 0.029
-USUAL_OFF_ROAD_SHARE: Final = 0.050
-USUAL_DEVIATION_M: Final = 2.57
-USUAL_HARSH_SHARE: Final = 0.055
 LEAST_MOVING_SHARE: Final = 0.35
 """A quarter of the recordings of ``train`` have fewer agents that are under way."""
-USUAL_STANDSTILL: Final = 0.085
+USUAL: Final = {
+    "colliding_share": 0.029,
+    "off_road_share": 0.050,
+    "deviation_m": 2.57,
+    "harsh_share": 0.055,
+    "standstill": 0.085,
+}
 """Means of the 35 recordings of ``train``, the last one of the share by which fewer are
 under way than the least; with all of them, realism is 50."""
 _FEWEST_JUDGED: Final = 8
@@ -99,13 +102,14 @@ class SampleNumbers:
         """
         agents = max(self.num_agents, 1)
         standstill = max(0.0, 1.0 - self.moving_share / LEAST_MOVING_SHARE)
-        excess = (
-            self.num_collisions / agents / USUAL_COLLIDING_SHARE
-            + self.off_road_share / USUAL_OFF_ROAD_SHARE
-            + self.lateral_deviation_m / USUAL_DEVIATION_M
-            + self.harsh_share / USUAL_HARSH_SHARE
-            + standstill * (agents >= _FEWEST_JUDGED) / USUAL_STANDSTILL
+        found = (
+            self.num_collisions / agents,
+            self.off_road_share,
+            self.lateral_deviation_m,
+            self.harsh_share,
+            standstill * (agents >= _FEWEST_JUDGED),
         )
+        excess = sum(map(truediv, found, USUAL.values()))
         return 100.0 * self.fullness / (1.0 + excess / 5)
 
 

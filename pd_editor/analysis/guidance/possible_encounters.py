@@ -7,8 +7,7 @@ from typing import Final, get_args
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.guidance.agent_now import AgentNow
-from pd_editor.analysis.guidance.guidance_kind import Plan
+from pd_editor.analysis.guidance.guidance_kind import AgentNow, Plan
 from pd_editor.analysis.guidance.kinds.pairs import (
     Threaten,
     YieldTo,

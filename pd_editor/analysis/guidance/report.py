@@ -20,6 +20,7 @@ from pd_editor.analysis.metrics.motion.kinematics import kinematics
 from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
 from pd_editor.analysis.metrics.road.off_road import departures
 from pd_editor.analysis.metrics.traffic_view import generated_traffic, whole_traffic
+from pd_editor.base.plain_text import listed
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.generation import GuidanceReport, TrafficSample
 from pd_editor.scene.geometry.angles import unit_vector
@@ -30,7 +31,6 @@ from pd_editor.scene.thresholds import MOVING_MPS
 
 _REVERSES_M: Final = 1.0
 """Way backwards from which on an agent counts as reversing."""
-_MOST_NAMED: Final = 3
 SLOWED: Final = ", slowed to avoid a collision"
 """Ends what agents achieved that yielded afterwards."""
 
@@ -239,10 +239,7 @@ def motion_problems(scenario: Scenario, sample: TrafficSample) -> tuple[str, ...
 
 
 def _names(sample: TrafficSample, mask: np.ndarray) -> str:
-    rows = np.flatnonzero(mask)
-    names = ", ".join(sample.ids[row] for row in rows[:_MOST_NAMED])
-    more = len(rows) - _MOST_NAMED
-    return f"Agent {names}" + (f" and {more} more" if more > 0 else "")
+    return f"Agent {listed([sample.ids[row] for row in np.flatnonzero(mask)])}"
 
 
 def _mean(values: np.ndarray) -> float:

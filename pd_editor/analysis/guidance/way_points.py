@@ -9,15 +9,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.guidance.agent_now import AgentNow
-from pd_editor.analysis.guidance.guidance_kind import Driven, Found, Measured
-from pd_editor.analysis.guidance.limits import (
-    MAX_BRAKING_MPS2,
-    OBEYED_GOAL_M,
-    OBEYED_SPEED_MPS,
-)
+from pd_editor.analysis.guidance.guidance_kind import AgentNow, Driven, Found, Measured
+from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OBEYED
 from pd_editor.analysis.guidance.pace import Ask, Pace, Rates, pace_of
 from pd_editor.analysis.threats.encounter import Track
 from pd_editor.scene.geometry.angles import unit_vector
@@ -87,8 +82,7 @@ class WayPlan:
         gap = np.linalg.norm(course - line[:, None], axis=-1)
         nodes = SPACING_M * np.arange(len(course))
         near = (gap + _ARC_SHARE * np.abs(nodes - arc[:, None])).argmin(axis=1)
-        ahead = np.gradient(course, SPACING_M, axis=0)[near]
-        place = nodes[near] + ((line - course[near]) * ahead).sum(-1)
+        place = _along_m(course, line, near)
         asking = [
             one for one in zip(points, place.tolist(), strict=True) if one[0].asks
         ]
@@ -154,6 +148,16 @@ class WayPlan:
         return np.inf if last >= there[-1] else last * step_s
 
 
+def _along_m(
+    course_m: Float[np.ndarray, "M 2"],
+    place_m: Float[np.ndarray, "N 2"],
+    node: Int[np.ndarray, "N"],
+) -> Float[np.ndarray, "N"]:
+    """Arc lengths of the course beside places that are near to some of its nodes."""
+    ahead = np.gradient(course_m, SPACING_M, axis=0)[node]
+    return SPACING_M * node + ((place_m - course_m[node]) * ahead).sum(-1)
+
+
 def hardest_rates(plan: WayPlan) -> Rates:
     """Rates up to which what is asked for counts as possible."""
     return Rates(
@@ -215,7 +219,7 @@ def way_point_problems(
             return
         is_held = passed.get(one.number, 0.0) > at_s
         asked = 0.0 if is_held else None if one.waits_for else one.speed_mps
-        if asked is not None and abs(speed - asked) > OBEYED_SPEED_MPS:
+        if asked is not None and abs(speed - asked) > OBEYED.speed_mps:
             yield (
                 f"{what} asks for {asked:.1f} m/s, and it has {speed:.1f} m/s there at "
                 "best; ask for another speed, or move it further."
@@ -231,10 +235,7 @@ def way_points_measured(plan: WayPlan, driven: Driven, line: Measured) -> Measur
     (row,) = driven.rows
     place = driven.sample.position_m[row]
     gap = np.linalg.norm(place[:, None] - plan.course_m, axis=-1)
-    node = gap.argmin(axis=1)
-    ahead = np.gradient(plan.course_m, SPACING_M, axis=0)[node]
-    along = SPACING_M * node + ((place - plan.course_m[node]) * ahead).sum(-1)
-    along = np.maximum.accumulate(along)
+    along = np.maximum.accumulate(_along_m(plan.course_m, place, gap.argmin(axis=1)))
     speed = driven.speed_mps()[row]
     step = np.arange(len(along))
     told: list[tuple[float, str, float, str]] = []
@@ -245,7 +246,7 @@ def way_points_measured(plan: WayPlan, driven: Driven, line: Measured) -> Measur
         if one.at_s is not None:
             due = min(one.at_s / driven.step_s, len(along) - 1)
             off = abs(float(np.interp(due, step, along)) - at)
-            told.append((off / OBEYED_GOAL_M, f"{off:.1f} m off {name}", off, "m"))
+            told.append((off / OBEYED.goal_m, f"{off:.1f} m off {name}", off, "m"))
         if one.waits_for is not None:
             other = driven.track(one.waits_for)
             if other is None:
@@ -264,7 +265,7 @@ def way_points_measured(plan: WayPlan, driven: Driven, line: Measured) -> Measur
                 f"{mps:.1f} m/s at {name}" if passes.any() else f"{name} not reached"
             )
             off = off if passes.any() or one.speed_mps == 0 else max(off, 1.0)
-            told.append((off / OBEYED_SPEED_MPS, words, off, "m/s"))
+            told.append((off / OBEYED.speed_mps, words, off, "m/s"))
     worst = max(told, default=None)
     asked = "; ".join(f"{one.asks} at way-point {one.number}" for one in plan.points)
     return Measured(

@@ -10,10 +10,7 @@ from pd_editor.analysis.manoeuvres.lane_tracks import LaneTracks
 from pd_editor.analysis.manoeuvres.limits import LIMITS
 from pd_editor.analysis.manoeuvres.motion import Motion
 from pd_editor.analysis.manoeuvres.scene_event import SceneEvent
-from pd_editor.analysis.metrics.motion.kinematics import (
-    COMFORT_BRAKING_MPS2,
-    MAX_ACCELERATION_MPS2,
-)
+from pd_editor.analysis.metrics.motion.kinematics import COMFORT, MAX_ACCELERATION_MPS2
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.scenario import Scenario
@@ -150,7 +147,7 @@ def hard_brakings(motion: Motion) -> Iterator[SceneEvent]:
     )
     way = (way - motion.way_m) / (2 * motion.step_s)
     slower = np.roll(way, 3, axis=1) - way
-    hard = (rate < COMFORT_BRAKING_MPS2) & (rate > -MAX_ACCELERATION_MPS2)
+    hard = (rate < COMFORT.braking_mps2) & (rate > -MAX_ACCELERATION_MPS2)
     hard &= (slower > LIMITS.braked_mps) & motion.agents.is_valid
     hard &= (motion.is_follower & motion.has_moved)[:, None]
     for row, first, last in motion.runs(hard, LIMITS.braking_s).tolist():

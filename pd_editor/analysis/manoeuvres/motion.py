@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from pd_editor.analysis.manoeuvres.limits import LIMITS
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
-from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.agent_states import MOTION, AgentStates
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
@@ -39,18 +39,14 @@ class Motion:
         is_valid = is_valid[rows]
         filled = _nearest_step(is_valid)
         at = rows[:, None], steps[filled]
-        velocity = tracks.velocity_mps[at]
         states = AgentStates(
             ids=tuple(tracks.ids[row] for row in rows),
             kinds=tuple(tracks.kinds[row] for row in rows),
             size_m=tracks.size_m[rows],
-            position_m=tracks.position_m[at],
-            heading_rad=tracks.heading_rad[at],
-            velocity_mps=velocity,
             is_valid=is_valid,
+            **{name: getattr(tracks, name)[at] for name in MOTION},
         )
-        speed = np.hypot(velocity[..., 0], velocity[..., 1])
-        wide = np.pad(speed, ((0, 0), (2, 2)), mode="edge")
+        wide = np.pad(states.speed_mps(), ((0, 0), (2, 2)), mode="edge")
         return cls(
             agents=states,
             speed_mps=np.median(sliding_window_view(wide, 5, axis=1), axis=-1),

@@ -8,7 +8,6 @@ are left out, for recordings do not tell their states.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -17,14 +16,13 @@ from jaxtyping import Bool, Float
 
 from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
 from pd_editor.analysis.metrics.collisions.safety import nearest_box_m, times_s
-from pd_editor.analysis.metrics.road.off_road import drivable_ground
+from pd_editor.analysis.metrics.road.off_road import drivable_ground, road_edge
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.analysis.metrics.values import (
     MaskedValues,
     MetricValues,
     mean_over_steps,
 )
-from pd_editor.scene.road_map import RoadMap
 
 NUM_SAMPLES: Final = 32
 """Number of samples of the challenge; a single one weighs as much as these."""
@@ -164,15 +162,7 @@ def _beyond_edge_m(view: TrafficView) -> Float[np.ndarray, "A S"]:
     ground = drivable_ground(view.scenario.road_map)
     states = view.agents.at_steps(slice(None, None, _EVERY))
     corners = states.boxes.corners_m()
-    away = shapely.distance(_edge(view.scenario.road_map), shapely.points(corners))
+    away = shapely.distance(road_edge(view.scenario.road_map), shapely.points(corners))
     is_on = shapely.contains_xy(ground, corners[..., 0], corners[..., 1])
     signed = np.where(is_on, -away, away)
     return np.nan_to_num(signed).max(axis=-1)
-
-
-@lru_cache(maxsize=16)
-def _edge(road_map: RoadMap) -> shapely.Geometry:
-    """The road's edge, prepared for many distances."""
-    edge = shapely.boundary(drivable_ground(road_map))
-    shapely.prepare(edge)
-    return edge

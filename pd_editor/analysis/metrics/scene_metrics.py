@@ -11,8 +11,6 @@ from pd_editor.analysis.metrics.collisions.box_collision import (
     box_overlap,
     init_collision_2m,
     init_five_circles,
-)
-from pd_editor.analysis.metrics.collisions.interaction import (
     local_density,
     nearest_distance,
 )
@@ -22,10 +20,10 @@ from pd_editor.analysis.metrics.motion.displacement import (
     ade,
     ade_with_state,
     best_of_samples,
+    diversity_values,
     fde,
     missed,
 )
-from pd_editor.analysis.metrics.motion.diversity import diversity_values
 from pd_editor.analysis.metrics.motion.kinematics import kinematics, motion_values
 from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
 from pd_editor.analysis.metrics.road.off_lane import nearest_edge, off_lane

@@ -3,19 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Final
 
 import numpy as np
 from jaxtyping import Int
 
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.agent_states import AgentStates
+from pd_editor.scene.agent_states import STEPPED, AgentStates
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import SAME_STATE_M
 from pd_editor.scene.traffic_sample import TrafficSample
-
-SAME_STATE_M: Final = 0.01
-"""A generated current state this close to the present one counts as the same."""
-_STEPPED: Final = ("position_m", "heading_rad", "velocity_mps", "is_valid")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +128,7 @@ def traffic_with_made_up_past(
     # After the end of the track come the steps before the agent entered.
     at = np.arange(len(rows))[:, None], (first[:, None] + np.arange(count)) % count
     states = _states(scenario, rows, count, since=0)
-    states = replace(states, **{name: getattr(states, name)[at] for name in _STEPPED})
+    states = replace(states, **{name: getattr(states, name)[at] for name in STEPPED})
     none = _states(scenario, rows[:0], count)
     view = TrafficView(scenario=scenario, agents=states, context=none, logged=states)
     return view, first
@@ -147,8 +143,8 @@ def whole_traffic(scenario: Scenario, sample: TrafficSample) -> AgentStates:
     view, before = generated_traffic(scenario, sample), scenario.agents
     rows = [row for row, name in enumerate(before.ids) if name not in set(sample.ids)]
     others = _states(scenario, np.array(rows, int), now + num_steps, since=0)
-    states = {name: getattr(view.agents, name) for name in _STEPPED}
-    for name in _STEPPED:
+    states = {name: getattr(view.agents, name) for name in STEPPED}
+    for name in STEPPED:
         shape = (len(sample.ids), now, *states[name].shape[2:])
         states[name] = np.concatenate(
             [np.zeros(shape, states[name].dtype), states[name]], axis=1
@@ -159,7 +155,7 @@ def whole_traffic(scenario: Scenario, sample: TrafficSample) -> AgentStates:
             continue
         jump = before.position_m[theirs, now] - sample.position_m[row, 0]
         if np.hypot(*jump) <= SAME_STATE_M:
-            for field in _STEPPED:
+            for field in STEPPED:
                 states[field][row, :now] = getattr(before, field)[theirs, :now]
     return replace(view.agents, **states).joined(others)
 
@@ -191,10 +187,7 @@ def _states(
         ids=tuple(agents.ids[row] for row in rows),
         kinds=tuple(agents.kinds[row] for row in rows),
         size_m=agents.size_m[rows],
-        position_m=window(agents.position_m),
-        heading_rad=window(agents.heading_rad),
-        velocity_mps=window(agents.velocity_mps),
-        is_valid=window(agents.is_valid),
+        **{name: window(getattr(agents, name)) for name in STEPPED},
     )
 
 
@@ -218,8 +211,5 @@ def _logged(
         ids=sample.ids,
         kinds=sample.kinds,
         size_m=sample.size_m,
-        position_m=filled(known.position_m),
-        heading_rad=filled(known.heading_rad),
-        velocity_mps=filled(known.velocity_mps),
-        is_valid=filled(known.is_valid),
+        **{name: filled(getattr(known, name)) for name in STEPPED},
     )

@@ -14,21 +14,15 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.metrics.collisions.box_tests import overlaps_of_pairs
 from pd_editor.analysis.metrics.motion.kinematics import (
-    COMFORT_ACCELERATION_MPS2,
-    COMFORT_LATERAL_MPS2,
+    COMFORT,
     MAX_CURVATURE_PER_M,
     TURNING_MPS,
 )
 from pd_editor.analysis.metrics.road.off_road import is_off_road
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, Activity
+from pd_editor.scene.agent_states import MOTION, STEPPED
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.geometry.angles import (
-    heading_of,
-    left_of,
-    unit_vector,
-    wrap_angle,
-)
+from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.oriented_box import BoxStates
 from pd_editor.scene.geometry.path_pieces import bounds_m, rectangles_meet
 from pd_editor.scene.paths.candidate_grid import PlannedPaths, Role, Start, plan_paths
@@ -95,7 +89,7 @@ def with_past(
 ) -> AgentTracks:
     """Tracks in which a made-up past, or none, replaces the history of agents."""
     cut: dict[str, np.ndarray] = {}
-    for name in ("position_m", "heading_rad", "velocity_mps", "is_valid", "observed"):
+    for name in (*STEPPED, "observed"):
         cut[name] = getattr(agents, name)[rows]
         cut[name][:, :now] = 0
     cut["observed"][:, now] = True
@@ -104,7 +98,7 @@ def with_past(
     made = slots >= 0
     if past is not None:
         steps = slice(now - past.heading_rad.shape[1], now)
-        for name in ("position_m", "heading_rad", "velocity_mps"):
+        for name in MOTION:
             cut[name][made, steps] = getattr(past, name)[slots[made]]
         for name in ("is_valid", "observed"):
             cut[name][made, steps] = past.exists[slots[made]]
@@ -163,7 +157,7 @@ class _SpeedPlans:
         table = np.array(found).reshape(-1, 4)
         return cls(
             path=table[:, 0].astype(int),
-            acceleration_mps2=np.minimum(table[:, 1], COMFORT_ACCELERATION_MPS2),
+            acceleration_mps2=np.minimum(table[:, 1], COMFORT.acceleration_mps2),
             stopped_s=table[:, 2],
             braking_mps2=table[:, 3],
         )
@@ -192,7 +186,7 @@ class _SpeedPlans:
             new = np.where(stands, np.maximum(came, stood), drives)
             cell = np.minimum(reached[step - 1] / SPACING_M, last).astype(int)
             most = np.minimum(limits[self.path, cell], _FASTEST_MPS)
-            least = speed - COMFORT_ACCELERATION_MPS2 * step_s
+            least = speed - COMFORT.acceleration_mps2 * step_s
             new = np.minimum(new, np.maximum(most, least))
             new = np.maximum(new, 0.0)
             reached[step] = reached[step - 1] + (speed + new) / 2 * step_s
@@ -312,7 +306,7 @@ def _possible_steps(
     yaw = np.abs(wrap_angle(np.diff(heading_rad, axis=1))) / step_s
     lateral = np.abs((left_of(middle) * gained).sum(axis=-1))
     lateral /= np.maximum(speed, STANDING_MPS)
-    most = np.maximum(np.hypot(*joined_mps2.T), COMFORT_LATERAL_MPS2)[:, None]
+    most = np.maximum(np.hypot(*joined_mps2.T), COMFORT.lateral_mps2)[:, None]
     over = np.maximum(lateral, speed * yaw) > most
     over |= yaw > MAX_CURVATURE_PER_M * np.maximum(speed, TURNING_MPS)
     return np.where(over.any(axis=1), over.argmax(axis=1), over.shape[1])

@@ -1,4 +1,4 @@
-"""Mutable current states of all agents during a repair."""
+"""Current states of all agents during a repair, and poses that an agent can slide to."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,15 +8,145 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_collide
 from pd_editor.analysis.metrics.road.off_road import is_off_road
-from pd_editor.scene.geometry.angles import left_of, unit_vector, wrap_angle
+from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.angles import heading_of, turned, unit_vector, wrap_angle
+from pd_editor.scene.geometry.frenet import FrenetFrames
 from pd_editor.scene.geometry.oriented_box import Boxes
+from pd_editor.scene.geometry.polyline import without_repeats
+from pd_editor.scene.paths.lanes.lane_graph import LaneGraph
 from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
-from pd_editor.scene.paths.lanes.route_choice import lane_kinds_of
+from pd_editor.scene.paths.lanes.route_choice import METRES_PER_RADIAN, lane_kinds_of
 from pd_editor.scene.scenario import Scenario
+
+SLIDE_REACH_M: Final = 20.0
+"""Largest distance that an agent slides, forwards or backwards."""
+SLIDE_STEP_M: Final = 0.25
+_TANGENT_M: Final = 0.5
 
 _CHUNK_ENDS: Final = (24, 72)
 """Poses are tested in chunks, since one of the first is usually free."""
 _TOLERANCE_M: Final = 1e-6
+
+
+def slides_m() -> Float[np.ndarray, "K"]:
+    """Distances to slide, sorted by size; backwards first among equals."""
+    count = round(SLIDE_REACH_M / SLIDE_STEP_M)
+    steps = np.repeat(np.arange(1, count + 1), 2) * SLIDE_STEP_M
+    return steps * np.tile([-1.0, 1.0], count)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaneChoice:
+    """Assigned lane of each of N agents."""
+
+    lane: Int[np.ndarray, "N"]
+    """Row in the lane graph; -1 without a lane in reach in the agent's direction."""
+    distance_m: Float[np.ndarray, "N"]
+    """Distance to the nearest lane in the agent's direction; infinite without one."""
+    along_m: Float[np.ndarray, "N"]
+    """Arc length of each agent on its lane."""
+
+
+def lanes_of(
+    graph: LaneGraph,
+    position_m: Float[np.ndarray, "N 2"],
+    heading_rad: Float[np.ndarray, "N"],
+    kinds: tuple[AgentKind, ...],
+    reach_m: float,
+    max_turn_rad: float,
+) -> LaneChoice:
+    """Assign each agent the best lane by distance and angle, within ``reach_m``."""
+    count = len(kinds)
+    lane, along = np.full(count, -1), np.zeros(count)
+    distance = np.full(count, np.inf)
+    if count and graph.lane_ids:
+        usable = np.array([graph.allowed(lane_kinds_of(kind)) for kind in kinds])
+        near = graph.search.in_reach(position_m, heading_rad, usable, reach_m)
+        turn = np.abs(near.turn_rad)
+        cost = near.distance_m + METRES_PER_RADIAN * turn
+        order = np.lexsort((near.lane, cost.round(6), near.point))
+        first = order[np.diff(near.point[order], prepend=-1) != 0]
+        lane[near.point[first]] = near.lane[first]
+        along[near.point[first]] = near.along_m[first]
+        good = turn <= max_turn_rad
+        np.minimum.at(distance, near.point[good], near.distance_m[good])
+    return LaneChoice(lane=lane, distance_m=distance, along_m=along)
+
+
+def line_through(graph: LaneGraph, lane: int) -> tuple[FrenetFrames, float]:
+    """Frame of a lane with its predecessors and successors, and the lane's start in it.
+
+    The straightest lanes are used in both directions, as far as an agent may slide.
+    """
+    behind, ahead, before = [lane], [lane], 0.0
+    while before < SLIDE_REACH_M:
+        leading = [
+            row for row, after in enumerate(graph.successors) if behind[0] in after
+        ]
+        new = [row for row in leading if row not in behind]
+        if not new:
+            break
+        behind.insert(
+            0, min(new, key=lambda row: graph.successors[row].index(behind[0]))
+        )
+        before += float(graph.lengths_m[behind[0]])
+    length = float(graph.lengths_m[lane])
+    total = length
+    while total < length + SLIDE_REACH_M:
+        new = [row for row in graph.successors[ahead[-1]] if row not in ahead]
+        if not new:
+            break
+        ahead.append(new[0])
+        total += float(graph.lengths_m[new[0]])
+    lines = [graph.centerlines_m[row] for row in (*behind, *ahead[1:])]
+    points = without_repeats(np.concatenate(lines), 1e-3)
+    frames = FrenetFrames(points_m=points[None])
+    earlier = without_repeats(
+        np.concatenate([*lines[: len(behind) - 1], lines[len(behind) - 1][:1]]), 1e-3
+    )
+    return frames, float(np.linalg.norm(np.diff(earlier, axis=0), axis=-1).sum())
+
+
+def poses_along(
+    frames: FrenetFrames,
+    s_m: Float[np.ndarray, "K"],
+    d_m: float,
+) -> tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K"], Bool[np.ndarray, "K"]]:
+    """Positions at an offset from a line, headings there, and whether they are on it.
+
+    Beyond the line's ends poses continue straight.
+    """
+    places = np.stack([s_m - _TANGENT_M, s_m, s_m + _TANGENT_M])
+    ends = frames.to_plane(places[::2].reshape(1, -1), np.zeros((1, 2 * len(s_m))))
+    back, on = ends[0].reshape(2, -1, 2)
+    position = frames.to_plane(s_m[None], np.full((1, len(s_m)), d_m))[0]
+    is_there = (s_m >= 0) & (s_m <= frames.along_m[0, -1])
+    return position, heading_of(on - back), is_there
+
+
+def slid_poses(
+    graph: LaneGraph,
+    lane: int,
+    position_m: Float[np.ndarray, "2"],
+    heading_rad: float,
+    slide_m: Float[np.ndarray, "K"],
+) -> tuple[Float[np.ndarray, "M 2"], Float[np.ndarray, "M"]]:
+    """Poses at distances along a lane, with constant offset and angle to it.
+
+    Poses beyond the lane's line are left out. Without a lane (-1) agents move straight.
+    """
+    if lane < 0:
+        direction = unit_vector(heading_rad)
+        position = position_m + slide_m[:, None] * direction
+        return position, np.full(len(slide_m), heading_rad)
+    frames, _ = line_through(graph, lane)
+    s, d = frames.to_frenet(position_m[None, None])
+    here = float(s[0, 0])
+    position, heading, is_there = poses_along(
+        frames, np.append(here, here + slide_m), float(d[0, 0])
+    )
+    new_heading = wrap_angle(heading_rad + heading[1:] - heading[0])
+    return position[1:][is_there[1:]], new_heading[is_there[1:]]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -118,16 +248,12 @@ class States:
         is_valid = agents.is_valid[rows]
         target, turn = self.position_m[rows], turn[rows, None]
 
-        def turned(vectors: Float[np.ndarray, "G T 2"]) -> Float[np.ndarray, "G T 2"]:
-            x_axis = unit_vector(turn)
-            return vectors[..., :1] * x_axis + vectors[..., 1:] * left_of(x_axis)
-
         offset = agents.position_m[rows] - before[rows, None]
         mask = is_valid[..., None]
         new_heading = wrap_angle(agents.heading_rad[rows] + turn)
         new_heading[:, step] = self.heading_rad[rows]
-        position = target[:, None] + turned(offset)
-        velocity = turned(agents.velocity_mps[rows])
+        position = target[:, None] + turned(offset, turn)
+        velocity = turned(agents.velocity_mps[rows], turn)
         return scenario.with_agents(
             agents.with_rows(
                 rows,

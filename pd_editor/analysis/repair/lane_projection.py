@@ -5,14 +5,14 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.analysis.repair.current_states import States
-from pd_editor.analysis.repair.repairable import repairable
-from pd_editor.analysis.repair.sliding import (
+from pd_editor.analysis.repair.current_states import (
+    States,
     lanes_of,
     line_through,
     poses_along,
     slides_m,
 )
+from pd_editor.analysis.repair.repairable import repairable
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD
@@ -34,7 +34,6 @@ def project_to_lanes(
     *,
     keep_ids: Collection[str] | None = None,
     max_offset_m: float = MAX_OFFSET_M,
-    max_shift_m: float = MAX_SHIFT_M,
     moves_stationary: bool = False,
 ) -> Scenario:
     """Snap moving lane followers that are too far from any lane in their direction.
@@ -59,7 +58,7 @@ def project_to_lanes(
         states.position_m[rows],
         states.heading_rad[rows],
         tuple(agents.kinds[row] for row in rows),
-        reach_m=max_shift_m,
+        reach_m=MAX_SHIFT_M,
         max_turn_rad=MAX_TURN_RAD,
     )
     off_lane = np.flatnonzero(choice.distance_m > max_offset_m).tolist()

@@ -1,7 +1,8 @@
-"""Trajectories of a scene while they are retimed."""
+"""Trajectories of a scene while they are retimed: to yield, or to be comfortable."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,18 +11,33 @@ from pd_editor.analysis.metrics.collisions.box_tests import (
     first_overlap,
     overlapping_pairs,
 )
+from pd_editor.analysis.metrics.motion.kinematics import (
+    COMFORT,
+    DEGREE,
+    WINDOW_STEPS,
+    derivative_operators,
+    kinematics,
+)
+from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.analysis.repair.repairable import counted, repairable
 from pd_editor.analysis.repair.yielding import yielding
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.paths.retiming import (
-    STANDING_EXTENT_M,
     fill_gaps,
     fill_heading_gaps,
+    highest_speed,
     retime,
+    slowed_distance,
     travelled_m,
 )
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import MOVED_M
+
+SHARES: Final = (0.9, 0.75, 0.6, 0.45)
+"""Shares of the limits that are tried in turn, until the motion is within the limits."""
+_SLOWEST_MPS: Final = 1.0
+"""Below this speed the curvature of a recorded path is noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +62,7 @@ class Trajectories:
             self.agents.position_m[rows, step:], self.agents.is_valid[rows, step:]
         )
         extent = np.linalg.norm(curve - curve[:, :1], axis=-1).max(axis=1, initial=0)
-        return rows[extent > STANDING_EXTENT_M]
+        return rows[extent > MOVED_M]
 
     def paths(
         self, rows: Int[np.ndarray, "G"]
@@ -84,16 +100,8 @@ class Trajectories:
         length = np.hypot(now[:, 0], now[:, 1])
         factor = np.minimum(speed_mps[:, 0] / np.maximum(length, 1e-9), 1.0)
         velocity[:, 0] = factor[:, None] * now
-        past = slice(None, step)
-        retimed = agents.with_rows(
-            rows,
-            position_m=np.concatenate([old[0][:, past], position], axis=1),
-            heading_rad=np.concatenate([old[1][:, past], heading], axis=1),
-            velocity_mps=np.concatenate(
-                [agents.velocity_mps[rows, past], velocity], axis=1
-            ),
-        )
-        return self._with(retimed, rows)
+        retimed = agents.with_motion(rows, step, (position, heading, velocity))
+        return self.with_agents(retimed, rows)
 
     def with_yielding(
         self,
@@ -122,23 +130,11 @@ class Trajectories:
         )
         if not len(found.row):
             return self
-        is_valid, is_kept = agents.is_valid[found.row, step:], is_kept[found.row]
-
-        def later(recorded: np.ndarray, driven: np.ndarray) -> np.ndarray:
-            there = is_valid.reshape(*is_valid.shape, *[1] * (driven.ndim - 2))
-            driven = np.where(there, driven, 0.0)
-            former = recorded[found.row]
-            kept = is_kept.reshape(there.shape)
-            driven = np.where(kept, former[:, step:], driven)
-            return np.concatenate([former[:, :step], driven], axis=1)
-
-        yielded = agents.with_rows(
-            found.row,
-            position_m=later(agents.position_m, found.position_m),
-            heading_rad=later(agents.heading_rad, found.heading_rad),
-            velocity_mps=later(agents.velocity_mps, found.velocity_mps),
+        motion = found.position_m, found.heading_rad, found.velocity_mps
+        at = agents.is_valid[found.row, step:] & ~is_kept[found.row]
+        return self.with_agents(
+            agents.with_motion(found.row, step, motion, at), found.row
         )
-        return self._with(yielded, found.row)
 
     def _asked_mps2(
         self, comfort_mps2: Mapping[str, tuple[float, float]]
@@ -147,7 +143,10 @@ class Trajectories:
         asked[self.agents.rows(comfort_mps2)] = list(comfort_mps2.values()) or np.inf
         return asked
 
-    def _with(self, agents: AgentTracks, rows: Int[np.ndarray, "G"]) -> "Trajectories":
+    def with_agents(
+        self, agents: AgentTracks, rows: Int[np.ndarray, "G"]
+    ) -> "Trajectories":
+        """The trajectories after a change of some rows."""
         return replace(
             self,
             scenario=self.scenario.with_agents(agents),
@@ -197,3 +196,124 @@ def yield_to_others(
     resolved = trajectories.with_yielding(last_ids, comfort_mps2)
     names = sorted(scenario.agents.ids[row] for row in resolved.changed)
     return resolved.scenario, tuple(names)
+
+
+def retime_for_comfort(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None = None,
+    *,
+    keep_ids: Collection[str] | None = None,
+) -> Scenario:
+    """Slow lane followers with harsh motion along their own paths.
+
+    Harsh is what the metrics ``uncomfortable`` and ``impossible`` count. Agents brake
+    earlier and accelerate later than before, and never run ahead of their timing.
+    Current poses stay; a current speed is lowered where the agent could not brake
+    comfortably from it. Agents that collide with a slowed one yield if they are among
+    ``agent_ids``; else the slowed one keeps its former trajectory, as do agents whose
+    motion would still be harsh. ``agent_ids`` None means all; ``keep_ids`` None keeps
+    the focal agent.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    before = Trajectories(
+        scenario=scenario,
+        may_change=repairable(scenario, agent_ids, keep_ids),
+    )
+    wanted = np.intersect1d(before.moving_rows(), harsh_rows(scenario))
+    return _without_new_conflicts(before, _smoothed(before, wanted)).scenario
+
+
+def harsh_rows(scenario: Scenario) -> Int[np.ndarray, "G"]:
+    """Rows of agents whose motion exceeds a limit of comfort or of physics."""
+    view = recorded_traffic(scenario)
+    motion = kinematics(view)
+    harsh = (motion.is_uncomfortable() | motion.is_impossible()) & motion.is_valid
+    names = [view.agents.ids[row] for row in np.flatnonzero(harsh.any(axis=1))]
+    return scenario.agents.rows(names)
+
+
+def _smoothed(before: Trajectories, wanted: Int[np.ndarray, "G"]) -> Trajectories:
+    """Slow agents as little as is enough."""
+    done = before
+    for share in SHARES:
+        if not len(wanted):
+            break
+        tried = _slowed(before, wanted, share)
+        is_left = np.isin(wanted, harsh_rows(tried.scenario))
+        done = _with_rows_of(done, tried, wanted[~is_left])
+        wanted = wanted[is_left]
+    return done
+
+
+def _slowed(
+    trajectories: Trajectories, rows: Int[np.ndarray, "G"], share: float
+) -> Trajectories:
+    """Slow agents to a share of the limits; their paths stay."""
+    step_s = trajectories.scenario.time_axis.step_s
+    curve, heading, along = trajectories.paths(rows)
+    num_steps = along.shape[1]
+    window = min(WINDOW_STEPS, num_steps)
+    if window <= DEGREE:
+        return trajectories
+    first, _, _ = derivative_operators(num_steps, window, step_s)
+    velocity = first @ curve
+    fitted = np.hypot(velocity[..., 0], velocity[..., 1])
+    yaw_rate = np.abs((first @ heading[..., None])[..., 0])
+    limit = np.minimum(fitted, _turning_limit(fitted, yaw_rate, share))
+    allowed = highest_speed(
+        along,
+        limit,
+        braking_mps2=-share * COMFORT.braking_mps2,
+        acceleration_mps2=share * COMFORT.acceleration_mps2,
+    )
+    speed = np.gradient(along, step_s, axis=1)
+    distance, slowed = slowed_distance(along, speed, allowed, step_s)
+    return trajectories.retimed(rows, distance, slowed)
+
+
+def _turning_limit(
+    speed_mps: Float[np.ndarray, "G H"],
+    yaw_rate_radps: Float[np.ndarray, "G H"],
+    share: float,
+) -> Float[np.ndarray, "G H"]:
+    """Speed at which the path's curvature is comfortable; infinite where straight."""
+    moves = speed_mps > _SLOWEST_MPS
+    curvature = np.where(moves, yaw_rate_radps / np.where(moves, speed_mps, 1.0), 0.0)
+    bends = curvature > 1e-4
+    curvature = np.where(bends, curvature, 1.0)
+    sideways = np.sqrt(share * COMFORT.lateral_mps2 / curvature)
+    turning = share * COMFORT.yaw_rate_radps / curvature
+    return np.where(bends, np.minimum(sideways, turning), np.inf)
+
+
+def _without_new_conflicts(before: Trajectories, after: Trajectories) -> Trajectories:
+    """Let others yield to slowed agents, else restore the slowed ones of new conflicts."""
+    known = {tuple(pair) for pair in before.conflicts().tolist()}
+    slowed = after.changed
+
+    def new_rows(trajectories: Trajectories) -> set[int]:
+        pairs = trajectories.conflicts().tolist()
+        return {row for pair in pairs if tuple(pair) not in known for row in pair}
+
+    involved = new_rows(after)
+    if not involved:
+        return after
+    partners: Bool[np.ndarray, "A"] = np.zeros(len(before.agents), bool)
+    partners[list(involved - slowed)] = True
+    yielding = replace(after, may_change=before.may_change & partners).with_yielding()
+    if not new_rows(yielding):
+        return yielding
+    # Without those that still collide, those that yielded to them need not.
+    kept = np.array(sorted(slowed - involved), int)
+    return _with_rows_of(before, after, kept)
+
+
+def _with_rows_of(
+    one: Trajectories, other: Trajectories, rows: Int[np.ndarray, "G"]
+) -> Trajectories:
+    """The first trajectories with some agents' of the second."""
+    if not len(rows):
+        return one
+    return one.with_agents(one.agents.with_motion_of(rows, other.agents, rows), rows)

@@ -7,14 +7,14 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.analysis.repair.current_states import States
-from pd_editor.analysis.repair.repairable import counted, repairable
-from pd_editor.analysis.repair.sliding import (
+from pd_editor.analysis.repair.current_states import (
     SLIDE_REACH_M,
+    States,
     lanes_of,
     slid_poses,
     slides_m,
 )
+from pd_editor.analysis.repair.repairable import counted, repairable
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD
 from pd_editor.scene.scenario import Scenario

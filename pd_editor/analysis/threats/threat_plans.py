@@ -31,7 +31,7 @@ from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wr
 from pd_editor.scene.paths.driving_paths import velocity_of
 from pd_editor.scene.paths.motion_primitives import candidate_positions
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.scene.thresholds import STANDING_MPS, STATIONARY_M
 
 DISTANT_GAP_M: Final = 3.0
 """Asked gap at severity 0; it decreases linearly with the severity."""
@@ -65,8 +65,6 @@ _MOST_COMPARED: Final = 400
 """Plans with the least effort whose gaps are computed."""
 _MOST_ON_THE_WAY: Final = 24
 """Plans that are compared with other agents."""
-_STANDS_M: Final = 0.5
-"""An agent that moves less stands in the way."""
 _LATE_S: Final = 3.5
 """Meetings after this time cost more."""
 _GOES_MPS: Final = 1.0
@@ -303,7 +301,7 @@ def _hits_on_the_way(
 
 def _stands(other: Track) -> bool:
     away = other.position_m - other.position_m[0]
-    return bool(np.hypot(away[:, 0], away[:, 1]).max() < _STANDS_M)
+    return bool(np.hypot(away[:, 0], away[:, 1]).max() < STATIONARY_M)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,11 +1,14 @@
 """Results of the commands, and writing of scenarios."""
 
 import dataclasses
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pd_editor.base.errors import ExportError
+from pd_editor.editor.commands import Command
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import export_into
 from pd_editor.editor.session import EditorSession
@@ -67,6 +70,27 @@ def write_session(
         overwrite=overwrite,
         format_name=format_name,
     )
+
+
+def refuse_existing(file: Path, *, overwrite: bool) -> None:
+    """Raise for a file that is there already, unless it may be replaced.
+
+    Raises:
+        ExportError: it is there, and stays.
+    """
+    if os.path.exists(file) and not overwrite:
+        raise ExportError(f"{file}: is there already; add --overwrite to replace it.")
+
+
+def edited_session(
+    base: Scenario, commands: Sequence[Command], name: str = ""
+) -> EditorSession:
+    """A session in which a scenario has been edited, and maybe named."""
+    session = EditorSession(base)
+    session.describe(described(name))
+    for command in commands:
+        session.apply(command)
+    return session
 
 
 def undated_recipe(session: EditorSession) -> Recipe:

@@ -7,7 +7,7 @@ from functools import cache
 from typing import Final
 
 from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
-from pd_editor.scene.generation import GeneratedTraffic, GenerationProgress, run_to_end
+from pd_editor.scene.generation import GenerationProgress, Made, run_to_end
 
 _SECONDS_BETWEEN_LINES: Final = 30.0
 _WIDTH: Final = 78
@@ -53,17 +53,17 @@ def preparation_shown() -> Callable[[WorkProgress], None]:
 
 
 def run_showing_progress(
-    steps: Generator[GenerationProgress, None, GeneratedTraffic],
-) -> GeneratedTraffic:
-    """Run a generation and show its progress."""
+    steps: Generator[GenerationProgress, None, Made], name: str = ""
+) -> Made:
+    """Run a generation and show how far it is, or what has been made of a name."""
+
+    def told(progress: GenerationProgress) -> str:
+        before = f"{name}:" if name else f"{100 * progress.fraction:3.0f} %"
+        return f"{before} {progress.message}"
+
     line = ProgressLine()
     try:
-        return run_to_end(
-            steps,
-            lambda progress: line.show(
-                f"{100 * progress.fraction:3.0f} % {progress.message}"
-            ),
-        )
+        return run_to_end(steps, lambda progress: line.show(told(progress)))
     finally:
         line.clear()
 

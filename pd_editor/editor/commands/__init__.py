@@ -37,11 +37,11 @@ from pd_editor.editor.commands.poses import (
     SnapToLane,
     TransformAgents,
 )
-from pd_editor.editor.commands.regenerated_edit import RegeneratedEdit
 from pd_editor.editor.commands.road import SetRoadWarp
 from pd_editor.editor.commands.roll_out import BeginAt, ContinueScene
 from pd_editor.editor.commands.signals import GiveGreen, RemoveSignals, SampleSignals
 from pd_editor.editor.commands.traffic import (
+    RegeneratedEdit,
     ReplaceTraffic,
     RequestSummary,
     traffic_command,

@@ -21,8 +21,13 @@ from pd_editor.editor.commands.edit_limits import (
     present_rows,
     rows_of,
 )
-from pd_editor.scene.activity import Activity, stands
-from pd_editor.scene.agent_kind import DEFAULT_SIZE_M, AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import (
+    DEFAULT_SIZE_M,
+    Activity,
+    AgentCategory,
+    AgentKind,
+    stands,
+)
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import MOVING_MPS

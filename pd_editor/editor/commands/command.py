@@ -1,7 +1,8 @@
 """Base class of commands: serialisable values that edit a scenario."""
 
 from abc import ABC, abstractmethod
-from typing import Final
+from collections.abc import Iterable
+from typing import ClassVar, Final, TypeVar
 
 from pd_editor.editor.commands.json_values import to_json
 from pd_editor.scene.scenario import Scenario
@@ -9,10 +10,14 @@ from pd_editor.scene.scenario import Scenario
 MAX_NAMED: Final = 3
 """Number of agents that a label names; further ones are counted."""
 MAX_NAME_CHARACTERS: Final = 20
+_Command = TypeVar("_Command", bound="Command")
 
 
 class Command(ABC):
     """An edit. Subclasses are frozen dataclasses whose fields have a JSON form."""
+
+    is_beyond_locks: ClassVar[bool] = False
+    """Whether it moves agents with the road alone, or none, so that locks permit it."""
 
     @property
     @abstractmethod
@@ -25,13 +30,8 @@ class Command(ABC):
 
     @property
     def edits_current_state(self) -> bool:
-        """Whether the command sets poses or speeds at the current step."""
-        return False
-
-    @property
-    def is_beyond_locks(self) -> bool:
-        """Whether it moves agents with the road alone, or none, so that locks permit it."""
-        return False
+        """Whether it, or a part of it, sets poses or speeds at the current step."""
+        return any(isinstance(part, StateCommand) for part in self.parts)
 
     @property
     def parts(self) -> tuple["Command", ...]:
@@ -62,10 +62,11 @@ class Command(ABC):
 class StateCommand(Command):
     """A command that sets poses or speeds at the current step."""
 
-    @property
-    def edits_current_state(self) -> bool:
-        """It does."""
-        return True
+
+def parts_of(commands: Iterable[Command], kind: type[_Command]) -> list[_Command]:
+    """All commands of a kind of which some consist, in the order of application."""
+    parts = (part for command in commands for part in command.parts)
+    return [part for part in parts if isinstance(part, kind)]
 
 
 def agents_in_words(agent_ids: tuple[str, ...]) -> str:

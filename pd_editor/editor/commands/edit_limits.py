@@ -7,18 +7,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.base.errors import EditError
-from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
+from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, listed
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import (
     MAX_AGENTS,
     MAX_POSITION_M,
+    MAX_SPEED_MPS,
     agents_excess,
     road_excess,
 )
-from pd_editor.scene.scene_limits import MAX_SPEED_MPS as SCENE_MAX_SPEED_MPS
+from pd_editor.scene.thresholds import FASTEST_MPS
 
-MAX_SPEED_MPS: Final = 60.0
 MIN_SIZE_M: Final = 0.2
 MAX_SIZE_M: Final = 30.0
 MIN_FRICTION: Final = 0.01
@@ -45,10 +45,9 @@ def check_angle(title: str, angle_rad: float) -> None:
 def check_speed(speed_mps: float) -> None:
     """Raise for impossible speeds; negative ones mean driving backwards."""
     _check_finite("Speed", speed_mps)
-    if abs(speed_mps) > MAX_SPEED_MPS:
+    if abs(speed_mps) > FASTEST_MPS:
         raise EditError(
-            f"Speed {speed_mps:g} m/s is outside"
-            f" -{MAX_SPEED_MPS:g}..{MAX_SPEED_MPS:g} m/s."
+            f"Speed {speed_mps:g} m/s is outside -{FASTEST_MPS:g}..{FASTEST_MPS:g} m/s."
         )
 
 
@@ -112,10 +111,10 @@ def check_velocities(velocity_mps: Float[np.ndarray, "*shape 2"]) -> None:
     if not np.isfinite(velocity_mps).all():
         raise EditError("A velocity holds NaN or infinity.")
     fastest = float(np.abs(velocity_mps).max(initial=0.0))
-    if fastest > SCENE_MAX_SPEED_MPS:
+    if fastest > MAX_SPEED_MPS:
         raise EditError(
             f"An agent would move at {fastest:g} m/s; expected at most"
-            f" {SCENE_MAX_SPEED_MPS:g} m/s."
+            f" {MAX_SPEED_MPS:g} m/s."
         )
 
 
@@ -181,10 +180,9 @@ def present_rows(
     rows = rows_of(scenario, agent_ids)
     absent = rows[~scenario.agents.is_valid[rows, scenario.current_step]]
     if len(absent):
-        names = ", ".join(scenario.agents.ids[row] for row in absent[:3])
-        more = f" and {len(absent) - 3} more" if len(absent) > 3 else ""
+        names = listed([scenario.agents.ids[row] for row in absent])
         raise EditError(
-            f"Agent {names}{more} has no state at the current step"
+            f"Agent {names} has no state at the current step"
             f" {scenario.current_step}, so it can only be deleted."
         )
     return rows

@@ -11,10 +11,10 @@ from pd_editor.editor.commands.edit_limits import (
     present_rows,
     rows_of,
 )
+from pd_editor.scene.agent_states import STEPPED
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.scenario import Scenario
 
-_MOTION = ("position_m", "heading_rad", "velocity_mps", "is_valid")
 _STATE = ("size_m", "activity")
 
 
@@ -112,7 +112,7 @@ def _changed_locked_ids(before: Scenario, after: Scenario) -> tuple[str, ...]:
         if one is not other:
             unequal = one[rows] != other[others]
             differs |= unequal.reshape(len(ids), -1).any(axis=1)
-    for name in _MOTION:
+    for name in STEPPED:
         one, other = getattr(old, name), getattr(new, name)
         if one is not other:
             unequal = one[rows, :count] != other[others, :count]

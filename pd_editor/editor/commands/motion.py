@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32
 
 from pd_editor.analysis.findings.friction import slowed_to_limit
 from pd_editor.analysis.repair import retime_for_comfort, yield_to_others
@@ -104,7 +104,7 @@ class PullSpeed(Command):
         if not 0 < self.time_s < axis.num_steps * axis.step_s:
             raise EditError(
                 f"A speed is pulled at {self.time_s:g} s; expected a time after t = 0, at"
-                f" most {axis.num_future_steps * axis.step_s:g} s."
+                f" most {axis.future_s:g} s."
             )
         step = max(round(self.time_s / axis.step_s), 1)
         if now + step >= axis.num_steps or not agents.is_valid[rows[0], now + step]:
@@ -123,14 +123,8 @@ class PullSpeed(Command):
             self.speed_mps,
             axis.step_s,
         )
-        changed = {
-            "position_m": agents.position_m[rows].copy(),
-            "heading_rad": agents.heading_rad[rows].copy(),
-            "velocity_mps": agents.velocity_mps[rows].copy(),
-        }
-        for name, values in zip(changed, (position, heading, velocity), strict=True):
-            changed[name][:, now + 1 :] = values[:, 1:]
-        return scenario.with_agents(agents.with_rows(rows, **changed))
+        later = position[:, 1:], heading[:, 1:], velocity[:, 1:]
+        return scenario.with_agents(agents.with_motion(rows, now + 1, later))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +242,6 @@ class AdoptTrajectory(Command):
         """Scenario with the new trajectory."""
         rows = present_rows(scenario, (self.agent_id,))
         agents, now = scenario.agents, scenario.current_step
-        future = slice(now + 1, agents.num_steps)
         expected = scenario.time_axis.num_future_steps + 1
         if len(self.position_m) != expected:
             raise EditError(
@@ -261,67 +254,12 @@ class AdoptTrajectory(Command):
                 f"The trajectory starts {gap:.1f} m away from agent {self.agent_id};"
                 " it was made for another state."
             )
+        motion = self.position_m, wrap_angle(self.heading_rad), self.velocity_mps
+        position, heading, velocity = (one[None, 1:] for one in motion)
+        is_there = np.ones(heading.shape, bool)
         return scenario.with_agents(
-            agents_with_trajectory(
-                agents,
-                rows,
-                future,
-                position_m=self.position_m[None, 1:],
-                heading_rad=self.heading_rad[None, 1:],
-                velocity_mps=self.velocity_mps[None, 1:],
-            )
+            agents.with_motion(rows, now + 1, (position, heading, velocity), is_there)
         )
-
-
-def agents_with_trajectory(
-    agents: AgentTracks,
-    rows: np.ndarray,
-    steps: slice,
-    *,
-    position_m: Float[np.ndarray, "G S 2"],
-    heading_rad: Float[np.ndarray, "G S"],
-    velocity_mps: Float[np.ndarray, "G S 2"],
-) -> AgentTracks:
-    """Set the states of agents at the steps of a slice; all of them become valid."""
-    position, heading = agents.position_m[rows], agents.heading_rad[rows]
-    velocity, is_valid = agents.velocity_mps[rows], agents.is_valid[rows]
-    position[:, steps] = position_m
-    heading[:, steps] = wrap_angle(heading_rad.astype(float))
-    velocity[:, steps] = velocity_mps
-    is_valid[:, steps] = True
-    return agents.with_rows(
-        rows,
-        position_m=position,
-        heading_rad=heading,
-        velocity_mps=velocity,
-        is_valid=is_valid,
-    )
-
-
-def agents_with_motion(
-    agents: AgentTracks,
-    rows: Int[np.ndarray, "G"],
-    now: int,
-    begins: Int[np.ndarray, "G"],
-    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> AgentTracks:
-    """Set the states of agents from a step of their own on.
-
-    Positions, headings and velocities of ``motion`` begin at ``now``.
-    """
-    last = now + motion[0].shape[1]
-    for first in np.unique(begins[begins < last]).tolist():
-        some = begins == first
-        position, heading, velocity = (one[some, first - now :] for one in motion)
-        agents = agents_with_trajectory(
-            agents,
-            rows[some],
-            slice(first, last),
-            position_m=position,
-            heading_rad=heading,
-            velocity_mps=velocity,
-        )
-    return agents
 
 
 def _rolls_back(agents: AgentTracks, now: int) -> np.ndarray:

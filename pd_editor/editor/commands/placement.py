@@ -14,7 +14,6 @@ from pd_editor.editor.commands.edit_limits import (
     check_size,
     check_speed,
 )
-from pd_editor.editor.commands.motion import agents_with_trajectory
 from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
@@ -116,12 +115,9 @@ def _on_its_lane(scenario: Scenario, row: int) -> Scenario:
     if not (found.has_lane[0] and found.is_valid[0, 0]):
         return scenario
     # The first candidate keeps the agent's own speed on the most natural route.
-    agents = agents_with_trajectory(
-        scenario.agents,
-        rows,
-        slice(axis.current_step + 1, axis.num_steps),
-        position_m=found.position_m[:, 0, 1:],
-        heading_rad=found.heading_rad[:, 0, 1:],
-        velocity_mps=found.velocity_mps[:, 0, 1:],
+    heading = wrap_angle(found.heading_rad[:, 0, 1:])
+    motion = found.position_m[:, 0, 1:], heading, found.velocity_mps[:, 0, 1:]
+    is_there = np.ones(heading.shape, bool)
+    return scenario.with_agents(
+        scenario.agents.with_motion(rows, axis.current_step + 1, motion, is_there)
     )
-    return scenario.with_agents(agents)

@@ -19,7 +19,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_positions,
     present_rows,
 )
-from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.angles import turned, wrap_angle
 from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
 from pd_editor.scene.paths.lanes.route_choice import lane_kinds_of
 from pd_editor.scene.scenario import Scenario
@@ -28,8 +28,12 @@ MAX_SNAP_M: Final = 15.0
 """Largest distance between an agent and the centre line that it is snapped to."""
 
 
+class PoseCommand(StateCommand):
+    """A command that carries whole tracks with their current poses."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class TransformAgents(StateCommand):
+class TransformAgents(PoseCommand):
     """Rotate agents about their common centre at the current step, then shift them."""
 
     agent_ids: tuple[str, ...]
@@ -61,16 +65,16 @@ class TransformAgents(StateCommand):
         now = scenario.agents.position_m[rows, scenario.current_step]
         centre = now.mean(axis=0)
         shift = np.array([self.dx_m, self.dy_m])
-        turned = _turned(now - centre, np.full(len(rows), self.rotation_rad))
+        offset = turned(now - centre, self.rotation_rad)
         target = now + shift
         if self.rotation_rad:
-            target = centre + turned + shift
+            target = centre + offset + shift
         turn = np.full(len(rows), self.rotation_rad)
         return _carried(scenario, rows, target, turn)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetAgentPosition(StateCommand):
+class SetAgentPosition(PoseCommand):
     """Shift an agent so that it is at a point at the current step."""
 
     agent_id: str
@@ -101,7 +105,7 @@ class SetAgentPosition(StateCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetAgentHeading(StateCommand):
+class SetAgentHeading(PoseCommand):
     """Rotate each agent about itself so that it has a heading at the current step."""
 
     agent_ids: tuple[str, ...]
@@ -126,7 +130,7 @@ class SetAgentHeading(StateCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SnapToLane(StateCommand):
+class SnapToLane(PoseCommand):
     """Snap agents to the nearest centre line, heading along the lane."""
 
     agent_ids: tuple[str, ...]
@@ -165,16 +169,6 @@ class SnapToLane(StateCommand):
         return _carried(scenario, rows, target, lane_heading - heading)
 
 
-def _turned(
-    vectors: Float[np.ndarray, "G *rest 2"], angle_rad: Float[np.ndarray, "G"]
-) -> Float[np.ndarray, "G *rest 2"]:
-    """Rotate the vectors of each agent by the agent's own angle."""
-    shape = (len(angle_rad), *(1,) * (vectors.ndim - 2))
-    cos, sin = np.cos(angle_rad).reshape(shape), np.sin(angle_rad).reshape(shape)
-    x, y = vectors[..., 0], vectors[..., 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
-
-
 def _carried(
     scenario: Scenario,
     rows: Int[np.ndarray, "G"],
@@ -190,9 +184,11 @@ def _carried(
         return scenario
     changed: dict[str, np.ndarray] = {}
     if turn_rad.any():
-        position = current[:, None] + _turned(position - current[:, None], turn_rad)
+        position = current[:, None] + turned(
+            position - current[:, None], turn_rad[:, None]
+        )
         heading = wrap_angle(agents.heading_rad[rows] + turn_rad[:, None])
-        velocity = _turned(agents.velocity_mps[rows], turn_rad)
+        velocity = turned(agents.velocity_mps[rows], turn_rad[:, None])
         changed["heading_rad"] = np.where(is_valid, heading, 0.0)
         changed["velocity_mps"] = np.where(is_valid[..., None], velocity, 0.0)
     position = position + (target_m - current)[:, None]

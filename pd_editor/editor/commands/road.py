@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 from pd_editor.editor.commands.command import Command
 from pd_editor.editor.commands.edit_limits import check_anchor, check_friction
@@ -23,6 +23,8 @@ WARP_NAME: Final[dict[WarpKind, str]] = {
 class SetRoadWarp(Command):
     """Warp the original road, or restore it; replaces an earlier warp."""
 
+    is_beyond_locks: ClassVar[bool] = True
+
     warp: RoadWarp | None
     friction_coefficient: float | None = None
     """Friction coefficient mu that agents are slowed to; None leaves their speeds."""
@@ -32,11 +34,6 @@ class SetRoadWarp(Command):
             check_friction(self.friction_coefficient)
         if self.warp is not None:
             check_anchor(self.warp.anchor)
-
-    @property
-    def is_beyond_locks(self) -> bool:
-        """It is: all agents move with the road."""
-        return True
 
     @property
     def label(self) -> str:

@@ -3,29 +3,31 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from pd_editor.analysis.metrics.traffic_view import SAME_STATE_M
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
-from pd_editor.editor.commands.command import Command, agents_in_words
+from pd_editor.editor.commands.command import Command, agents_in_words, parts_of
 from pd_editor.editor.commands.edit_limits import (
     check_new_id,
     check_positions,
     check_velocities,
 )
-from pd_editor.editor.commands.motion import agents_with_motion
 from pd_editor.editor.commands.traffic import blank_tracks
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_states import MOTION
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.guidance_terms import terms_without
 from pd_editor.scene.junction_phases import continued_signals
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STEPS
+from pd_editor.scene.thresholds import SAME_STATE_M
 from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.scene.traffic_sample import TrafficSample, check_finite
 
@@ -47,7 +49,7 @@ class RolledMotion:
     velocity_mps: Float32[np.ndarray, "G S 2"]
 
     def __post_init__(self) -> None:
-        for name in ("size_m", "position_m", "heading_rad", "velocity_mps"):
+        for name in ("size_m", *MOTION):
             check_finite(name, getattr(self, name), self.ids, ("step",))
         count, last = self.heading_rad.shape
         lists = (self.kinds, self.first_step, self.last_step, set(self.ids))
@@ -158,8 +160,10 @@ class ContinueScene(Command):
         begins = now + np.array([held.get(name, 1) for name in motion.ids], int)
         begins = np.where(goes_on, begins, now)
         begins[~is_free] = count
-        tracks = (motion.position_m, motion.heading_rad, motion.velocity_mps)
-        agents = agents_with_motion(agents, rows, now, begins, tracks)
+        at = now + np.arange(motion.num_steps) >= begins[:, None]
+        heading = wrap_angle(motion.heading_rad)
+        tracks = (motion.position_m, heading, motion.velocity_mps)
+        agents = agents.with_motion(rows, now, tracks, at)
         kept = np.ones((len(rows), count), bool)
         kept[:, now:] = motion.exists
         kept[:, now] |= goes_on
@@ -206,6 +210,8 @@ class BeginAt(Command):
     there then, is left out.
     """
 
+    is_beyond_locks: ClassVar[bool] = True
+
     time_s: float
     """Seconds after the current step; negative: before it."""
     keeps_guidance: bool = False
@@ -220,11 +226,6 @@ class BeginAt(Command):
     def label(self) -> str:
         """Label with the time."""
         return f"Start from t = {self.time_s:g} s"
-
-    @property
-    def is_beyond_locks(self) -> bool:
-        """It is: nobody moves."""
-        return True
 
     def step_in(self, axis: TimeAxis) -> int:
         """The moment on the scene's time axis."""
@@ -257,15 +258,13 @@ class BeginAt(Command):
 
 def begun_like(base: Scenario, commands: Iterable[Command]) -> Scenario:
     """A scenario from the moment on that commands made the current one of another."""
-    for command in commands:
-        for part in command.parts:
-            if isinstance(part, BeginAt):
-                now = max(part.step_in(base.time_axis), 0)
-                if now >= base.time_axis.num_steps:
-                    # A roll-out reached further than what was recorded.
-                    last = base.time_axis.num_steps - 1
-                    base = with_length(base, base.agents.without_future(last, now + 1))
-                base = _begun(base, now)
+    for part in parts_of(commands, BeginAt):
+        now = max(part.step_in(base.time_axis), 0)
+        if now >= base.time_axis.num_steps:
+            # A roll-out reached further than what was recorded.
+            last = base.time_axis.num_steps - 1
+            base = with_length(base, base.agents.without_future(last, now + 1))
+        base = _begun(base, now)
     return base
 
 

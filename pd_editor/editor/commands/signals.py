@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import Command
@@ -14,10 +15,7 @@ from pd_editor.scene.signals import Signal
 class _SignalCommand(Command):
     """A command that changes signals alone."""
 
-    @property
-    def is_beyond_locks(self) -> bool:
-        """It is: no agent moves."""
-        return True
+    is_beyond_locks: ClassVar[bool] = True
 
     @abstractmethod
     def signals(self, scenario: Scenario) -> tuple[Signal, ...]:

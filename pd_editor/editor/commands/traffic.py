@@ -1,4 +1,4 @@
-"""Command that applies generated traffic."""
+"""Commands that apply generated traffic, alone or for an edit."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.analysis.metrics.traffic_view import SAME_STATE_M
 from pd_editor.analysis.repair.back_casting import made_up_past, with_past
 from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
@@ -19,9 +18,7 @@ from pd_editor.editor.commands.edit_limits import (
     check_velocities,
 )
 from pd_editor.editor.commands.locks import locked_agents_error
-from pd_editor.editor.commands.motion import agents_with_motion
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.generation import (
     GeneratedTraffic,
@@ -33,14 +30,18 @@ from pd_editor.scene.generation import (
     check_kept,
     check_numbers,
 )
+from pd_editor.scene.geometry.angles import turned, wrap_angle
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import kept_steps
 from pd_editor.scene.roles.focal_agent import focal_place_m, with_focal_agent
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.thresholds import SAME_STATE_M
 from pd_editor.scene.traffic_sample import MadeUpPast
 
 NEW_PREFIX: Final = "new"
 """Prefix of the ids of generated agents: ``new-1``, ``new-2``, ..."""
+
+_SAME_HEADING_RAD: Final = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +106,7 @@ class ReplaceTraffic(Command):
     past: MadeUpPast | None = None
 
     def __post_init__(self) -> None:
-        check_sample(self.sample)
+        self.sample.check()
         for motion in filter(None, (self.sample, self.past)):
             check_positions(motion.position_m)
             check_velocities(motion.velocity_mps)
@@ -235,44 +236,16 @@ class ReplaceTraffic(Command):
         )
         # What a lock keeps is not written at all, so that no rounding changes it.
         kept = kept_steps(agents, axis, scenario.locks)[rows, now:].sum(axis=1)
-        begins = np.where(same, now + np.maximum(kept, 1), now)
-        motion = (sample.position_m, sample.heading_rad, sample.velocity_mps)
-        agents = agents_with_motion(agents, rows, now, begins, motion)
+        begins = np.where(same, np.maximum(kept, 1), 0)
+        at = np.arange(sample.heading_rad.shape[1]) >= begins[:, None]
+        motion = (
+            sample.position_m,
+            wrap_angle(sample.heading_rad),
+            sample.velocity_mps,
+        )
+        agents = agents.with_motion(rows, now, motion, at)
         agents = with_past(agents, rows[~same], now, self.past)
         return _with_activity(agents, rows, ~same, sample)
-
-
-def check_sample(sample: TrafficSample) -> None:
-    """Raise for a sample whose arrays do not match.
-
-    Raises:
-        GenerationError: a shape is wrong, or an id occurs twice.
-    """
-    count = len(sample.ids)
-    if sample.position_m.ndim != 3:
-        raise GenerationError(
-            f"The generated position_m has shape {list(sample.position_m.shape)}; "
-            "expected agents, steps, and x and y."
-        )
-    steps = sample.position_m.shape[1]
-    shapes = {
-        "size_m": (count, 2),
-        "position_m": (count, steps, 2),
-        "heading_rad": (count, steps),
-        "velocity_mps": (count, steps, 2),
-    }
-    for name, shape in shapes.items():
-        found = getattr(sample, name).shape
-        if found != shape:
-            raise GenerationError(
-                f"The generated {name} has shape {list(found)}, not {list(shape)}."
-            )
-    if sample.activity and len(sample.activity) != count:
-        raise GenerationError(
-            f"The generated activity is of {len(sample.activity)} agents, not {count}."
-        )
-    if len(sample.kinds) != count or len(set(sample.ids)) != count:
-        raise GenerationError("The generated agents need one kind and one id each.")
 
 
 def traffic_command(
@@ -298,14 +271,7 @@ def traffic_command(
             f" {len(traffic.samples)}."
         )
     sample, axis = traffic.samples[sample_index], request.scenario.time_axis
-    if sample.position_m.ndim != 3 or sample.position_m.shape[1] != (
-        axis.num_future_steps + 1
-    ):
-        raise GenerationError(
-            f"The generated position_m has shape {list(sample.position_m.shape)}; the"
-            f" scenario needs {axis.num_future_steps + 1} steps of x and y."
-        )
-    check_sample(sample)
+    sample.check(axis.num_future_steps + 1)
     taken = set(request.scenario.agents.ids) - set(request.agent_ids)
     for name in sample.ids:
         if name in taken:
@@ -396,3 +362,69 @@ def _with_activity(
     kept = agents.activity[rows]
     activity = np.where(is_sampled | (known != Activity.UNKNOWN), known, kept)
     return agents.with_rows(rows, activity=activity)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RegeneratedEdit(Command):
+    """Apply an edit, then the trajectories that agents got in reaction to it."""
+
+    edit: Command
+    traffic: ReplaceTraffic
+
+    @property
+    def label(self) -> str:
+        """Label of the edit, with the agents whose trajectories were regenerated."""
+        return self._labelled(self.edit.label)
+
+    def label_after(self, before: Scenario) -> str:
+        """The same, relative to the scenario before the edit."""
+        return self._labelled(self.edit.label_after(before))
+
+    @property
+    def selects(self) -> tuple[str, ...] | None:
+        """Ids of the agents that the edit selects."""
+        return self.edit.selects
+
+    @property
+    def parts(self) -> tuple[Command, ...]:
+        """The edit and the regenerated traffic."""
+        return self.edit, self.traffic
+
+    def apply(self, scenario: Scenario) -> Scenario:
+        """Scenario with the edit and the regenerated trajectories."""
+        return self.traffic.apply(self.edit.apply(scenario))
+
+    def _labelled(self, edit: str) -> str:
+        return f"{edit}, {agents_in_words(self.traffic.sample.ids)} regenerated"
+
+
+def carried_to(sample: TrafficSample, scenario: Scenario) -> TrafficSample:
+    """Move each trajectory rigidly so that it continues what is fixed of its agent.
+
+    That is the present pose, or for agents with locked seconds the last locked one. All
+    agents of the sample must be in the scenario.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    rows = agents.rows(sample.ids)
+    kept = scenario.kept_steps()[rows, now:].sum(axis=1)
+    last = np.clip(kept - 1, 0, sample.heading_rad.shape[1] - 1)
+    each = np.arange(len(rows))
+    here = sample.position_m[each, last]
+    start = agents.position_m[rows, now + last]
+    turn = wrap_angle(
+        agents.heading_rad[rows, now + last] - sample.heading_rad[each, last]
+    )
+    gap_m = np.hypot(*(start - here).T)
+    if (gap_m < SAME_STATE_M).all() and (np.abs(turn) < _SAME_HEADING_RAD).all():
+        return sample
+    turn = turn[:, None]
+    position = start[:, None] + turned(sample.position_m - here[:, None], turn)
+    # The traffic is applied where it begins at the present state.
+    is_locked = last > 0
+    position[is_locked, 0] = agents.position_m[rows[is_locked], now]
+    return replace(
+        sample,
+        position_m=position,
+        heading_rad=wrap_angle(sample.heading_rad + turn),
+        velocity_mps=turned(sample.velocity_mps, turn),
+    )

@@ -1,7 +1,5 @@
 """CSV table of a collection, with one line per scenario."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -9,7 +7,9 @@ from typing import Final
 
 from pd_editor.analysis.findings.finding import IgnoredKey
 from pd_editor.analysis.findings.scorecard import ROWS
+from pd_editor.base.plain_text import csv_file
 from pd_editor.editor.commands import ReplaceTraffic
+from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.edit_findings import edit_findings, guidance_in_words
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.varied_numbers import values_in_words, varied_values
@@ -81,8 +81,7 @@ class IndexRow:
 def index_row(scenario: Scenario, base: Scenario, recipe: Recipe) -> IndexRow:
     """Row of a scenario that a recipe makes from ``base``; ignored ones do not count."""
     ignored = recipe.variant.ignored
-    parts = [part for command in recipe.commands for part in command.parts]
-    generated = [one for one in parts if isinstance(one, ReplaceTraffic)]
+    generated = parts_of(recipe.commands, ReplaceTraffic)
     found = edit_findings(scenario, base, recipe.commands).problems
     counts = Counter(one.kind for one in found if one.ignored_key not in ignored)
     return IndexRow(
@@ -111,9 +110,7 @@ def index_csv(
     """
     measured = metrics or {}
     known = [one for one in ROWS if any(one in values for values in measured.values())]
-    sink = io.StringIO(newline="")
-    writer = csv.writer(sink)
-    writer.writerow([*_COLUMNS, *known])
+    table = [[*_COLUMNS, *known]]
     for row in rows:
         kinds = "; ".join(f"{kind} {count}" for kind, count in row.problems.items())
         cells = (
@@ -135,8 +132,8 @@ def index_csv(
         )
         values = measured.get(row.scenario_id, {})
         numbers = [f"{values[one]:.10g}" if one in values else "" for one in known]
-        writer.writerow([*map(_harmless, cells), *numbers])
-    return sink.getvalue().encode("utf-8", "replace")
+        table.append([*map(_harmless, cells), *numbers])
+    return csv_file(table, line_end="\r\n")
 
 
 def _harmless(cell: str) -> str:

@@ -14,6 +14,7 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.thresholds import MOVED_M
 
 HALF_WIDTH_M: Final = 54.0
 HALF_HEIGHT_M: Final = 36.0
@@ -30,7 +31,6 @@ _NEAR: Final = 0.6
 _EVERY_STEPS: Final = 10
 STANDS: Final = ' begin="indefinite"'
 """Text of a picture without which its agents move."""
-_MOVED_M: Final = 1.0
 _TURNED_DEG: Final = 3.0
 # Colours that differ clearly on light and on dark ground.
 _ROAD: Final = "#8b98a5"
@@ -145,7 +145,7 @@ def _motion(
 
     Who turns is turned about where its box is drawn, which is then moved.
     """
-    if np.ptp(way, axis=0).max() < _MOVED_M:
+    if np.ptp(way, axis=0).max() < MOVED_M:
         return ""
     turned = np.degrees(np.unwrap(heading_rad) - heading_rad[0])
     missing = most - len(way)

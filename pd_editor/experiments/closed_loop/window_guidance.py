@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.guidance.agent_now import AgentNow
+from pd_editor.analysis.guidance.guidance_kind import AgentNow
 from pd_editor.analysis.guidance.kinds.course import LANE_REACH_M, GoalPoint, nearest_on
 from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.report import term_outcomes

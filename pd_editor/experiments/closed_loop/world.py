@@ -11,13 +11,12 @@ from pd_editor.analysis.manoeuvres import scene_content
 from pd_editor.analysis.metrics.road.off_road import is_past_lanes, outside_m
 from pd_editor.analysis.repair.yielding import LEAST_WAY_M
 from pd_editor.editor.commands.agents import new_agent_ids
-from pd_editor.editor.commands.motion import agents_with_motion
 from pd_editor.editor.commands.roll_out import RolledMotion
 from pd_editor.editor.commands.traffic import NEW_PREFIX, blank_tracks
-from pd_editor.scene.activity import Activity
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     ROAD_USER_KINDS,
+    Activity,
     AgentKind,
 )
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
@@ -79,9 +78,10 @@ class World:
         begins = now + np.maximum(scenario.kept_steps()[rows, now:].sum(axis=1) - 1, 0)
         place = (rows[:, None], begins[:, None] + steps)
         standing = (agents.position_m[place], agents.heading_rad[place])
-        motion = (*standing, np.zeros_like(standing[0]))
+        standing = (standing[0], wrap_angle(standing[1]), np.zeros_like(standing[0]))
         begins += begins > now
-        agents = agents_with_motion(agents, rows, now, begins, motion)
+        at = np.arange(now, count) >= begins[:, None]
+        agents = agents.with_motion(rows, now, standing, at)
         axis = scenario.time_axis.lasting(count)
         signals = continued_signals(scenario, count, seed)
         scenario = replace(scenario, agents=agents, time_axis=axis, signals=signals)
@@ -186,9 +186,13 @@ class World:
             agents = agents.joined(blank)
         rows = agents.rows(sample.ids)
         is_new = np.isin(np.arange(len(rows)), new)
-        motion = (sample.position_m, sample.heading_rad, sample.velocity_mps)
-        begins = self.step + 1 - is_new
-        agents = agents_with_motion(agents, rows, self.step, begins, motion)
+        motion = (
+            sample.position_m,
+            wrap_angle(sample.heading_rad),
+            sample.velocity_mps,
+        )
+        at = np.arange(sample.heading_rad.shape[1]) >= 1 - is_new[:, None]
+        agents = agents.with_motion(rows, self.step, motion, at)
         return replace(self, scenario=replace(self.scenario, agents=agents))
 
     def after(self, num_steps: int) -> "World":

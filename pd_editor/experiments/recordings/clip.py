@@ -19,8 +19,12 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.experiments.recordings.recording import Recording, Window
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise, noisy, seen
-from pd_editor.scene.activity import true_activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import (
+    ROAD_USER_KINDS,
+    AgentCategory,
+    AgentKind,
+    true_activity,
+)
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario

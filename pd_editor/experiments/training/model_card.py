@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from pd_editor.base.markdown import markdown_table
+from pd_editor.base.plain_text import markdown_table
 from pd_editor.experiments.training.loop.run_folder import CURVES_NAME
 from pd_editor.generation.checkpoints.model_folder import StageKind, TrainedStage
 

@@ -26,8 +26,7 @@ from pd_editor.generation.features.scene_fields import (
     SceneTokens,
 )
 from pd_editor.generation.features.signal_tokens import piece_signals
-from pd_editor.scene.activity import activity_at
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind, activity_at
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.paths.motion_primitives import candidate_positions
 from pd_editor.scene.scenario import EGO_ID, Scenario

@@ -24,8 +24,7 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked, object_of_reference
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, one_line
 from pd_editor.generation.generators.predictor_generator import PredictorGenerator
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentKind
 from pd_editor.scene.generation import (
     Capability,
     GeneratedTraffic,

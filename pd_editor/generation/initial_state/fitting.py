@@ -93,13 +93,7 @@ def colliding_with_kept(
     rows = agents.rows(sample.ids)
     if not len(rows):
         return ()
-    position, heading = agents.position_m[rows], agents.heading_rad[rows]
-    is_valid = agents.is_valid[rows]
-    position[:, now:], heading[:, now:] = sample.position_m, sample.heading_rad
-    is_valid[:, now:] = True
-    driven = agents.with_rows(
-        rows, position_m=position, heading_rad=heading, is_valid=is_valid
-    )
+    driven = sample.applied_to(agents, rows, now)
     pairs, _ = first_overlap(driven, np.arange(now, agents.num_steps))
     pairs = pairs[counted(driven, pairs)]
     is_placed = np.isin(agents.ids, list(placed_ids))

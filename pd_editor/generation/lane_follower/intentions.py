@@ -74,7 +74,7 @@ def drivers_at(scenario: Scenario, rows: Int[np.ndarray, "D"]) -> Drivers:
     kinds = tuple(agents.kinds[row] for row in rows)
     forward = velocity[:, 0] * np.cos(heading) + velocity[:, 1] * np.sin(heading)
     speed = np.maximum(forward, 0.0)
-    duration = axis.num_future_steps * axis.step_s
+    duration = axis.future_s
     needed = np.minimum(speed, _MAX_SPEED_MPS) * duration + duration**2
     return Drivers(
         row=rows,

@@ -13,7 +13,7 @@ from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 from pd_editor.scene.thresholds import STANDING_MPS
 
 _LEAST_VARIANCE: Final = 0.2

@@ -44,15 +44,7 @@ def with_yielding(
     Also returns the ids of the agents that yield.
     """
     now, agents = scenario.current_step, scenario.agents
-    driven = agents.with_rows(
-        rows,
-        position_m=_from_now(agents.position_m, rows, now, sample.position_m),
-        heading_rad=_from_now(agents.heading_rad, rows, now, sample.heading_rad),
-        velocity_mps=_from_now(agents.velocity_mps, rows, now, sample.velocity_mps),
-        is_valid=_from_now(
-            agents.is_valid, rows, now, np.ones(sample.heading_rad.shape, bool)
-        ),
-    )
+    driven = sample.applied_to(agents, rows, now)
     late = LateAgents.of(scenario)
     doubles = np.setdiff1d(late.row, late.but_continuing(rows).row)
     if len(doubles):
@@ -137,9 +129,3 @@ def _comfort_limits(
                     min(hardest, term.max_braking_mps2),
                 )
     return found
-
-
-def _from_now(
-    recorded: np.ndarray, rows: np.ndarray, now: int, sampled: np.ndarray
-) -> np.ndarray:
-    return np.concatenate([recorded[rows, :now], sampled], axis=1)

@@ -157,7 +157,7 @@ class TrajectoryTask:
     def _guided_steps(self) -> int:
         """Number of steps of the network, or to the end of a longer future."""
         axis = self.scenario.time_axis
-        end = round(axis.num_future_steps * axis.step_s / STEP_S)
+        end = round(axis.future_s / STEP_S)
         return max(NUM_FUTURE_STEPS, end)
 
     def term_context(self, config: TermGuidance) -> TermContext:

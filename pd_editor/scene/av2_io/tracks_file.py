@@ -10,8 +10,13 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentCategory, AgentKind, default_sizes_m
+from pd_editor.base.plain_text import listed
+from pd_editor.scene.agent_kind import (
+    Activity,
+    AgentCategory,
+    AgentKind,
+    default_sizes_m,
+)
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.av2_io.track_table import TrackTable, is_readable, open_track_table
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle, wrap_outside
@@ -24,12 +29,11 @@ from pd_editor.scene.scene_limits import (
     MAX_STEPS,
     is_apart,
 )
+from pd_editor.scene.thresholds import FASTEST_MPS
 from pd_editor.scene.time_axis import TimeAxis
 
 PAST_S: Final = TimeAxis().current_step * TimeAxis().step_s
 """Past of a file that does not tell observed steps from predicted ones."""
-FAST_MPS: Final = 60.0
-"""Recorded speeds, and jumps between steps, above this get a note."""
 MAX_HEADING_RAD: Final = 1_000.0
 NOMINAL_STEP_S: Final = 0.1
 
@@ -242,13 +246,13 @@ def _notes_on_speed(agents: AgentTracks, axis: TimeAxis) -> tuple[str, ...]:
     both = agents.is_valid[:, 1:] & agents.is_valid[:, :-1]
     moved = np.diff(agents.position_m, axis=1)
     jumps = both & (
-        np.hypot(moved[..., 0], moved[..., 1]) > FAST_MPS * axis.step_s + 2.0
+        np.hypot(moved[..., 0], moved[..., 1]) > FASTEST_MPS * axis.step_s + 2.0
     )
-    is_fast = agents.is_valid & (agents.speed_mps() > FAST_MPS)
+    is_fast = agents.is_valid & (agents.speed_mps() > FASTEST_MPS)
     notes = []
     if is_fast.any():
         notes.append(
-            f"Recorded faster than {FAST_MPS:g} m/s: "
+            f"Recorded faster than {FASTEST_MPS:g} m/s: "
             f"{agents_named(agents.ids, is_fast)}."
         )
     if jumps.any():
@@ -260,8 +264,8 @@ def _notes_on_speed(agents: AgentTracks, axis: TimeAxis) -> tuple[str, ...]:
 
 def agents_named(ids: Sequence[str], chosen: Bool[np.ndarray, "A T"]) -> str:
     """Name the first agents that are chosen at any step, and the number of others."""
-    first, *others = (ids[row] for row in np.flatnonzero(chosen.any(axis=1)).tolist())
-    return f"agent {first}" + (f" and {len(others)} more" if others else "")
+    names = [ids[row] for row in np.flatnonzero(chosen.any(axis=1)).tolist()]
+    return f"agent {listed(names, 1)}"
 
 
 def _origin(

@@ -12,6 +12,7 @@ from pathlib import PurePosixPath
 from typing import Final
 
 from pd_editor.base.errors import ArchiveError
+from pd_editor.base.plain_text import listed
 from pd_editor.scene.av2_io.file_names import (
     MAP_PREFIX,
     TRACKS_PREFIX,
@@ -237,11 +238,11 @@ def _choose(names: list[str], label: str) -> tuple[str, str]:
         if len(found) == 1:
             continue
         if not found:
-            held = _listed(names) if names else "nothing"
+            held = listed([_shown(one) for one in names]) if names else "nothing"
             raise ArchiveError(f"{label}: holds no {what}; found {held}.")
         raise ArchiveError(
             f"{label}: holds {len(found)} files that could be the {what}, "
-            f"{_listed(found)}; expected exactly one scenario."
+            f"{listed([_shown(one) for one in found])}; expected exactly one scenario."
         )
     return tracks[0], maps[0]
 
@@ -293,8 +294,3 @@ def _base(name: str) -> str:
 def _shown(name: str) -> str:
     """Name for a message: its last part, shortened, without control characters."""
     return _CONTROL.sub("?", _base(name))[:60] or "The upload"
-
-
-def _listed(names: list[str]) -> str:
-    shown = ", ".join(_shown(name) for name in names[:3])
-    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"

@@ -7,9 +7,10 @@ import shapely
 from jaxtyping import Float, Int
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
+from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
-from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, ids_file
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene
 from pd_editor.scene.formats.xml_file import as_file
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
@@ -91,7 +92,7 @@ def write(scenario: Scenario) -> WrittenScene:
     return WrittenScene(
         files={
             f"{scenario.scenario_id}.xml": as_file(root),
-            IDS_NAME: ids_file(("agent", "obstacle"), *rows),
+            IDS_NAME: csv_file([("agent", "obstacle"), *rows]),
         },
         losses=tuple(losses),
     )

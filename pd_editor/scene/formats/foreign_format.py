@@ -94,8 +94,7 @@ def _named(read: Callable[[Path], Any], plain: Path, path: Path) -> Any:
         raise FormatError(renamed(error)) from error
     if not isinstance(found, Scenario):
         return found
-    origin = replace(found.provenance, source=os.path.realpath(path))
-    return replace(found, provenance=origin)
+    return found.with_origin(source=os.path.realpath(path))
 
 
 @cache

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.base.errors import FormatError
+from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.file_scene import NO_HEADINGS, FileScene, FileTrack
 from pd_editor.scene.formats.file_signal import FileSignal
@@ -35,7 +36,6 @@ from pd_editor.scene.formats.scene_format import (
     IDS_NAME,
     SceneFormat,
     WrittenScene,
-    ids_file,
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
@@ -292,7 +292,7 @@ def write(scenario: Scenario) -> WrittenScene:
     return WrittenScene(
         files={
             f"{scenario.scenario_id}.json": msgspec.json.encode(content),
-            IDS_NAME: ids_file(("agent", "object"), *index.items()),
+            IDS_NAME: csv_file([("agent", "object"), *index.items()]),
         },
         losses=(
             f"Steps: {WAYMO_CURRENT_STEP} before the current one and "

@@ -17,12 +17,13 @@ from jaxtyping import Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import ExportError
+from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.formats.openscenario import (
     entity_names,
     light_ids,
     openscenario_file,
 )
-from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, ids_file
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene
 from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, without_repeats
@@ -147,7 +148,7 @@ def write(scenario: Scenario) -> WrittenScene:
         for one in scenario.road_map.lane_of
     ]
     rows += [("signal", key[0], str(one)) for key, one in light_ids(scenario).items()]
-    files[IDS_NAME] = ids_file(*rows)
+    files[IDS_NAME] = csv_file(rows)
     only = "only this editor reads that, as user data."
     own = f"Which lanes are in an intersection: {only}"
     askew = f"{len(untold)} of {count} neighbours end askew or go the other way: {only}"

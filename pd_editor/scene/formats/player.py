@@ -16,9 +16,8 @@ from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
 from pd_editor.scene.geometry.polyline import arc_length
-from pd_editor.scene.lane_marks import DASH_M, GAP_M, boundaries
 from pd_editor.scene.palette import DARK, LIGHT, Rgb, agent_color
-from pd_editor.scene.road_layers import road_layers
+from pd_editor.scene.road_layers import DASH_M, GAP_M, boundaries, road_layers
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState

@@ -188,8 +188,7 @@ def read_scene(path: Path) -> Scenario:
     except LargeSceneError as error:
         error.scene = replace(error.scene, file_format=title)
         raise
-    origin = replace(scenario.provenance, file_format=title)
-    return replace(scenario, provenance=origin)
+    return scenario.with_origin(file_format=title)
 
 
 def unread_file(path: Path) -> str | None:

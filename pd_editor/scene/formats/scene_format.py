@@ -1,12 +1,10 @@
 """What a format of scenes is."""
 
-import csv
-import io
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from pd_editor.scene.formats.packed_file import head_of, unpacked_name
 from pd_editor.scene.scenario import Scenario
@@ -29,13 +27,6 @@ def losses_of(scenario: Scenario, *losses: str) -> tuple[str, ...]:
     return (
         (*losses, "Traffic signals and their states.") if scenario.signals else losses
     )
-
-
-def ids_file(*rows: Iterable[Any]) -> bytes:
-    """Table of ids here and in a file."""
-    table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows(rows)
-    return table.getvalue().encode()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,10 +10,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.right_of_way import Way, meetings
-from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, ids_file
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene
 from pd_editor.scene.formats.sumo_net import ALLOWED_ON, CROSSWALK, JUNCTION, PAVED
 from pd_editor.scene.geometry.angles import left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, resample
@@ -98,7 +99,7 @@ def write(scenario: Scenario) -> WrittenScene:
         for ending, (tag, lines) in parts.items()
     }  # fmt: skip
     encoded = {name: text.encode() for name, text in files.items()}
-    encoded[IDS_NAME] = ids_file(("ours", "sumo"), *table)
+    encoded[IDS_NAME] = csv_file([("ours", "sumo"), *table])
     return WrittenScene(files=encoded, losses=tuple(losses))
 
 

@@ -32,6 +32,16 @@ def left_of(direction: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*sha
     return np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
 
 
+def turned(
+    vectors: Float[np.ndarray, "*shape 2"],
+    angle_rad: float | Float[np.ndarray, "*#shape"],
+) -> Float[np.ndarray, "*shape 2"]:
+    """Vectors turned counter-clockwise by angles, which are broadcast."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
 def interpolate_angle(
     start_rad: Float[np.ndarray, "..."],
     end_rad: Float[np.ndarray, "..."],

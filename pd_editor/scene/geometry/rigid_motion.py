@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.angles import turned, wrap_angle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,19 +23,13 @@ class RigidMotion:
         self, points_m: Float[np.ndarray, "*shape 2"]
     ) -> Float[np.ndarray, "*shape 2"]:
         """Points of the posed frame, in the outer frame."""
-        cos, sin = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
-        x, y = points_m[..., 0], points_m[..., 1]
-        return np.stack(
-            [cos * x - sin * y + self.x_m, sin * x + cos * y + self.y_m], axis=-1
-        )
+        return turned(points_m, self.rotation_rad) + np.array([self.x_m, self.y_m])
 
     def turn(
         self, vectors: Float[np.ndarray, "*shape 2"]
     ) -> Float[np.ndarray, "*shape 2"]:
         """Vectors (velocities, directions) of the posed frame, in the outer frame."""
-        cos, sin = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
-        x, y = vectors[..., 0], vectors[..., 1]
-        return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+        return turned(vectors, self.rotation_rad)
 
     def inverse(self) -> "RigidMotion":
         """The motion that undoes this one."""

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.frenet import mitred_normals
 from pd_editor.scene.paths.lanes.lane_routes import SAMPLE_SPACING_M, SAMPLED_BEHIND_M
-from pd_editor.scene.paths.lanes.route_choice import RouteChoice
+from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD, RouteChoice
 
 SPACING_M: Final = 2.0
 """Distance between points of a path, along its route."""
@@ -20,7 +20,6 @@ CURVE_BRAKING_MPS2: Final = 2.0
 _LEAST_LIMIT_MPS: Final = 1.5
 _GAP_FADES_M: Final = 10.0
 _LEAST_POINTS: Final = 8
-_MAX_START_TURN_RAD: Final = np.pi / 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -178,7 +177,7 @@ def lateral_offsets(
     offset *= shift[:, None]
     offset *= u * u * u
     offset += start_m[:, None]
-    turn = np.clip(turn_rad, -_MAX_START_TURN_RAD, _MAX_START_TURN_RAD)
+    turn = np.clip(turn_rad, -MAX_TURN_RAD, MAX_TURN_RAD)
     turn_length = np.maximum(8.0, 2.5 * speed_mps)
     w = np.minimum(parameter * (1 / turn_length)[:, None], 1.0)
     swing = w * (8 - 3 * w)

@@ -6,10 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.scene.geometry.angles import heading_of, unit_vector, wrap_angle
-from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, MOVING_MPS
-
-STANDING_EXTENT_M: Final = 1.0
-"""A curve that stays closer to its first point is tracking noise, not a path."""
+from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, MOVED_M, MOVING_MPS
 
 LEAST_PULL_S: Final = 1.0
 """Shortest time in which a pulled speed swells, and fades."""
@@ -248,7 +245,7 @@ def _moved_on(
         [np.zeros((len(moved_m), 1)), np.cumsum(moved_m, axis=1)], axis=1
     )
     extent = np.linalg.norm(curve - curve[:, :1], axis=-1).max(axis=1)
-    jitter = stands[:, 0] & (extent < STANDING_EXTENT_M)
+    jitter = stands[:, 0] & (extent < MOVED_M)
     position_m = np.where(jitter[:, None, None], curve[:, :1], curve)
     heading = fill_heading_gaps(heading_rad, is_valid)
     heading = np.where(jitter[:, None], heading[:, :1], heading)
@@ -261,9 +258,9 @@ def _direction_at_end(
     along_m: Float[np.ndarray, "G H"],
 ) -> Float[np.ndarray, "G 2"]:
     """Direction of each curve's last metre, or the last heading if it is shorter."""
-    before = np.maximum(along_m[:, -1:] - STANDING_EXTENT_M, 0.0)
+    before = np.maximum(along_m[:, -1:] - MOVED_M, 0.0)
     chord = curve_m[:, -1] - interpolate_rows(before, along_m, curve_m)[:, 0]
-    short = np.hypot(chord[:, 0], chord[:, 1]) < STANDING_EXTENT_M / 2
+    short = np.hypot(chord[:, 0], chord[:, 1]) < MOVED_M / 2
     return unit_vector(np.where(short, heading_rad[:, -1], heading_of(chord)))
 
 

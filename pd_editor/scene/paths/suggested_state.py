@@ -15,7 +15,7 @@ from pd_editor.scene.paths.lanes.lane_routes import (
     lane_routes,
 )
 from pd_editor.scene.paths.lanes.nearest_lane import LaneMatch, nearest_lanes
-from pd_editor.scene.paths.lanes.route_choice import lane_kinds_of
+from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD, lane_kinds_of
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 
@@ -30,8 +30,6 @@ SUGGESTED_SPEED_MPS: Final[dict[AgentKind, float]] = {
 LANE_REACH_M: Final = 4.0
 LOOK_AHEAD_S: Final = 6.0
 """Agents ahead that are reached later than this do not limit the speed."""
-MAX_TURN_RAD: Final = np.radians(60.0)
-"""An agent at a larger angle to its lane drives straight ahead instead."""
 SIDE_GAP_M: Final = 0.3
 
 

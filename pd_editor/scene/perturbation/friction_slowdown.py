@@ -20,8 +20,7 @@ from pd_editor.scene.paths.retiming import (
     travelled_m,
 )
 from pd_editor.scene.perturbation.friction_limit import friction_limited_speed
-from pd_editor.scene.perturbation.warped_agents import warped_agents
-from pd_editor.scene.road_warp import RoadWarp
+from pd_editor.scene.road_warp import RoadWarp, warped_agents
 from pd_editor.scene.scenario import AppliedWarp
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 from pd_editor.scene.time_axis import TimeAxis
@@ -149,12 +148,7 @@ def slowed_to_friction_limit(
         _anchor_step(agents.is_valid, time_axis.current_step),
     )
     slowed = _at_times(agents, nodes, logged_time, warp, time_axis.step_s)
-    return warped.with_rows(
-        nodes.row,
-        position_m=slowed.position_m,
-        heading_rad=slowed.heading_rad,
-        velocity_mps=slowed.velocity_mps,
-    )
+    return warped.with_motion_of(nodes.row, slowed, np.arange(len(slowed)))
 
 
 def path_curvature(path_m: Float[np.ndarray, "G K 2"]) -> Float[np.ndarray, "G K"]:

@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 
+from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_tracks import AgentTracks, same_motion
+from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.perturbation.friction_slowdown import slowed_to_friction_limit
-from pd_editor.scene.perturbation.warped_agents import warped_agents
 from pd_editor.scene.road_map import RoadMap
-from pd_editor.scene.road_warp import RoadWarp
-from pd_editor.scene.scenario import AppliedWarp, Scenario
+from pd_editor.scene.road_warp import RoadWarp, warped_agents
+from pd_editor.scene.scenario import EGO_ID, AppliedWarp, Scenario
 
 
 def warp_scenario(
@@ -84,13 +85,7 @@ def unwarped(scenario: Scenario) -> tuple[RoadMap, AgentTracks]:
     original = applied.original_agents
     if not len(rows):
         return applied.original_road_map, restored
-    restored = restored.with_rows(
-        rows,
-        position_m=original.position_m[theirs],
-        heading_rad=original.heading_rad[theirs],
-        velocity_mps=original.velocity_mps[theirs],
-    )
-    return applied.original_road_map, restored
+    return applied.original_road_map, restored.with_motion_of(rows, original, theirs)
 
 
 def _unwarped_guidance(scenario: Scenario) -> tuple[GuidanceTerm, ...]:
@@ -104,3 +99,45 @@ def _unwarped_guidance(scenario: Scenario) -> tuple[GuidanceTerm, ...]:
         originals[term] if term in originals else term.moved(applied.warp.undo)
         for term in scenario.guidance
     )
+
+
+def pose_on_original_road(scenario: Scenario, agent_id: str) -> RigidMotion:
+    """Current pose of an agent on the original road, before any warp.
+
+    Raises:
+        EditError: there is no such agent, or not at the current step.
+    """
+    step = scenario.current_step
+    scenario.agents.rows([agent_id])
+    _, agents = unwarped(scenario)
+    (row,) = agents.rows([agent_id])
+    if not agents.is_valid[row, step]:
+        raise EditError(
+            f"Agent {agent_id} is not there at the current step; choose another anchor"
+            " (on the shell: --anchor ID, or X,Y,HEADING)."
+        )
+    x, y = agents.position_m[row, step]
+    return RigidMotion(
+        x_m=float(x), y_m=float(y), rotation_rad=float(agents.heading_rad[row, step])
+    )
+
+
+def pose_of_anchor(scenario: Scenario, name: str) -> RigidMotion:
+    """Pose of an anchor: ``focal``, ``ego``, or an agent's id.
+
+    Raises:
+        EditError: there is no such agent, or not at the current step.
+    """
+    there = scenario.agents.row_of
+    if name == "focal" and scenario.focal_id not in there:
+        raise EditError(
+            "This scenario has no focal agent; choose another anchor (on the shell:"
+            " --anchor ID, and --focal ID for the export)."
+        )
+    if name == "ego" and EGO_ID not in there:
+        raise EditError(
+            f"This scenario has no ego vehicle (track id {EGO_ID}); choose another "
+            "anchor."
+        )
+    agent_id = {"focal": scenario.focal_id, "ego": EGO_ID}.get(name, name)
+    return pose_on_original_road(scenario, agent_id)

@@ -6,7 +6,7 @@ late one is no obstacle.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -49,20 +49,17 @@ class LateAgents:
 
     def but_continuing(self, rows: Int[np.ndarray, "G"]) -> "LateAgents":
         """Those that continue the track of none of some agents."""
-        stays = ~self.continues[:, rows].any(axis=1)
-        return LateAgents(
-            row=self.row[stays],
-            entry_step=self.entry_step[stays],
-            continues=self.continues[stays],
-        )
+        return self._taken(~self.continues[:, rows].any(axis=1))
 
     def entering_by(self, step: int) -> "LateAgents":
         """Those that enter at a step or before."""
-        early = self.entry_step <= step
+        return self._taken(self.entry_step <= step)
+
+    def _taken(self, some: Any) -> "LateAgents":
         return LateAgents(
-            row=self.row[early],
-            entry_step=self.entry_step[early],
-            continues=self.continues[early],
+            row=self.row[some],
+            entry_step=self.entry_step[some],
+            continues=self.continues[some],
         )
 
     def extended_backwards(self, scenario: Scenario) -> AgentTracks:

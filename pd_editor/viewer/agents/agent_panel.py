@@ -24,8 +24,7 @@ from pd_editor.editor.commands import (
     SnapToLane,
     new_agent_ids,
 )
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentKind
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.agents.lock_controls import LockControls, selected
 from pd_editor.viewer.agents.placing import PlacingMode

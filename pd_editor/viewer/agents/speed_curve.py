@@ -8,10 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.analysis.metrics.agent_profile import acceleration_of
-from pd_editor.analysis.metrics.motion.kinematics import (
-    COMFORT_ACCELERATION_MPS2,
-    COMFORT_BRAKING_MPS2,
-)
+from pd_editor.analysis.metrics.motion.kinematics import COMFORT
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import Command, PullSpeed, SetAgentSpeed
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -51,8 +48,8 @@ class SpeedCurve:
         if selection[0] in original.row_of:
             former = _speeds(original, original.row_of[selection[0]])
         acceleration = acceleration_of(scenario, row)
-        is_harsh = (acceleration > COMFORT_ACCELERATION_MPS2) | (
-            acceleration < COMFORT_BRAKING_MPS2
+        is_harsh = (acceleration > COMFORT.acceleration_mps2) | (
+            acceleration < COMFORT.braking_mps2
         )
         now = scenario.current_step
         self._ui.overlay.show(

@@ -11,6 +11,7 @@ from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import ReplaceTraffic
+from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.commands.roll_out import begun_like
 from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.library.thumbnail import PictureFrame, thumbnail
@@ -139,13 +140,8 @@ class BranchStrip:
         is_adopted = self._is_in_force(number)
         count, own = len(branch.entries), branch.num_own
         edits = f"{count} edit{'s' * (count != 1)}"
-        generated = [
-            part.seed
-            for one in branch.entries
-            for part in one.command.parts
-            if isinstance(part, ReplaceTraffic)
-        ]
-        edits += "".join(f", seed {seed}" for seed in generated[-1:])
+        generated = parts_of((one.command for one in branch.entries), ReplaceTraffic)
+        edits += "".join(f", seed {one.seed}" for one in generated[-1:])
         edits += f"; {own} not in use" if 0 < own < count else ""
         left, shared = _left_by(branch, there), branch.fork[1]
         hints = [entry.label for entry in branch.entries]

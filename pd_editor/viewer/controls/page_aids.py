@@ -7,6 +7,7 @@ from typing import Any, Final
 import msgspec
 
 from pd_editor.editor.commands import ReplaceTraffic, TransformAgents
+from pd_editor.editor.commands.command import Command, parts_of
 from pd_editor.viewer.overlay.messages import (
     HintsDone,
     HintsState,
@@ -28,7 +29,7 @@ class Hints:
     def show(self) -> None:
         """Send which hints the session has fulfilled, and whether there is no agent."""
         session = self._ui.session
-        commands = [part for one in session.entries for part in one.command.parts]
+        commands = parts_of((one.command for one in session.entries), Command)
         done = HintsDone(
             select=bool(session.selection),
             drag=any(isinstance(one, TransformAgents) for one in commands),

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from pd_editor.analysis.guidance.kinds.path import FollowPath
-from pd_editor.analysis.metrics.collisions.path_collision import (
+from pd_editor.analysis.metrics.collisions.box_tests import (
     PathCollision,
     first_collisions,
 )

@@ -9,9 +9,10 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from pd_editor.base.errors import GenerationError
+from pd_editor.editor.background_job import GenerationJob
 from pd_editor.editor.commands import Command, ReplaceTraffic, traffic_command
-from pd_editor.editor.generation_job import GenerationJob
 from pd_editor.editor.live_regeneration import CLOSE_WAIT_S
+from pd_editor.scene.agent_states import STEPPED
 from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
@@ -463,5 +464,5 @@ def _same_states(one: Scenario, other: Scenario) -> bool:
         np.array_equal(
             getattr(one.agents, name)[:, step], getattr(other.agents, name)[:, step]
         )
-        for name in ("position_m", "heading_rad", "velocity_mps", "is_valid")
+        for name in STEPPED
     )

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.editor.commands.carried_trajectories import generated_agent_ids
+from pd_editor.editor.edit_findings import generated_agent_ids
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.original_view import changed_rows

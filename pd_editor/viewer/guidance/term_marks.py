@@ -205,7 +205,7 @@ def _place_of(
         start = at(*term.guided_ids)
         assert isinstance(term, GoalPoint)
         axis = scenario.time_axis
-        end_s = axis.num_future_steps * axis.step_s if term.at_s is None else term.at_s
+        end_s = axis.future_s if term.at_s is None else term.at_s
         there = _place_at(scenario, term.agent_id, end_s)
         return GuidanceMark(shape="flag", point=points[0], start=start, achieved=there)
     return GuidanceMark(shape=kind.shape, points=points)

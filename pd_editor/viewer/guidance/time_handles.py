@@ -131,7 +131,7 @@ def _handles(scenario: Scenario, selection: tuple[str, ...]) -> list[_Handle]:
 def _of_term(index: int, term: GuidanceTerm, scenario: Scenario) -> list[_Handle]:
     """Times of a goal, or of the way-points of a path."""
     axis = scenario.time_axis
-    end_s = axis.num_future_steps * axis.step_s
+    end_s = axis.future_s
     if isinstance(term, GoalPoint):
         at_s = end_s if term.at_s is None else term.at_s
         return [

@@ -14,11 +14,16 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 from shapely.validation import make_valid
 
-from pd_editor.scene.crosswalk_stripes import crosswalk_stripes
 from pd_editor.scene.geometry.angles import left_of
 from pd_editor.scene.geometry.lines import Lines, numbered
 from pd_editor.scene.geometry.polyline import densify
-from pd_editor.scene.lane_marks import DASH_M, EDGE_WIDTH_M, GAP_M, marked_lines
+from pd_editor.scene.road_layers import (
+    DASH_M,
+    EDGE_WIDTH_M,
+    GAP_M,
+    crosswalk_stripes,
+    marked_lines,
+)
 from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
 from pd_editor.viewer.meshes.flat_mesh import (
     FlatMesh,

@@ -11,14 +11,16 @@ import viser
 from jaxtyping import Float
 
 from pd_editor.base.errors import EditError
+from pd_editor.base.plain_text import listed
 from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
+from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.commands.edit_limits import check_anchor
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.paths.suggested_state import suggested_heading
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
 from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent, slowed_agents
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,
     MAX_POWER,
@@ -343,9 +345,9 @@ class RoadPanel:
         """Agents that were slowed by an edit of its own, not by the road's setting."""
         ids = {
             agent_id
-            for command in self._ui.session.commands_in_force
-            for part in command.parts
-            if isinstance(part, SlowToFrictionLimit)
+            for part in parts_of(
+                self._ui.session.commands_in_force, SlowToFrictionLimit
+            )
             for agent_id in part.agent_ids
         }
         return tuple(one for one in scenario.agents.ids if one in ids)
@@ -647,10 +649,7 @@ def once_slowed_in_words(agent_ids: tuple[str, ...]) -> str:
     """A sentence about the agents that edits have slowed while the setting is off."""
     if not agent_ids:
         return ""
-    named = ", ".join(agent_ids[:MAX_SLOWED_NAMED])
-    more = len(agent_ids) - MAX_SLOWED_NAMED
-    others = f" and {more} more" if more > 0 else ""
-    return f"Off; a repair has slowed {named}{others} alone."
+    return f"Off; a repair has slowed {listed(agent_ids, MAX_SLOWED_NAMED)} alone."
 
 
 def _choices(

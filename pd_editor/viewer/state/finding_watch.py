@@ -4,8 +4,7 @@ from dataclasses import replace
 
 from pd_editor.analysis.findings.check import SceneCheck, scene_findings
 from pd_editor.analysis.findings.finding import Finding
-from pd_editor.editor.commands.carried_trajectories import carried_agent_ids
-from pd_editor.editor.edit_findings import edit_findings
+from pd_editor.editor.edit_findings import carried_agent_ids, edit_findings
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.workspace import Workspace

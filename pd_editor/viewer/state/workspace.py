@@ -12,8 +12,7 @@ from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import ALL_DEMOS, DEMO_PREFIX, demo_names
 from pd_editor.base.regular_file import user_path
 from pd_editor.editor.commands import BeginAt, Command, ContinueScene
-from pd_editor.editor.library.library import Library, LibraryCard, card_of
-from pd_editor.editor.library.taking_in import take_in
+from pd_editor.editor.library.library import Library, LibraryCard, card_of, take_in
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.analysis.repair.back_casting import made_up_past, with_past
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentKind
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers, two_lane_road

@@ -8,7 +8,7 @@ import pytest
 from pd_editor.analysis.findings.scorecard import scorecard
 from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
 from pd_editor.analysis.repair import retime_for_comfort
-from pd_editor.analysis.repair.comfort_retiming import harsh_rows
+from pd_editor.analysis.repair.retimed_trajectories import harsh_rows
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers
 from pd_editor.editor.cures import cures
 from pd_editor.scene.av2_io.read import read_scenario

@@ -15,8 +15,12 @@ from pd_editor.editor.commands import (
     new_agent_id,
     new_agent_ids,
 )
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import DEFAULT_SIZE_M, AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import (
+    DEFAULT_SIZE_M,
+    Activity,
+    AgentCategory,
+    AgentKind,
+)
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
 from tests.editor.same_scenario import same_tracks
 

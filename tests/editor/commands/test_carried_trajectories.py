@@ -9,7 +9,7 @@ from pd_editor.editor.commands import (
     SnapToLane,
     TransformAgents,
 )
-from pd_editor.editor.commands.carried_trajectories import carried_agent_ids
+from pd_editor.editor.edit_findings import carried_agent_ids
 
 
 def test_moving_carries_a_trajectory_and_adopting_one_makes_it_anew():

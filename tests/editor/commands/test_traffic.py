@@ -22,8 +22,7 @@ from pd_editor.editor.commands import (
 from pd_editor.editor.commands.edit_limits import MAX_POSITION_M
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.session import EditorSession
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentCategory, AgentKind
 from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationRequest,
@@ -269,7 +268,7 @@ def other_sample(**changes: np.ndarray | tuple) -> GeneratedTraffic:
                 heading_rad=np.zeros((2, 60)),
                 velocity_mps=np.zeros((2, 60, 2)),
             ),
-            r"position_m has shape \[2, 60, 2\]; the scenario needs 61",
+            r"position_m has the shape \(2, 60, 2\); expected \(2, 61, 2\)",
         ),
         (
             lambda: other_sample(ids=("104", "101")),
@@ -279,7 +278,7 @@ def other_sample(**changes: np.ndarray | tuple) -> GeneratedTraffic:
         (lambda: other_sample(kinds=(AgentKind.BUS,)), "one kind and one id each"),
         (
             lambda: other_sample(ids=("a", "b", "c"), kinds=(AgentKind.BUS,) * 3),
-            r"size_m has shape \[2, 2\], not \[3, 2\]",
+            r"size_m has the shape \(2, 2\); expected \(3, 2\)",
         ),
     ],
 )

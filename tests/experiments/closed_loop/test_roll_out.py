@@ -23,7 +23,7 @@ from pd_editor.experiments.closed_loop.roll_out import (
 from pd_editor.experiments.closed_loop.scores import drive_scores
 from pd_editor.experiments.closed_loop.world import World
 from pd_editor.generation.generators import make_generator
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 from pd_editor.scene.generation import GeneratedTraffic
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.policy import Controls, Plan

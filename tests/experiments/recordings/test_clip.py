@@ -8,9 +8,8 @@ from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.recording import Window
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.agent_kind import AgentCategory
-from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.av2_io.write import check_with_official_loaders, scenario_files
 from tests.experiments.recordings.recordings import drive, recording_of
 
 

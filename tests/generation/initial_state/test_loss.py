@@ -30,7 +30,7 @@ from pd_editor.generation.initial_state.sampler import (
     finished_states,
     sample_initial_states,
 )
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 from tests.generation.initial_state.scenes import (
     scene_batch,
     small_model,

@@ -23,8 +23,7 @@ from pd_editor.generation.initial_state.squares import (
     squares_of,
 )
 from pd_editor.generation.path_diffuser import PathDiffuser
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentKind
 from pd_editor.scene.generation import Region
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario

@@ -23,7 +23,7 @@ from pd_editor.generation.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,
 )
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 
 # More threads than free cores make tiny networks many times slower.
 torch.set_num_threads(1)

@@ -5,8 +5,7 @@ import pytest
 
 from pd_editor.base.errors import ExportError
 from pd_editor.scene.agent_kind import AgentCategory
-from pd_editor.scene.av2_io.official import check_with_official_loaders
-from pd_editor.scene.av2_io.write import scenario_files
+from pd_editor.scene.av2_io.write import check_with_official_loaders, scenario_files
 from tests.scene.av2_io.small_files import SCENARIO
 
 

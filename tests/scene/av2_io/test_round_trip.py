@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pd_editor.scene.av2_io.map_file import read_map
-from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.av2_io.write import check_with_official_loaders
 from pd_editor.scene.scenario import Scenario
 from tests.scene.av2_io.round_trip import RoundTrip, compare, copy_scenario
 

@@ -22,8 +22,10 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.commonroad_writer import IDS_NAME
 from pd_editor.scene.formats.opendrive import read
 from pd_editor.scene.formats.opendrive_writer import JOINT_M, write
-from pd_editor.scene.perturbation.anchor import pose_on_original_road
-from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.perturbation.warp_scenario import (
+    pose_on_original_road,
+    warp_scenario,
+)
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,

@@ -19,8 +19,7 @@ from pd_editor.scene.formats.film import FilmLook, film
 from pd_editor.scene.formats.pictures import LOOKS, picture
 from pd_editor.scene.formats.registry import writer
 from pd_editor.scene.palette import LIGHT, agent_color
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
-from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor, warp_scenario
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario

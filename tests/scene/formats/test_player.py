@@ -16,8 +16,7 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.formats.player import player_page
 from pd_editor.scene.junction_phases import sampled_signals
 from pd_editor.scene.palette import DARK, LIGHT
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
-from pd_editor.scene.perturbation.warp_scenario import warp_scenario
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor, warp_scenario
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario

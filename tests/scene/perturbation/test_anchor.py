@@ -6,7 +6,10 @@ import pytest
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import DeleteAgents, DuplicateAgents, SetRoadWarp
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.anchor import pose_of_anchor, pose_on_original_road
+from pd_editor.scene.perturbation.warp_scenario import (
+    pose_of_anchor,
+    pose_on_original_road,
+)
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import scenario_with, straight_drivers
 

@@ -11,8 +11,7 @@ from pd_editor.editor.commands import (
     SetAgentSpeed,
 )
 from pd_editor.editor.session import EditorSession
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.agent_kind import Activity, AgentKind
 from pd_editor.viewer.agents.agent_panel import (
     DELETE,
     DUPLICATE,

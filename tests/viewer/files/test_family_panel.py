@@ -8,7 +8,7 @@ from pd_editor.base.installed_files import demo_names
 from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, SetRoadWarp
 from pd_editor.editor.library.library import Library
 from pd_editor.editor.recipe import Recipe
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 

@@ -4,7 +4,7 @@ import shapely
 
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.lane_marks import line_styles
+from pd_editor.scene.road_layers import line_styles
 from pd_editor.scene.road_map import LaneKind, LaneMark, RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh

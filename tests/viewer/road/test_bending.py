@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.scene.perturbation.anchor import pose_of_anchor
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import WARP_KINDS
 from tests.viewer.fake_browser import FakeTab
 

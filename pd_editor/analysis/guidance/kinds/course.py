@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.guidance_kind import (
+    AgentNow,
     Driven,
     Found,
     GuidanceKind,
@@ -18,10 +18,11 @@ from pd_editor.analysis.guidance.guidance_kind import (
     Plan,
     Tool,
 )
-from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M
+from pd_editor.analysis.guidance.limits import OBEYED
 from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
 from pd_editor.analysis.metrics.road.off_road import is_off_road, outside_m
 from pd_editor.base.errors import EditError
+from pd_editor.base.plain_text import listed
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import Boxes
@@ -53,7 +54,6 @@ _BESIDE_PATH_M: Final = 4.0
 """Distance of a goal from all planned paths at which it counts as unreachable."""
 _SAME_PATH_M: Final = 1.0
 """Paths that come as near to a goal as the nearest one, up to this, lead there."""
-_MOST_NAMED: Final = 3
 _SWERVE_M: Final = 1.0
 """Agents can swerve by so much around one that stands at the side of their way."""
 _LEAST_WIDTH_M: Final = 0.2
@@ -208,9 +208,8 @@ def _blocked_goal_problems(term: GoalPoint, plan: Plan) -> Found:
     rows = _blocking_rows(agent, agent.paths_m[leads], goal, along[leads], leaving)
     if not rows:
         return
-    names = [plan.scenario.agents.ids[row] for row in rows[:_MOST_NAMED]]
-    one = len(rows) == 1
-    who = f"Agent {names[0]} stands" if one else f"Agents {', '.join(names)} stand"
+    names, one = [plan.scenario.agents.ids[row] for row in rows], len(rows) == 1
+    who = f"Agent {names[0]} stands" if one else f"Agents {listed(names)} stand"
     yield (
         f"{who} on the way of {agent.name} to its goal; put the goal before "
         f"{'it' if one else 'them'}, or move {'it' if one else 'them'} away."
@@ -316,7 +315,7 @@ def _goal_outcome(term: GoalPoint, driven: Driven) -> Measured | None:
         achieved=f"{error:.1f} m away",
         error=error,
         unit="m",
-        is_obeyed=error <= OBEYED_GOAL_M,
+        is_obeyed=error <= OBEYED.goal_m,
     )
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.analysis.findings.collisions import later_collisions
-from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.guidance_kind import (
+    AgentNow,
     Driven,
     Found,
     GuidanceKind,
@@ -29,14 +29,12 @@ from pd_editor.analysis.threats.encounter import (
     encounter,
 )
 from pd_editor.analysis.threats.threat_feasibility import (
-    expected_tracks,
-    recorded_track,
-    threat_obstacle,
-)
-from pd_editor.analysis.threats.threat_outcome import (
     OBSTACLES,
+    expected_tracks,
     obstacle_in_words,
+    recorded_track,
     threat_in_words,
+    threat_obstacle,
 )
 from pd_editor.analysis.threats.threat_plans import ThreatAim, ThreatObstacle
 from pd_editor.scene.guidance_terms import (
@@ -227,7 +225,7 @@ def _threat_problems(term: Threaten, plan: Plan) -> Found:
     goal = "contact" if aim.is_contact else f"a gap of {aim.gap_m:.1f} m"
     way = f"the approach {' or '.join(others)}" if others else "another agent"
     axis = plan.scenario.time_axis
-    other, duration_s = f"agent {term.other_id}", axis.num_future_steps * axis.step_s
+    other, duration_s = f"agent {term.other_id}", axis.future_s
     why = obstacle_in_words(obstacle, term.approach, other, duration_s)
     yield Refusal(
         f"Agent {term.agent_id} cannot come to {goal} with {other} "
@@ -246,7 +244,7 @@ def approach_obstacles(
     rows = [agents.row_of.get(name, -1) for name in term.named_ids]
     if min(rows) < 0 or not agents.is_valid[rows, now].all():
         return {}
-    duration_s = scenario.time_axis.num_future_steps * scenario.time_axis.step_s
+    duration_s = scenario.time_axis.future_s
     found: dict[str, tuple[str, str]] = {}
     for approach in APPROACH_WORDS:
         obstacle = _obstacle(scenario, replace(term, approach=approach), ())

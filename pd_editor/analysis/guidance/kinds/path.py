@@ -11,8 +11,8 @@ import shapely
 import shapely.ops
 from jaxtyping import Float
 
-from pd_editor.analysis.guidance.agent_now import AgentNow
 from pd_editor.analysis.guidance.guidance_kind import (
+    AgentNow,
     Driven,
     Found,
     GuidanceKind,
@@ -31,7 +31,7 @@ from pd_editor.analysis.guidance.kinds.course import (
     moved_points,
     rounded,
 )
-from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M, OBEYED_PATH_M
+from pd_editor.analysis.guidance.limits import OBEYED
 from pd_editor.analysis.guidance.way_points import (
     WayPlan,
     WayPoint,
@@ -58,9 +58,10 @@ from pd_editor.scene.guidance_terms import (
 )
 from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_follow
 from pd_editor.scene.paths.driving_paths import SPACING_M
-from pd_editor.scene.paths.lanes.lane_chain import lane_chain
+from pd_editor.scene.paths.lanes.lane_graph import lane_chain
 from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.thresholds import FASTEST_MPS
 
 MAX_PATH_POINTS: Final = 1_000
 MAX_DRAWN_POINTS: Final = 60
@@ -88,7 +89,7 @@ _DONE_M: Final = 1.0
 """Time after which an agent should be on the path that it follows."""
 
 POINT_FORMS: Final[Mapping[str, Form]] = {
-    "speeds_mps": Form("Speed", "speed", unit="m/s", most=60.0, empty="any"),
+    "speeds_mps": Form("Speed", "speed", unit="m/s", most=FASTEST_MPS, empty="any"),
     "times_s": Form(
         "Time",
         "time",
@@ -420,7 +421,7 @@ def _goal_clash(term: FollowPath, goal: GoalPoint, shared: str) -> Found:
     for number, (arc, at_s) in enumerate(
         zip(arcs, term.times_s, strict=False), start=1
     ):
-        if at_s is None or abs(place - arc) < OBEYED_GOAL_M:
+        if at_s is None or abs(place - arc) < OBEYED.goal_m:
             continue
         if (place > arc) != (when > at_s):
             told = "at the end" if goal.at_s is None else f"at {when:g} s"
@@ -462,7 +463,7 @@ def _line_outcome(
         achieved=f"{error:.1f} m beside it",
         error=error,
         unit="m",
-        is_obeyed=error <= OBEYED_PATH_M,
+        is_obeyed=error <= OBEYED.path_m,
     )
 
 

@@ -14,14 +14,9 @@ from pd_editor.analysis.guidance.guidance_kind import (
     Plan,
     of_several,
 )
-from pd_editor.analysis.guidance.limits import (
-    MAX_BRAKING_MPS2,
-    OBEYED_GAP_M,
-    OBEYED_OUTSIDE_M,
-    OPENING_MPS,
-)
-from pd_editor.analysis.guidance.road_distance import way_back_m
+from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OBEYED, OPENING_MPS
 from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
+from pd_editor.analysis.metrics.road.off_road import way_back_m
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_states import AgentStates
@@ -61,7 +56,7 @@ def _road_outcome(_: StayOnRoad, driven: Driven) -> Measured | None:
         achieved="on the road" if worst == 0 else f"a corner {worst:.1f} m outside",
         error=worst,
         unit="m",
-        is_obeyed=worst <= OBEYED_OUTSIDE_M,
+        is_obeyed=worst <= OBEYED.outside_m,
     )
 
 
@@ -120,12 +115,12 @@ def _gap_outcome(term: KeepGap, driven: Driven) -> Measured | None:
             asked=words, achieved="no agent ahead", error=0.0, unit="m", is_obeyed=True
         )
     worst = max(float(short.max()), 0.0)
-    is_obeyed = worst <= OBEYED_GAP_M
+    is_obeyed = worst <= OBEYED.gap_m
     row, step = np.unravel_index(short.argmax(), short.shape)
     least = gap[row, step + 1]
     achieved = f"{least:.1f} m"
-    if is_obeyed and least < term.gap_m - OBEYED_GAP_M:
-        opens = missing[row, 1:].max() <= OBEYED_GAP_M
+    if is_obeyed and least < term.gap_m - OBEYED.gap_m:
+        opens = missing[row, 1:].max() <= OBEYED.gap_m
         achieved += (
             f", opening from {first[row, step + 1]:.1f} m"
             if opens

@@ -28,18 +28,13 @@ from pd_editor.analysis.guidance.kinds.course import (
 from pd_editor.analysis.guidance.limits import (
     LIMIT_BRAKING_MPS2,
     MAX_BRAKING_MPS2,
-    OBEYED_ACCELERATION_MPS2,
-    OBEYED_OVERRUN_M,
-    OBEYED_SPEED_MPS,
+    OBEYED,
 )
-from pd_editor.analysis.guidance.stop_line import crossing, overrun_m
+from pd_editor.analysis.guidance.stop_line import cross_line, crossing, overrun_m
 from pd_editor.analysis.metrics.motion.kinematics import kinematics
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.base.errors import EditError
-from pd_editor.scene.agent_kind import (
-    LANE_FOLLOWER_KINDS,
-    MOTOR_VEHICLE_KINDS,
-)
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 from pd_editor.scene.guidance_terms import (
     AgentGuidance,
     AgentsGuidance,
@@ -50,11 +45,9 @@ from pd_editor.scene.guidance_terms import (
     agents_in_words,
 )
 from pd_editor.scene.paths.driving_paths import SPACING_M
-from pd_editor.scene.paths.lanes.cross_line import cross_line
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, STANDING_MPS
+from pd_editor.scene.thresholds import FASTEST_MPS, FIRM_ACCELERATION_MPS2, STANDING_MPS
 
-_MAX_SPEED_MPS: Final = 60.0
 _USUAL_SPEED_MPS: Final = 8.0
 _SHORT_OF_GOAL_M: Final = 0.5
 """Goals may be so much farther than an agent gets."""
@@ -178,10 +171,10 @@ def _stop_outcome(term: StopAtLine, driven: Driven) -> Measured | None:
     stands = speed < 2 * STANDING_MPS
     # An agent that has not come to the line yet can still stop before it, or cannot.
     overrun = beyond if stands else beyond + speed**2 / (2 * MAX_BRAKING_MPS2)
-    stops = overrun <= (OBEYED_OVERRUN_M if stands else 0.0)
+    stops = overrun <= (OBEYED.overrun_m if stands else 0.0)
     if not np.isfinite(beyond):
         achieved = "passes beside the line"
-    elif beyond > OBEYED_OVERRUN_M:
+    elif beyond > OBEYED.overrun_m:
         achieved = f"crosses it by {beyond:.1f} m"
         overrun = beyond
     else:
@@ -227,7 +220,7 @@ class TargetSpeed(AgentsGuidance):
     kind: ClassVar[str] = "target-speed"
 
     speed_mps: Annotated[
-        float, Form("Speed", "speed", unit="m/s", least=0.0, most=_MAX_SPEED_MPS)
+        float, Form("Speed", "speed", unit="m/s", least=0.0, most=FASTEST_MPS)
     ]
 
 
@@ -282,7 +275,7 @@ def _speed_outcome(term: TargetSpeed, driven: Driven) -> Measured | None:
         achieved=of_several(len(last), f"{worst:.1f} m/s"),
         error=error,
         unit="m/s",
-        is_obeyed=error <= OBEYED_SPEED_MPS,
+        is_obeyed=error <= OBEYED.speed_mps,
     )
 
 
@@ -310,7 +303,7 @@ class SpeedLimit(AgentsGuidance):
     kind: ClassVar[str] = "speed-limit"
 
     speed_mps: Annotated[
-        float, Form("Speed", "speed", unit="m/s", least=0.5, most=_MAX_SPEED_MPS)
+        float, Form("Speed", "speed", unit="m/s", least=0.5, most=FASTEST_MPS)
     ]
 
 
@@ -351,7 +344,7 @@ def _limit_outcome(term: SpeedLimit, driven: Driven) -> Measured | None:
     allowed = allowed_mps(term.speed_mps, speed, driven.step_s)
     excess = speed - allowed
     worst = float(excess.max())
-    is_obeyed = worst <= OBEYED_SPEED_MPS
+    is_obeyed = worst <= OBEYED.speed_mps
     row, step = np.unravel_index(excess.argmax(), excess.shape)
     achieved, start = f"at most {speed[row, step]:.1f} m/s", speed[row, 0]
     if is_obeyed:
@@ -451,7 +444,7 @@ def _comfort_outcome(term: ComfortLimits, driven: Driven) -> Measured | None:
         achieved="within all" if error == 0 else f"{error:.1f} m/s2 more {what}",
         error=error,
         unit="m/s2",
-        is_obeyed=error <= OBEYED_ACCELERATION_MPS2,
+        is_obeyed=error <= OBEYED.acceleration_mps2,
         worst_id=worst if error > 0 else None,
     )
 

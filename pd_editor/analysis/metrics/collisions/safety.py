@@ -20,6 +20,7 @@ from pd_editor.scene.geometry.path_pieces import (
     in_pieces,
     rectangles_meet,
 )
+from pd_editor.scene.thresholds import MOVED_M
 
 HORIZON_S: Final = 5.0
 """Longer times to collision do not count."""
@@ -28,8 +29,6 @@ CLOSING_MPS: Final = 0.5
 """Least closing speed of agents on a collision course."""
 NUM_NEAREST: Final = 4
 """Number of boxes among which the nearest one is looked for."""
-MOVED_M: Final = 1.0
-"""Post-encroachment times count for pairs that both move further than this."""
 
 
 def safety_values(view: TrafficView) -> dict[str, MetricValues]:

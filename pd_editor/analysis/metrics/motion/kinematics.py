@@ -21,21 +21,29 @@ from pd_editor.analysis.metrics.values import (
     measured,
 )
 from pd_editor.scene.geometry.angles import left_of, unit_vector
-from pd_editor.scene.thresholds import STANDING_MPS
+from pd_editor.scene.thresholds import MOVED_M, STANDING_MPS
 
 WINDOW_STEPS: Final = 21
 DEGREE: Final = 3
-START_M: Final = 1.0
-COMFORT_BRAKING_MPS2: Final = -4.05
-COMFORT_ACCELERATION_MPS2: Final = 2.40
-COMFORT_LATERAL_MPS2: Final = 4.89
-COMFORT_JERK_MPS3: Final = 8.37
-COMFORT_YAW_RATE_RADPS: Final = 0.95
 MAX_ACCELERATION_MPS2: Final = 9.81
 """Highest acceleration of tyres on a dry road."""
 MAX_CURVATURE_PER_M: Final = 0.3
 TURNING_MPS: Final = 2.0
 """Below this speed, yaw rate over speed is noise rather than curvature."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComfortBounds:
+    """nuPlan's limits of comfort."""
+
+    braking_mps2: float = -4.05
+    acceleration_mps2: float = 2.40
+    lateral_mps2: float = 4.89
+    jerk_mps3: float = 8.37
+    yaw_rate_radps: float = 0.95
+
+
+COMFORT: Final = ComfortBounds()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,13 +61,13 @@ class Kinematics:
     yaw_rate_radps: Float[np.ndarray, "A H"]
 
     def is_uncomfortable(self) -> Bool[np.ndarray, "A H"]:
-        """Whether one of nuPlan's comfort limits is exceeded."""
+        """Whether a limit of comfort is exceeded."""
         return (
-            (self.longitudinal_mps2 < COMFORT_BRAKING_MPS2)
-            | (self.longitudinal_mps2 > COMFORT_ACCELERATION_MPS2)
-            | (np.abs(self.lateral_mps2) > COMFORT_LATERAL_MPS2)
-            | (self.jerk_mps3 > COMFORT_JERK_MPS3)
-            | (np.abs(self.yaw_rate_radps) > COMFORT_YAW_RATE_RADPS)
+            (self.longitudinal_mps2 < COMFORT.braking_mps2)
+            | (self.longitudinal_mps2 > COMFORT.acceleration_mps2)
+            | (np.abs(self.lateral_mps2) > COMFORT.lateral_mps2)
+            | (self.jerk_mps3 > COMFORT.jerk_mps3)
+            | (np.abs(self.yaw_rate_radps) > COMFORT.yaw_rate_radps)
         )
 
     def is_impossible(self) -> Bool[np.ndarray, "A H"]:
@@ -130,7 +138,7 @@ def motion_values(view: TrafficView) -> dict[str, MetricValues]:
     speed = np.hypot(agents.velocity_mps[:, 0, 0], agents.velocity_mps[:, 0, 1])
     stands = here & (speed < STANDING_MPS)
     offset = agents.position_m - agents.position_m[:, :1]
-    away = np.hypot(offset[..., 0], offset[..., 1]) > START_M
+    away = np.hypot(offset[..., 0], offset[..., 1]) > MOVED_M
     has_future = here & np.any(agents.is_valid[:, 1:], axis=1)
     starts = np.any(away & agents.is_valid, axis=1)
     length = path_length_m(agents.position_m, agents.is_valid)

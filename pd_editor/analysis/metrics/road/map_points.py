@@ -6,7 +6,6 @@ midline of each crosswalk in both directions.
 
 from dataclasses import dataclass
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,7 +17,7 @@ from pd_editor.scene.geometry.path_pieces import (
     rectangles_meet,
 )
 from pd_editor.scene.geometry.polyline import resample
-from pd_editor.scene.road_map import Crosswalk, RoadMap
+from pd_editor.scene.road_map import Crosswalk, RoadMap, once_per_map
 
 _MIDLINE_SPACING_M: Final = 2.0
 _CHUNK: Final = 400_000
@@ -32,17 +31,6 @@ class MapPoints:
     center_m: Float[np.ndarray, "P 2"]
     heading_rad: Float[np.ndarray, "P"]
     boundary_m: Float[np.ndarray, "B 2"]
-
-
-_points: WeakKeyDictionary[RoadMap, MapPoints] = WeakKeyDictionary()
-
-
-def map_points(road_map: RoadMap) -> MapPoints:
-    """Points of a map, cached as long as the map value lives."""
-    points = _points.get(road_map)
-    if points is None:
-        points = _points[road_map] = _build(road_map)
-    return points
 
 
 def nearest_points(
@@ -85,7 +73,9 @@ def paths_within(
     return joined_pieces(result & pieces.is_valid, is_valid.shape[1])
 
 
-def _build(road_map: RoadMap) -> MapPoints:
+@once_per_map
+def map_points(road_map: RoadMap) -> MapPoints:
+    """Points of a map."""
     centers = [lane.centerline_m for lane in road_map.lanes]
     for crosswalk in road_map.crosswalks:
         midline = _midline(crosswalk)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,14 +10,17 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES, nearest_lanes
-from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD, ON_LANE_M
-from pd_editor.scene.road_map import LaneKind, RoadMap
+from pd_editor.scene.paths.lanes.route_choice import (
+    CYCLIST_LANES,
+    MAX_TURN_RAD,
+    ON_LANE_M,
+)
+from pd_editor.scene.road_map import RoadMap, once_per_map
 
 NEAR_LANE_M: Final = 8.0
 """Agents without an initial lane get the nearest such lane within this distance."""
 SPARE_M: Final = 10.0
 """Lanes that begin up to this distance past the end of an agent's path count."""
-_CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,16 +53,10 @@ class LaneDistances:
         return distance
 
 
-_distances: WeakKeyDictionary[RoadMap, LaneDistances] = WeakKeyDictionary()
-
-
+@once_per_map
 def lane_distances(road_map: RoadMap) -> LaneDistances:
-    """Driving distances of a map, cached as long as the map value lives."""
-    distances = _distances.get(road_map)
-    if distances is None:
-        graph = lane_graph(road_map)
-        distances = _distances[road_map] = LaneDistances(graph=graph)
-    return distances
+    """Driving distances of a map."""
+    return LaneDistances(graph=lane_graph(road_map))
 
 
 def reachable_lanes(
@@ -103,7 +99,7 @@ def usable_lanes(
     graph: LaneGraph, kinds: tuple[AgentKind, ...]
 ) -> Bool[np.ndarray, "A L"]:
     """Lanes that agents may use by their kind; bike lanes are for cyclists only."""
-    driving, cycling = graph.allowed(DRIVING_LANES), graph.allowed(_CYCLIST_LANES)
+    driving, cycling = graph.allowed(DRIVING_LANES), graph.allowed(CYCLIST_LANES)
     cycles = np.array([kind is AgentKind.CYCLIST for kind in kinds], bool)
     return np.where(cycles[:, None], cycling, driving)
 

@@ -9,14 +9,12 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.metrics.distributions.distribution_distance import (
+from pd_editor.analysis.metrics.distribution_distance import (
     HISTOGRAMS,
+    NUM_RESAMPLES,
     Histogram,
     discrepancy_kernel,
     mean_discrepancy,
-)
-from pd_editor.analysis.metrics.distributions.noise_floor import (
-    NUM_RESAMPLES,
     noise_floor,
 )
 from pd_editor.analysis.metrics.metric_table import METRICS

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
+from pd_editor.analysis.metrics.distribution_distance import noise_floor
 from pd_editor.analysis.metrics.values import MaskedValues
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.report import NONE, Report, ReportTable, Section

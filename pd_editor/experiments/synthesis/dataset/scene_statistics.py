@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.metrics.collisions.interaction import (
+from pd_editor.analysis.metrics.collisions.box_collision import (
     local_density,
     nearest_distance,
 )
-from pd_editor.analysis.metrics.distributions.distribution_distance import (
+from pd_editor.analysis.metrics.distribution_distance import (
     Histogram,
     histogram_of,
 )

@@ -16,8 +16,7 @@ from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_
 import msgspec
 
 from pd_editor.base.errors import ModelError, TrainingError
-from pd_editor.base.markdown import markdown_table
-from pd_editor.base.plain_text import nearest_or_all
+from pd_editor.base.plain_text import markdown_table, nearest_or_all
 from pd_editor.base.regular_file import read_regular
 from pd_editor.experiments.training.config.presets import (
     LOSSES,

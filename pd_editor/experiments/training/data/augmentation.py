@@ -12,8 +12,12 @@ from jaxtyping import Float
 
 from pd_editor.analysis.metrics.road.off_road import is_off_road
 from pd_editor.experiments.training.config.run_config import Augmentation
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import (
+    ROAD_USER_KINDS,
+    Activity,
+    AgentCategory,
+    AgentKind,
+)
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.rigid_motion import RigidMotion

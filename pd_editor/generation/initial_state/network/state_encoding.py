@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.generation.core.devices import constant
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 from pd_editor.scene.thresholds import MOVING_MPS
 
 POSITION_UNIT_M: Final = 62.0

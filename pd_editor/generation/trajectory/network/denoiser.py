@@ -59,7 +59,7 @@ from pd_editor.generation.trajectory.network.interaction_features import (
     NUM_WAYPOINT_FEATURES,
     InteractionGeometry,
 )
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

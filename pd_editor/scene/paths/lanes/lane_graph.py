@@ -1,9 +1,9 @@
 """Lanes as arrays: their segments, links and gaps; cached per road map."""
 
+from collections import deque
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from pd_editor.scene.geometry.angles import heading_of
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.paths.lanes.lane_search import LaneSearch
-from pd_editor.scene.road_map import Lane, LaneKind, RoadMap
+from pd_editor.scene.road_map import Lane, LaneKind, RoadMap, once_per_map
 
 MAX_GAP_M: Final = 3.0
 """Widest gap between the end of a lane and the start of its successor."""
@@ -78,18 +78,9 @@ class LaneGraph:
         return np.array([kind in kinds for kind in self.kinds], bool)
 
 
-_graphs: WeakKeyDictionary[RoadMap, LaneGraph] = WeakKeyDictionary()
-
-
+@once_per_map
 def lane_graph(road_map: RoadMap) -> LaneGraph:
-    """The graph of a map, built once per map value."""
-    graph = _graphs.get(road_map)
-    if graph is None:
-        graph = _graphs[road_map] = _build(road_map)
-    return graph
-
-
-def _build(road_map: RoadMap) -> LaneGraph:
+    """The graph of a map."""
     lanes, lines = _usable(road_map.lanes)
     row_of = {lane.lane_id: row for row, lane in enumerate(lanes)}
     return LaneGraph(
@@ -154,3 +145,37 @@ def _near_successors(
             if is_near:
                 found[row].append((angle, lanes[other].lane_id, other))
     return tuple(tuple(other for *_, other in sorted(item)) for item in found)
+
+
+def lane_chain(
+    road_map: RoadMap,
+    first_id: int,
+    last_id: int,
+    *,
+    kinds: tuple[LaneKind, ...],
+) -> tuple[int, ...] | None:
+    """Ids of the fewest lanes that follow one another from a lane to another one.
+
+    Both ends are included. None if the last lane is not reached without a lane change.
+    """
+    graph = lane_graph(road_map)
+    if first_id not in graph.row_of or last_id not in graph.row_of:
+        return None
+    allowed = graph.allowed(kinds)
+    first, last = graph.row_of[first_id], graph.row_of[last_id]
+    came_from: dict[int, int | None] = {first: None}
+    waiting = deque([first])
+    while waiting and last not in came_from:
+        row = waiting.popleft()
+        for after in graph.successors[row]:
+            if allowed[after] and after not in came_from:
+                came_from[after] = row
+                waiting.append(after)
+    if last not in came_from:
+        return None
+    chain: list[int] = []
+    at: int | None = last
+    while at is not None:
+        chain.append(graph.lane_ids[at])
+        at = came_from[at]
+    return tuple(reversed(chain))

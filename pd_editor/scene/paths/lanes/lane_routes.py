@@ -4,14 +4,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.scene.geometry.polyline import arc_length, without_repeats
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
-from pd_editor.scene.road_map import LaneKind, RoadMap
+from pd_editor.scene.road_map import LaneKind, RoadMap, once_per_map
 
 MAX_ROUTES_PER_LANE: Final = 12
 """Limit of routes per start lane; beyond it, only the straightest branch is followed."""
@@ -153,12 +152,7 @@ class LaneRoutes:
         )
 
 
-_routes: WeakKeyDictionary[RoadMap, LaneRoutes] = WeakKeyDictionary()
-
-
+@once_per_map
 def lane_routes(road_map: RoadMap) -> LaneRoutes:
-    """Routes of a map, cached as long as the map value lives."""
-    routes = _routes.get(road_map)
-    if routes is None:
-        routes = _routes[road_map] = LaneRoutes(graph=lane_graph(road_map))
-    return routes
+    """Routes of a map."""
+    return LaneRoutes(graph=lane_graph(road_map))

@@ -23,14 +23,14 @@ METRES_PER_RADIAN: Final = 3.0
 """Weight of an angle to a lane against a distance when lanes are ranked."""
 MAX_ROUTES: Final = 6
 MAX_CHANGES: Final = 2
-_CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)
+CYCLIST_LANES: Final = (*DRIVING_LANES, LaneKind.BIKE)
 
 
 def lane_kinds_of(kind: AgentKind) -> tuple[LaneKind, ...]:
     """Lane kinds that agents of a kind may follow; none for pedestrians and objects."""
     if kind not in LANE_FOLLOWER_KINDS:
         return ()
-    return _CYCLIST_LANES if kind is AgentKind.CYCLIST else DRIVING_LANES
+    return CYCLIST_LANES if kind is AgentKind.CYCLIST else DRIVING_LANES
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

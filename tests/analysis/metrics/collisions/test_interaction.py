@@ -1,10 +1,10 @@
 import numpy as np
 
-from pd_editor.analysis.metrics.collisions.interaction import (
+from pd_editor.analysis.metrics.collisions.box_collision import (
     local_density,
     nearest_distance,
 )
-from pd_editor.analysis.metrics.motion.diversity import diversity_values
+from pd_editor.analysis.metrics.motion.displacement import diversity_values
 from pd_editor.scene.agent_kind import AgentKind
 from tests.analysis.metrics.traffic_builders import generated, recorded
 from tests.builders import scenario_with, straight_drivers

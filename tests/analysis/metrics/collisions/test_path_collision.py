@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pd_editor.analysis.metrics.collisions.path_collision import first_collisions
+from pd_editor.analysis.metrics.collisions.box_tests import first_collisions
 from tests.builders import two_agents_that_pass
 
 

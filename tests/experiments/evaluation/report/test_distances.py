@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.analysis.metrics.distributions.distribution_distance import (
+from pd_editor.analysis.metrics.distribution_distance import (
     discrepancy_kernel,
     histogram_of,
     mean_discrepancy,

@@ -17,8 +17,8 @@ from pd_editor.experiments.synthesis.dataset.builder import (
 )
 from pd_editor.experiments.synthesis.road_network.generator import FAMILY_SHARES
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
-from pd_editor.scene.av2_io.official import check_with_official_loaders
 from pd_editor.scene.av2_io.read import read_scenario
+from pd_editor.scene.av2_io.write import check_with_official_loaders
 from tests.experiments.recordings.recordings import drive
 from tests.experiments.synthesis.serial_engine import SerialEngine
 from tests.experiments.synthesis.small_city import small_city

@@ -6,8 +6,7 @@ import pytest
 from pd_editor.experiments.training.config.run_config import Augmentation
 from pd_editor.experiments.training.data.augmentation import augmented, crawling_share
 from pd_editor.generation.features.scene_features import scene_features
-from pd_editor.scene.activity import Activity
-from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentCategory
+from pd_editor.scene.agent_kind import ROAD_USER_KINDS, Activity, AgentCategory
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import empty_tracks, scenario_with, straight_drivers, two_lane_road

@@ -12,7 +12,7 @@ from pd_editor.generation.initial_state.network.state_encoding import (
     encode_states,
     unit_vectors,
 )
-from pd_editor.scene.activity import Activity
+from pd_editor.scene.agent_kind import Activity
 from pd_editor.scene.thresholds import MOVING_MPS
 
 

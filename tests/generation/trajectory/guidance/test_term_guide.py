@@ -16,7 +16,7 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
-from pd_editor.analysis.guidance.limits import OBEYED_GOAL_M
+from pd_editor.analysis.guidance.limits import OBEYED
 from pd_editor.analysis.guidance.report import term_outcomes
 from pd_editor.analysis.metrics.motion.kinematics import (
     WINDOW_STEPS,
@@ -84,8 +84,8 @@ def test_way_points_are_passed_at_their_times_and_speeds(
     """Also by a network of random weights, to which other paces are as likely."""
     timed = FollowPath(agent_id="100", points_m=LINE_M, times_s=(None, 3.0, 5.5))
     x = guided(diffuser, scenario, timed).position_m[0, :, 0]
-    assert abs(x[30] - 20.0) < OBEYED_GOAL_M
-    assert abs(x[55] - 40.0) < OBEYED_GOAL_M
+    assert abs(x[30] - 20.0) < OBEYED.goal_m
+    assert abs(x[55] - 40.0) < OBEYED.goal_m
     slow = FollowPath(agent_id="100", points_m=LINE_M, speeds_mps=(None, 5.0, None))
     sample = guided(diffuser, scenario, slow)
     there = int(np.abs(sample.position_m[0, :, 0] - 20.0).argmin())

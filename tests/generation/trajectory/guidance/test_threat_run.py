@@ -10,8 +10,11 @@ from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.threats.encounter import Approach, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
-from pd_editor.analysis.threats.threat_feasibility import recorded_track
-from pd_editor.analysis.threats.threat_outcome import meets, threat_in_words
+from pd_editor.analysis.threats.threat_feasibility import (
+    meets,
+    recorded_track,
+    threat_in_words,
+)
 from pd_editor.analysis.threats.threat_plans import ThreatAim
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.generation import TrafficSample

@@ -1,6 +1,6 @@
 """Chains of lanes."""
 
-from pd_editor.scene.paths.lanes.lane_chain import lane_chain
+from pd_editor.scene.paths.lanes.lane_graph import lane_chain
 from pd_editor.scene.paths.lanes.nearest_lane import DRIVING_LANES
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from tests.builders import straight_lane, two_lane_road

@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import jensenshannon
 
-from pd_editor.analysis.metrics.distributions.distribution_distance import (
+from pd_editor.analysis.metrics.distribution_distance import (
     HISTOGRAMS,
     histogram_of,
     jensen_shannon_divergence,
+    noise_floor,
 )
-from pd_editor.analysis.metrics.distributions.noise_floor import noise_floor
 from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.analysis.metrics.values import measured
 

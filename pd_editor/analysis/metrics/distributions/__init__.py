@@ -1,1 +1,0 @@
-"""Distances between distributions, and their noise floor between recordings."""
