@@ -97,6 +97,7 @@ def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Pa
     assert (out / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_a_study_and_its_settings_outlive_a_reload_of_the_page(
     open_editor, tmp_path: Path
 ):
