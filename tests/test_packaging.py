@@ -114,7 +114,7 @@ def test_the_wheel_holds_what_is_used_and_no_more(wheel: Path):
         assert f"pd_editor/assets/demos/{name}/log_map_archive_{name}.json" in names
     assert "pd_editor/assets/demos/README.md" in names
     assert "pd_editor/models/README.md" in names
-    assert "pd_editor/experiments/evaluation/report/report.html.jinja" in names
+    assert "pd_editor/experiments/report.html.jinja" in names
     assert "pd_editor/analysis/metrics/metric_table.csv" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     modules = [name for name in names if name.endswith(".py")]
