@@ -83,6 +83,24 @@ def test_a_bomb_in_a_dictionary_is_refused_before_it_is_unpacked(
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200 * 2**10
 
 
+def test_a_bomb_under_another_name_is_refused(long_texts: pa.Array):
+    """The reader takes parts of columns by their order, whatever they call themselves."""
+    table = pq.read_table(TRACKS)
+    codes = pa.array(np.arange(len(table)) % NUM_TEXTS, pa.int32())
+    texts = pa.DictionaryArray.from_arrays(codes, long_texts)
+    table = table.set_column(table.column_names.index("city"), "city", texts)
+    options = {"compression": "zstd", "dictionary_pagesize_limit": 2**31 - 1}
+    data = with_lies(written(table, **options), 1000)
+    footer = data.rindex(b"PAR1") - 4 - int.from_bytes(data[-8:-4], "little")
+    place = data.rindex(b"\x18\x04city")
+    assert place > footer
+    renamed = data[:place] + b"\x18\x04town" + data[place + 6 :]
+    group = pq.ParquetFile(io.BytesIO(renamed)).metadata.row_group(0)
+    assert "town" in {group.column(n).path_in_schema for n in range(group.num_columns)}
+    with pytest.raises(ScenarioFileError, match="unpacks to 96"):
+        open_track_table(renamed, "x", ["track_id", "city"])
+
+
 def test_a_page_that_says_less_than_it_holds_is_damaged(long_texts: pa.Array):
     """The reader unpacks into what the page's header says."""
     table = pq.read_table(TRACKS)
