@@ -3,10 +3,13 @@
 import contextlib
 import dataclasses
 import functools
+import itertools
 import logging
 import os
+import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Final
@@ -60,6 +63,7 @@ ATTRIBUTION_NAME: Final = "attribution.txt"
 MAX_LABELS: Final = 8
 """Number of edits that a note names; further ones are counted."""
 _HEAD_BYTES: Final = 1 << 16
+_NAME_BYTES, _MOST_MENTIONS = 256, 10_000
 SAME_M: Final = 0.02
 """Tolerance of equal positions: map files are rounded to centimetres."""
 _RUN: Final = ContextVar("run", default="")
@@ -331,31 +335,51 @@ def _foreign_scenes(files: Mapping[str, bytes]) -> dict[str, dict[str, bytes]]:
                 path = folder / f"{len(inside)}-{path.name}"
             path.write_bytes(data)
             inside[path] = data
-        scenes = foreign_scenes_among(inside)
+        scenes = dict.fromkeys(foreign_scenes_among(inside))
         named = {one: name_of_scene(one) for one in inside}
+    by_folder: dict[Path, dict[str, Path]] = {}
+    alike: dict[tuple[Path, str], list[Path]] = {}
+    for one in inside:
+        by_folder.setdefault(one.parent, {})[one.name] = one
+        if one not in scenes:
+            alike.setdefault((one.parent, named[one]), []).append(one)
+    endings = {one.suffix for one in inside}
     parts = {
         scene: [
-            one
-            for one in inside
-            if one.parent == scene.parent
-            and (named[one] == named[scene] or one.name.encode() in inside[scene])
+            *alike.get((scene.parent, named[scene]), ()),
+            *_mentioned(inside[scene], by_folder[scene.parent], endings),
         ]
         for scene in scenes
     }
     lent = {one for scene, part in parts.items() for one in part if one != scene}
     origins = {folder: origin for origin, folder in folders.items()}
     found: dict[str, dict[str, bytes]] = {}
-    own = [scene for scene in scenes if scene not in lent] or scenes
+    own = [scene for scene in scenes if scene not in lent] or list(scenes)
+    number = Counter(scene.parent for scene in own)
     for scene in own:
         origin = origins[scene.parent]
-        is_alone = sum(one.parent == scene.parent for one in own) == 1
-        beside = [one for one in inside if one.parent == scene.parent]
+        is_alone = number[scene.parent] == 1
         name = origin.name if is_alone and origin.name else named[scene]
         if name in found:
-            name = str(origin / named[scene])
-        used = beside if is_alone else parts[scene]
+            name = str(origin / scene.name)
+        used = by_folder[scene.parent].values() if is_alone else parts[scene]
         found[name] = {one.name: inside[one] for one in (scene, *used)}
     return found
+
+
+def _mentioned(
+    data: bytes, files: Mapping[str, Path], endings: Collection[str]
+) -> list[Path]:
+    """Those of some files, by name, whose names stand in another one."""
+    found: dict[Path, None] = {}
+    for ending in endings:
+        ends = re.finditer(re.escape(ending.encode()), data)
+        for match in itertools.islice(ends, _MOST_MENTIONS):
+            before = data[max(match.end() - _NAME_BYTES, 0) : match.end()]
+            name = re.split(rb"""[/\\"'<>=]""", before)[-1].decode(errors="replace")
+            if name in files:
+                found[files[name]] = None
+    return list(found)
 
 
 def _foreign_upload(scenes: Mapping[str, Mapping[str, bytes]]) -> Scenario | None:

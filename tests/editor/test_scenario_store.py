@@ -150,6 +150,26 @@ def test_a_road_that_traffic_names_is_no_scene_of_its_own():
         scenario_and_recipe({"x.zip": content})
 
 
+def test_one_name_in_two_formats_is_two_scenes():
+    """One was lost without a word, beside a scene of another name."""
+    session = edited_session()
+    recipe = named(session.recipe(), "road")
+    road = exported_files(session.scenario, recipe, format_name="opendrive")[
+        "road.xodr"
+    ]
+    other = exported_files(session.scenario, recipe, format_name="commonroad")
+    (scene,) = (data for name, data in other.items() if name.endswith(".xml"))
+    content = zip_folders({"one": {"a.xodr": road, "a.xml": scene, "b.xml": scene}})
+    scenes = scenes_in_upload({"x.zip": content})
+    assert sorted(name for give in scenes.values() for name in give()) == [
+        "a.xml",
+        "a.xodr",
+        "b.xml",
+    ]
+    for give in scenes.values():
+        assert scenario_and_recipe(give())[0].road_map.lanes
+
+
 def test_an_export_has_one_focal_track_or_is_refused(tmp_path):
     """(D2): the focal id may name an agent of another category, or none."""
     base = two_agents_that_pass()
