@@ -11,9 +11,9 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.commonroad_writer import LANE_TYPES, MARKS, TYPES, write
 from pd_editor.scene.formats.file_scene import FileScene, FileTrack, headings_on_the_way
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
+from pd_editor.scene.formats.missing_links import with_missing_links
 from pd_editor.scene.formats.packed_file import stem_of
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
-from pd_editor.scene.formats.untold_links import with_untold_links
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
@@ -70,9 +70,9 @@ def read(path: Path) -> Scenario:
     if not step_s > 0:
         raise root.error(f"has steps of {step_s:g} s; expected more than 0.")
     lanes, crosswalks, mended = _roads(root)
-    lanes, untold = with_untold_links(lanes)
+    lanes, linked = with_missing_links(lanes)
     tracks, notes = _obstacles(root, step_s)
-    notes += [*mended, *untold]
+    notes += [*mended, *linked]
     problems = root.children("planningProblem")
     ego_id, now_s = "", 0.0
     if problems:

@@ -14,9 +14,9 @@ from shapely.geometry.base import BaseGeometry
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.formats.file_scene import FileScene
+from pd_editor.scene.formats.missing_links import with_missing_links
 from pd_editor.scene.formats.packed_file import stem_of
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
-from pd_editor.scene.formats.untold_links import with_untold_links
 from pd_editor.scene.formats.xml_file import Place, parse_xml
 from pd_editor.scene.geometry.map_projection import utm, utm_zone
 from pd_editor.scene.geometry.paved_area import valid_area
@@ -87,8 +87,8 @@ def read(path: Path) -> Scenario:
     walks = [one for one in courses if one.tags.get("subtype") == "crosswalk"]
     shoulders = [one for one in courses if one.tags.get("subtype") in _SHOULDERS]
     lanes, told = _lanes(file, [one for one in courses if one.kind is not None])
-    lanes, untold = with_untold_links(lanes)
-    notes = [file.frame, *told, *untold]
+    lanes, linked = with_missing_links(lanes)
+    notes = [file.frame, *told, *linked]
     if count := len(file.faults):
         what = str(file.faults[0]).removeprefix(f"{path}, ")
         notes.append(f"Damaged lanelets and areas are left out ({count}): {what}")

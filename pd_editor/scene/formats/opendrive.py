@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
+from pd_editor.scene.formats.missing_links import with_missing_links
 from pd_editor.scene.formats.opendrive_writer import (
     INTERSECTION,
     JOINT_M,
@@ -35,7 +36,6 @@ from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
-from pd_editor.scene.formats.untold_links import with_untold_links
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
@@ -109,7 +109,7 @@ def read(path: Path) -> Scenario:
         notes = (*notes, f"{len(places)} virtual junctions join nothing.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
-    lanes, untold = network.lanes()
+    lanes, linked = network.lanes()
     scene = FileScene(
         path=path,
         name=stem_of(path),
@@ -120,7 +120,7 @@ def read(path: Path) -> Scenario:
         tracks=motion.tracks,
         ego_id=motion.ego_id,
         current_s=motion.current_s,
-        notes=(*notes, *untold, *motion.notes),
+        notes=(*notes, *linked, *motion.notes),
         attribution=told_of(header.element, "vendor", "name", "license", "copyright"),
     ).scenario(data + motion.data)
     return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
@@ -428,7 +428,7 @@ class _Network:
             for one in self._driven
             if not one[0].is_joint
         )
-        return with_untold_links(
+        return with_missing_links(
             lanes,
             lambda one, other: (
                 self._place(one.lane_id, is_end=True) not in told

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from pd_editor.base.errors import ExportError, FormatError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
-from pd_editor.scene.formats.untold_links import SAME_PLACE_M, meetings
+from pd_editor.scene.formats.missing_links import SAME_PLACE_M, meetings
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import (

@@ -530,7 +530,7 @@ def test_lanes_without_links_lead_on_where_they_meet(tmp_path: Path, gap_m: floa
     second = second.replace('x="50"', f'x="{50 + gap_m}"')
     scene = read(path := write(tmp_path, first, second))
     forth = lane_at(scene, 0, -1.75), lane_at(scene, 50 + gap_m, -1.75)
-    told = any("links that the file does not tell" in n for n in scene.provenance.notes)
+    told = any("links that the file lacks" in n for n in scene.provenance.notes)
     assert told == (gap_m < 1)
     assert len(links_of(path)) == (2 if told else 0)
     assert (forth[0].successors == (forth[1].lane_id,)) == told

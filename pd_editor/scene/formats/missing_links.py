@@ -1,4 +1,4 @@
-"""Links of lanes that a file does not tell: lanes lead on where they end."""
+"""Links of lanes that a file lacks: lanes lead on where they end."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -36,14 +36,14 @@ def meetings(lines: Sequence[Float[np.ndarray, "_ _"]]) -> list[tuple[int, int]]
     return sorted(map(tuple, places.T[goes_on].tolist()))
 
 
-def with_untold_links(
-    lanes: tuple[Lane, ...], is_untold: Callable[[Lane, Lane], bool] | None = None
+def with_missing_links(
+    lanes: tuple[Lane, ...], is_missing: Callable[[Lane, Lane], bool] | None = None
 ) -> tuple[tuple[Lane, ...], list[str]]:
     """Lanes, and a note, with links where both borders meet and the file may lack them.
 
-    Without ``is_untold`` these are all places in files without any link.
+    Without ``is_missing`` these are all places in files without any link.
     """
-    if is_untold is None and any(one.successors or one.predecessors for one in lanes):
+    if is_missing is None and any(one.successors or one.predecessors for one in lanes):
         return lanes, []
     after: defaultdict[int, list[int]] = defaultdict(list)
     before: defaultdict[int, list[int]] = defaultdict(list)
@@ -56,7 +56,7 @@ def with_untold_links(
         if (
             is_new
             and np.hypot(*sides.T).max() < SAME_PLACE_M
-            and (is_untold is None or is_untold(one, other))
+            and (is_missing is None or is_missing(one, other))
         ):
             after[one.lane_id].append(other.lane_id)
             before[other.lane_id].append(one.lane_id)
@@ -71,4 +71,4 @@ def with_untold_links(
         for one in lanes
     )
     number = sum(map(len, after.values()))
-    return linked, [f"{number} links that the file does not tell are where lanes meet."]
+    return linked, [f"{number} links that the file lacks were made where lanes meet."]
