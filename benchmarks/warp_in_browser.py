@@ -25,7 +25,7 @@ from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.map_view import MapView
-from pd_editor.viewer.state.inbox import Inbox
+from pd_editor.viewer.state.events import Inbox
 from pd_editor.viewer.tab.ui_context import GESTURE_PAUSE_S
 from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.browser.editor_page import EditorPage

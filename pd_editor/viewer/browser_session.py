@@ -18,16 +18,15 @@ from pd_editor.editor.session import SessionState
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.agents.agent_panel import PLACE, STOP_PLACING
-from pd_editor.viewer.controls.hot_keys import add_hot_keys
 from pd_editor.viewer.controls.page_aids import PressOrder
 from pd_editor.viewer.controls.picture_menu import PictureMenu
-from pd_editor.viewer.controls.tab_elements import TabElements
+from pd_editor.viewer.controls.tab_elements import TabElements, add_hot_keys
 from pd_editor.viewer.controls.toolbar import Toolbar
 from pd_editor.viewer.controls.view_panel import configure_page
 from pd_editor.viewer.generation.generation_panel import DRAW_REGION, STOP_DRAWING
 from pd_editor.viewer.overlay.messages import ConnectionState, PageState
-from pd_editor.viewer.scene.context_menu import ContextMenu
-from pd_editor.viewer.state.inbox import Inbox
+from pd_editor.viewer.scene.picking import ContextMenu
+from pd_editor.viewer.state.events import Inbox
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.tab.ui_context import UiContext
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from pd_editor.viewer.study.study_panel import ROADS_AND_FOLDER
+from pd_editor.viewer.study_panel import ROADS_AND_FOLDER
 from tests.browser.editor_page import EditorPage
 from tests.experiments.evaluation.small_dataset import write_dataset
 

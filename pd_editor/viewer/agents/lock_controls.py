@@ -7,7 +7,7 @@ from pd_editor.base.errors import EditError, LockedAgentError
 from pd_editor.editor.commands import SetLocks
 from pd_editor.scene.locks import MAX_KEPT_S, STATE_LOCK, TRAJECTORY_LOCK, Lock
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.overlay.banner import OFFER
+from pd_editor.viewer.overlay.overlay import OFFER
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 NOT_LOCKED: Final = "Not locked"

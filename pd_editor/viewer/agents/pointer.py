@@ -1,10 +1,11 @@
-"""Turns clicks and boxes on the canvas into selections; drags have their own module."""
+"""Selections: by clicks and boxes on the canvas, and by rule; drags have their own module."""
 
 from typing import Any, Final
 
 import numpy as np
 import viser
 
+from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.viewer.agents.agent_drag import AgentDrag
 from pd_editor.viewer.agents.placing import PlacingMode
@@ -16,6 +17,50 @@ from pd_editor.viewer.scene.camera import (
     projected,
 )
 from pd_editor.viewer.tab.ui_context import UiContext
+
+
+class Selecting:
+    """Selects among the agents that the picture shows at the playhead."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Make the actions on a session's selection."""
+        self._ui = ui
+
+    def select_all(self) -> None:
+        """Select every agent in the picture's time."""
+        self._ui.session.select(self._present())
+
+    def invert(self) -> None:
+        """Select exactly those in the picture's time that are not selected."""
+        selected = set(self._ui.session.selection)
+        self._ui.session.select(
+            agent for agent in self._present() if agent not in selected
+        )
+
+    def same_kind(self) -> None:
+        """Select all in the picture's time of the kinds that are selected.
+
+        Raises:
+            EditError: nothing is selected.
+        """
+        session = self._ui.session
+        agents = session.scenario.agents
+        kinds = {agents.kinds[row] for row in agents.rows(session.selection)}
+        if not kinds:
+            raise EditError("Select an agent of the kind first.")
+        session.select(
+            agent
+            for agent in self._present()
+            if agents.kinds[agents.row_of[agent]] in kinds
+        )
+
+    def _present(self) -> tuple[str, ...]:
+        poses = self._ui.model.poses
+        ids = self._ui.session.scenario.agents.ids
+        if poses is None or len(poses.is_present) != len(ids):
+            return ()
+        return tuple(ids[row] for row in np.flatnonzero(poses.is_present))
+
 
 TOGGLE_MODIFIERS: Final = ("shift", "cmd/ctrl")
 BOX_MODIFIER: Final = "cmd/ctrl"

@@ -9,8 +9,7 @@ from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.locks import STATE_LOCK
 from pd_editor.scene.paths.suggested_state import suggested_heading
 from pd_editor.viewer.controls.tab_elements import TabElements
-from pd_editor.viewer.scene.context_menu import Menu, MenuItem
-from pd_editor.viewer.scene.picking import PointerRay, agent_under
+from pd_editor.viewer.scene.picking import Menu, MenuItem, PointerRay, agent_under
 from pd_editor.viewer.tab.ui_context import UiContext
 
 

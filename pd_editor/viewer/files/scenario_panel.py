@@ -14,8 +14,7 @@ from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.scene.formats.registry import formats
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_cut import FUTURE_S, is_long
-from pd_editor.viewer.files.map_window import MapWindowCard
-from pd_editor.viewer.files.moment_dialog import MomentDialog
+from pd_editor.viewer.files.parts_of_files import MapWindowCard, MomentDialog
 from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.server.server_guard import limit_uploads
 from pd_editor.viewer.state.workspace import zip_of_several

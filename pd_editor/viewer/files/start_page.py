@@ -1,6 +1,7 @@
 """The page of all scenarios over the picture: what the editor starts with."""
 
 import logging
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,7 +10,6 @@ from typing import Any, Final
 import viser
 
 from pd_editor.base.errors import LargeSceneError, PdEditorError
-from pd_editor.viewer.files.content_query import COMMON, toggled
 from pd_editor.viewer.files.scene_lists import (
     DatasetList,
     DemoList,
@@ -24,9 +24,36 @@ from pd_editor.viewer.files.scene_lists import (
 from pd_editor.viewer.overlay.messages import Choice, ScenePictureState, StartPageState
 from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.scene.viewpoint import Viewpoint
-from pd_editor.viewer.state.signal import Signal
+from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.state.view_memory import Source
 from pd_editor.viewer.tab.ui_context import UiContext
+
+COMMON: Final = (
+    "cut-in",
+    "lane-change",
+    "left-turn",
+    "right-turn",
+    "hard-braking",
+    "yielding",
+    "crossing with pedestrian",
+    "near-miss",
+    "overtaking",
+    "merge",
+)
+
+
+def toggled(query: str, condition: str) -> str:
+    """A query with one more condition, or without it where it has it."""
+    query = re.sub(r"(\s+(and|or))+$", "", query.strip(), flags=re.IGNORECASE)
+    parts = re.split(r"\s+and\s+", query, flags=re.IGNORECASE) if query else []
+    if condition in parts:
+        parts.remove(condition)
+    elif re.search(r"\bor\b", query, re.IGNORECASE):
+        parts = [f"({query})", condition]
+    else:
+        parts.append(condition)
+    return " and ".join(parts)
+
 
 PAGE: Final = 60
 """Number of scenarios that are shown at a time."""

@@ -44,10 +44,15 @@ from pd_editor.viewer.generation.generation_run import (
     LazyGenerator,
     RunInput,
 )
-from pd_editor.viewer.generation.live_switch import LiveSwitch, nearest_to_edit
 from pd_editor.viewer.generation.region_drawing import RegionDrawing
 from pd_editor.viewer.generation.roll_out_panel import RollOutInput, RollOutPanel
-from pd_editor.viewer.generation.run_bar import IN_REGION, SCOPE_USUAL, RunBar
+from pd_editor.viewer.generation.run_bar import (
+    IN_REGION,
+    SCOPE_USUAL,
+    LiveSwitch,
+    RunBar,
+    nearest_to_edit,
+)
 from pd_editor.viewer.generation.sample_strip import SampleStrip
 from pd_editor.viewer.overlay.messages import RunVerb
 from pd_editor.viewer.tab.panel_style import WITH_PAST, KeptSettings, plain

@@ -24,8 +24,8 @@ from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import TrafficSample
 from pd_editor.viewer.generation.sample_strip import SampleSet, SampleStrip
 from pd_editor.viewer.overlay.messages import Tone
+from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.state.guided_runs import GuidedRun
-from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.tab.tab_model import RunState
 from pd_editor.viewer.tab.ui_context import UiContext
 

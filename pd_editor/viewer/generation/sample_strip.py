@@ -36,7 +36,7 @@ from pd_editor.viewer.overlay.messages import (
 )
 from pd_editor.viewer.scene.scene_pair import ScenePair
 from pd_editor.viewer.scene.viewpoint import Viewpoint
-from pd_editor.viewer.state.signal import Signal
+from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
 
 PICKS: Final = (2, 3, 4, 6)

@@ -23,7 +23,7 @@ from pd_editor.viewer.guidance.term_marks import (
     offered_goal,
     round_bodies,
 )
-from pd_editor.viewer.guidance.way_point_inputs import with_point_at
+from pd_editor.viewer.guidance.term_rows import with_point_at
 from pd_editor.viewer.overlay.messages import GuidanceMarksState
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.ui_context import UiContext

@@ -23,15 +23,13 @@ from pd_editor.viewer.guidance.guiding import TOOLS, Guiding, replaced_index
 from pd_editor.viewer.guidance.term_rows import (
     WEIGHTS,
     agents_of,
+    chosen_point,
+    has_handles,
     inputs_of,
+    point_inputs,
     title_of,
     weight_stop,
     with_input,
-)
-from pd_editor.viewer.guidance.way_point_inputs import (
-    chosen_point,
-    has_handles,
-    point_inputs,
     with_point_input,
     without_point,
 )

@@ -12,7 +12,7 @@ from pd_editor.viewer.guidance.encounters import Encounters
 from pd_editor.viewer.guidance.guidance_handles import GuidanceHandles
 from pd_editor.viewer.guidance.guidance_notes import GuidanceNotes
 from pd_editor.viewer.guidance.guiding import TOOLS, Guiding
-from pd_editor.viewer.scene.context_menu import MenuItem
+from pd_editor.viewer.scene.picking import MenuItem
 from pd_editor.viewer.tab.ui_context import UiContext
 
 KEYS: Final = tuple(

@@ -14,9 +14,8 @@ from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.guidance.term_rows import sentence_of
-from pd_editor.viewer.guidance.way_point_inputs import has_handles
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.guidance.term_rows import has_handles, sentence_of
+from pd_editor.viewer.meshes.agent_shapes import AgentPoses
 from pd_editor.viewer.overlay.messages import (
     Ground,
     GuidanceBadge,

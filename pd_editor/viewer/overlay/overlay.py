@@ -1,8 +1,9 @@
-"""Python side of the elements over the picture."""
+"""Python side of the elements over the picture, and the one line there that names the mode."""
 
 import json
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final
@@ -13,7 +14,7 @@ import viser
 from viser import _messages
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.viewer.overlay.messages import EVENTS, STATES, Message
+from pd_editor.viewer.overlay.messages import EVENTS, STATES, BannerState, Message
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
@@ -107,3 +108,81 @@ def page_script() -> str:
     icons = {name: kind.icon for name, kind in KINDS.items()}
     given = f"{json.dumps(icons)}, {json.dumps(style)}"
     return f"{script}\nconst start = (uuid) => pdOverlay.start(uuid, {given});"
+
+
+MODE: Final = 20
+"""Priority of a mode that takes clicks: placing, measuring."""
+OFFER: Final = 10
+"""Priority of something shown that can be clicked, such as candidates."""
+STATE: Final = 0
+"""Priority of states, such as the time of the picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Claim:
+    text: str
+    buttons: Mapping[str, Callable[[], None]]
+    priority: int
+
+
+class Banner:
+    """Shows the text of the owner with the highest priority."""
+
+    def __init__(self, overlay: Overlay) -> None:
+        """Show nothing yet."""
+        self._overlay = overlay
+        self._claims: dict[str, _Claim] = {}
+        overlay.on("banner", self._heard)
+        self._draw()
+
+    @property
+    def text(self) -> str | None:
+        """Text of the banner; None while it is hidden."""
+        owner = self._shown_owner()
+        return None if owner is None else self._claims[owner].text
+
+    def show(
+        self,
+        owner: str,
+        text: str,
+        *,
+        buttons: Mapping[str, Callable[[], None]] | None = None,
+        priority: int = MODE,
+    ) -> None:
+        """Show a sentence until ``hide``; replaces the owner's earlier one.
+
+        Buttons may follow, with actions on the session's worker. The text with the
+        highest priority is shown, the latest of equals.
+        """
+        former = self._claims.get(owner)
+        if former is None or former.priority != priority:
+            self._claims.pop(owner, None)
+        self._claims[owner] = _Claim(
+            text=text, buttons=buttons or {}, priority=priority
+        )
+        self._draw()
+
+    def hide(self, owner: str) -> None:
+        """Remove the owner's text."""
+        if self._claims.pop(owner, None) is not None:
+            self._draw()
+
+    def _shown_owner(self) -> str | None:
+        owners = reversed(self._claims)
+        return max(owners, key=lambda name: self._claims[name].priority, default=None)
+
+    def _draw(self) -> None:
+        owner = self._shown_owner()
+        if owner is None:
+            self._overlay.show(BannerState())
+            return
+        claim = self._claims[owner]
+        buttons = tuple(claim.buttons)
+        self._overlay.show(BannerState(owner=owner, text=claim.text, buttons=buttons))
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        """Run the action of an owner's button."""
+        claim = self._claims.get(str(event.get("owner")))
+        press = None if claim is None else claim.buttons.get(str(event.get("button")))
+        if press is not None:
+            press()

@@ -11,11 +11,16 @@ from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.palette import Palette, agent_color
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.agent_poses import AgentPoses, poses_at, yaw_quaternions
-from pd_editor.viewer.meshes.agent_shapes import contact_shadow, shape_of
+from pd_editor.viewer.meshes.agent_shapes import (
+    AgentPoses,
+    contact_shadow,
+    poses_at,
+    shape_of,
+    yaw_quaternions,
+)
 from pd_editor.viewer.meshes.colors import lit_from_above
-from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
-from pd_editor.viewer.state.signal import Signal
+from pd_editor.viewer.scene.camera import ViewScale, drawn_sizes_m
+from pd_editor.viewer.state.events import Signal
 
 SHADOW_HEIGHT_M: Final = 0.09
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.meshes.agent_shapes import AgentPoses
 from pd_editor.viewer.overlay.messages import (
     Label,
     LabelsState,
@@ -16,8 +16,8 @@ from pd_editor.viewer.overlay.messages import (
     rounded_place,
 )
 from pd_editor.viewer.overlay.overlay import Overlay
+from pd_editor.viewer.scene.camera import ViewScale, drawn_sizes_m
 from pd_editor.viewer.scene.timeline import in_seconds
-from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
 
 MAX_LABELS: Final = 3
 """More selected agents than this get none: their labels would cover each other."""

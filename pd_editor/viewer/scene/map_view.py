@@ -1,4 +1,4 @@
-"""Draws the road, and moves it while it is warped."""
+"""Draws the road, and its stop lines in the colours of their signals."""
 
 import functools
 from typing import Final
@@ -12,6 +12,7 @@ from pd_editor.scene.palette import Palette, Rgb
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.signals import SignalState, states_at
 from pd_editor.viewer.meshes.colors import shown_exactly
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, glb_of, ribbons
 from pd_editor.viewer.meshes.road_mesh import LAYERS, Layer, RoadPart, road_parts
@@ -202,3 +203,54 @@ def _lane_sides(road_map: RoadMap) -> FlatMesh:
 @functools.cache
 def _material_color(color: Rgb) -> tuple[float, float, float]:
     return shown_exactly(color)
+
+
+STOP_LINE_WIDTH_M: Final = 0.8
+SIGNAL_HEIGHT_M: Final = 0.06
+"""Above all parts of the road; stop is on top, then caution, go and unknown."""
+
+
+class SignalsView:
+    """Node of one browser for the stop lines of all signals."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        """Draw nothing yet."""
+        self._client = client
+        self._palette = palette
+        self._node: viser.GlbHandle | None = None
+        self._drawn: tuple[object, ...] = ()
+
+    def set_palette(self, palette: Palette) -> None:
+        """Draw in another theme from the next frame on."""
+        self._palette = palette
+
+    def show(self, scenario: Scenario, step: float) -> None:
+        """Draw the states at a fractional step; nothing is sent while none changes."""
+        states = [int(one.states[int(step)]) for one in scenario.signals]
+        wanted = (scenario.signals, scenario.road_map, self._palette, states)
+        if wanted == self._drawn or not (scenario.signals or self._node):
+            return
+        self._drawn = wanted
+        lines = scenario.stop_lines_m()
+        codes = np.array([*states_at(scenario.signals, int(step)).values()], int)
+        data = glb_of(
+            [
+                Primitive(
+                    points_m=mesh.points_m,
+                    faces=mesh.faces,
+                    height_m=SIGNAL_HEIGHT_M - 0.002 * ((state - 1) % len(SignalState)),
+                    color=shown_exactly(color),
+                )
+                for state, color in self._palette.signals.items()
+                if (codes == state).any()
+                for mesh in [
+                    ribbons(Lines.of([*lines[codes == state]]), STOP_LINE_WIDTH_M)
+                ]
+            ]
+        )
+        if self._node is None:
+            self._node = self._client.scene.add_glb(
+                "/signals", data, cast_shadow=False, receive_shadow=False
+            )
+        else:
+            self._node.glb_data = data

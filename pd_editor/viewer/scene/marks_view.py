@@ -10,10 +10,9 @@ from jaxtyping import Float
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M
 from pd_editor.scene.palette import Palette, Rgb
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
-from pd_editor.viewer.meshes.agent_shapes import pointer, ring
+from pd_editor.viewer.meshes.agent_shapes import AgentPoses, pointer, ring
 from pd_editor.viewer.meshes.colors import lit_from_above
-from pd_editor.viewer.scene.view_scale import ViewScale, drawn_sizes_m
+from pd_editor.viewer.scene.camera import ViewScale, drawn_sizes_m
 
 MIN_MARK_PX: Final = 14.0
 """Marks are at least as large, however far away the camera is."""

@@ -1,6 +1,7 @@
 """Draws the original scenario as a ghost behind the edited one."""
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 import viser
@@ -11,8 +12,12 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.palette import Palette
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.agent_poses import AgentPoses, poses_at, yaw_quaternions
-from pd_editor.viewer.meshes.agent_shapes import box_outline
+from pd_editor.viewer.meshes.agent_shapes import (
+    AgentPoses,
+    box_outline,
+    poses_at,
+    yaw_quaternions,
+)
 from pd_editor.viewer.meshes.colors import (
     inverse_aces,
     lit_from_above,
@@ -21,13 +26,15 @@ from pd_editor.viewer.meshes.colors import (
 )
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
 from pd_editor.viewer.meshes.ribbons import dotted, path_heights, path_ribbons
+from pd_editor.viewer.overlay.messages import CompareState
+from pd_editor.viewer.tab.ui_context import UiContext
 
 SAME_M: Final = 0.05
 """Tracks that stay so close to the original's are the same."""
 DASH_WIDTH_M: Final = 0.3
 CONNECTOR_WIDTH_M: Final = 0.1
 MIN_CONNECTOR_M: Final = 1.0
-HEIGHT_M: Final = 0.16
+DASH_HEIGHT_M: Final = 0.16
 """Above ribbons and rings: the ghost is looked at while it is shown."""
 
 
@@ -93,7 +100,7 @@ class OriginalView:
         positions, scales = np.zeros((2, count, 3), np.float32)
         turns = yaw_quaternions(np.zeros(count)).astype(np.float32)
         if len(rows):
-            positions[:, :2], positions[:, 2] = poses.position_m[rows], HEIGHT_M
+            positions[:, :2], positions[:, 2] = poses.position_m[rows], DASH_HEIGHT_M
             scales[:, :2], scales[:, 2] = agents.size_m[rows], 1.0
             turns = yaw_quaternions(poses.heading_rad[rows]).astype(np.float32)
         if self._boxes is None:
@@ -208,14 +215,14 @@ def _paths(
         color=np.broadcast_to(color, (len(rows), 3)),
         opacity=np.full(is_dash.shape, 0.85),
         width_m=np.full(is_dash.shape, DASH_WIDTH_M),
-        height_m=path_heights(HEIGHT_M, np.arange(len(rows))),
+        height_m=path_heights(DASH_HEIGHT_M, np.arange(len(rows))),
     )
     lines = _connectors(original, scenario, rows)
     lines = ribbons(Lines.of(lines), CONNECTOR_WIDTH_M)
     connectors = Primitive(
         points_m=lines.points_m,
         faces=lines.faces,
-        height_m=HEIGHT_M,
+        height_m=DASH_HEIGHT_M,
         color=shown_exactly(palette.ghost),
         opacity=0.7,
     )
@@ -242,3 +249,86 @@ def _connectors(
 
 def _there(is_valid: Bool[np.ndarray, "A T"], row: int, step: int) -> bool:
     return step < is_valid.shape[1] and bool(is_valid[row, step])
+
+
+class Comparison:
+    """Shows the original scenario and texts about its differences."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Show no original yet."""
+        self._ui = ui
+        self._overlay = ui.overlay
+        self._view = OriginalView(ui.client, ui.model.palette)
+        self._is_held = False
+        self._is_kept = False
+        self._overlay.on("compare", self._heard)
+        self._overlay.show(CompareState())
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the original is shown."""
+        return self._is_held or self._is_kept
+
+    def hold(self) -> None:
+        """Show the original until ``release``."""
+        self._set(is_held=True)
+
+    def release(self) -> None:
+        """End what ``hold`` began."""
+        self._set(is_held=False)
+
+    def keep(self, is_kept: bool) -> None:
+        """Show the original for as long as this is set."""
+        self._set(is_kept=is_kept)
+
+    def set_palette(self, palette: Palette) -> None:
+        """Draw in another theme from the next frame on."""
+        self._view.set_palette(palette)
+
+    def show(self) -> None:
+        """Draw the original at the playhead."""
+        if not self.is_on:
+            return
+        session = self._ui.session
+        step = self._ui.workspace.playback.step
+        self._view.show(session.original, session.scenario, step)
+        self._overlay.show(CompareState(text=self._summary()))
+
+    def notes(self) -> dict[str, str]:
+        """Note on each selected agent."""
+        if not self.is_on:
+            return {}
+        session = self._ui.session
+        return difference_notes(session.original, session.scenario, session.selection)
+
+    def _summary(self) -> str:
+        session, count = self._ui.session, self._view.num_changed
+        original = set(session.original.agents.ids)
+        added = sum(agent not in original for agent in session.scenario.agents.ids)
+        parts = []
+        if session.scenario.applied_warp != session.base.applied_warp:
+            parts.append("the road is warped")
+        if count:
+            parts.append(
+                f"{count} {'agent differs' if count == 1 else 'agents differ'}"
+            )
+        if added:
+            parts.append(f"{added} added")
+        return "Original: " + (", ".join(parts) if parts else "nothing has changed")
+
+    def _heard(self, event: Mapping[str, Any]) -> None:
+        if event.get("kind") == "hold":
+            self.hold()
+        elif event.get("kind") == "release":
+            self.release()
+
+    def _set(self, *, is_held: bool | None = None, is_kept: bool | None = None) -> None:
+        before = self.is_on
+        self._is_held = self._is_held if is_held is None else is_held
+        self._is_kept = self._is_kept if is_kept is None else is_kept
+        if self.is_on == before:
+            return
+        self._view.set_shown(self.is_on)
+        if not self.is_on:
+            self._overlay.show(CompareState())
+        self._ui.model.compared.emit()

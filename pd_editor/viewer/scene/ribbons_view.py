@@ -1,13 +1,15 @@
-"""Draws past and later positions of all agents, fading with time."""
+"""Draws paths of agents as ribbons, and what policies planned as thin lines."""
 
 from typing import Final
 
 import numpy as np
 import viser
+from jaxtyping import Float
 
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.palette import Palette, Rgb, agent_color
+from pd_editor.scene.policy import plans_at
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.meshes.colors import inverse_aces, srgb_to_linear
 from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
@@ -18,6 +20,8 @@ from pd_editor.viewer.meshes.ribbons import (
     path_heights,
     path_ribbons,
 )
+from pd_editor.viewer.scene.original_view import DASH_HEIGHT_M, DASH_WIDTH_M
+from pd_editor.viewer.tab.ui_context import UiContext
 
 STRIDE: Final = 2
 """Every second step is drawn; at 10 Hz that is still under 6 m at 30 m/s."""
@@ -156,3 +160,61 @@ def _linear(colors: list[Rgb]) -> np.ndarray:
 
 def _along(ends: tuple[float, float], num_paths: int, num_points: int) -> np.ndarray:
     return np.broadcast_to(np.linspace(*ends, num_points), (num_paths, num_points))
+
+
+class PlansView:
+    """One node of one browser with the plans of driven agents."""
+
+    def __init__(self, ui: UiContext) -> None:
+        """Draw nothing yet."""
+        self._ui = ui
+        self._handle: viser.GlbHandle | None = None
+        self._palette: Palette | None = None
+        self.shown: list[Float[np.ndarray, "F 2"]] = []
+        """The plans that are drawn."""
+        for signal in (ui.model.poses_drawn, ui.model.run_changed):
+            signal.subscribe(self.show)
+
+    def show(self) -> None:
+        """Show the plans that were in force at the playhead."""
+        plans, palette = self._plans(), self._ui.model.palette
+        is_drawn = list(map(id, plans)) == list(map(id, self.shown))
+        if is_drawn and palette is self._palette:
+            return
+        self.shown, self._palette = plans, palette
+        if self._handle is not None:
+            self._handle.visible = bool(plans)
+        if not plans:
+            return
+        data = glb_of([_lines(plans, palette)])
+        if self._handle is None:
+            self._handle = self._ui.client.scene.add_glb(
+                "/plans", data, cast_shadow=False, receive_shadow=False
+            )
+        else:
+            self._handle.glb_data = data
+
+    def _plans(self) -> list[Float[np.ndarray, "F 2"]]:
+        """The latest plans of the agents that are there."""
+        workspace, agents = self._ui.workspace, self._ui.session.scenario.agents
+        step = int(workspace.playback.step)
+        return plans_at(workspace.plans_in_force, agents, step)
+
+
+def _lines(plans: list[Float[np.ndarray, "F 2"]], palette: Palette) -> Primitive:
+    """Each plan twice: its rim, and itself on that."""
+    longest, count = max(map(len, plans)), 2 * len(plans)
+    along = np.arange(longest)
+    points = np.stack([one[along.clip(max=len(one) - 1)] for one in plans])
+    lengths = np.array([len(one) for one in plans])
+    colors = np.array([palette.lane, palette.plan]) / 255.0
+    # The rim sets a line off from the ribbon below.
+    widths = np.tile((2 * DASH_WIDTH_M, DASH_WIDTH_M), len(plans))
+    return path_ribbons(
+        np.repeat(points, 2, axis=0),
+        along < np.repeat(lengths, 2)[:, None],
+        color=np.tile(inverse_aces(srgb_to_linear(colors)), (len(plans), 1)),
+        opacity=np.ones((count, longest)),
+        width_m=np.broadcast_to(widths[:, None], (count, longest)),
+        height_m=path_heights(DASH_HEIGHT_M, np.arange(count)),
+    )

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from pd_editor.editor.commands import BeginAt
-from pd_editor.viewer.overlay.banner import STATE
 from pd_editor.viewer.overlay.messages import PlayheadState, TimelineMark, TimelineState
+from pd_editor.viewer.overlay.overlay import STATE
+from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.state.playback import Playback
-from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
 
 MAX_MARK_LINES: Final = 4

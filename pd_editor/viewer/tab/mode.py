@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from pd_editor.viewer.overlay.banner import MODE
-from pd_editor.viewer.state.signal import Signal
+from pd_editor.viewer.overlay.overlay import MODE
+from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.scene.palette import DARK, LIGHT, Palette
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.meshes.agent_poses import AgentPoses
+from pd_editor.viewer.meshes.agent_shapes import AgentPoses
+from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.state.finding_watch import FindingWatch
-from pd_editor.viewer.state.signal import Signal
 from pd_editor.viewer.state.workspace import Workspace
 
 Drawer = Literal["agents", "scorecard"]

@@ -13,9 +13,8 @@ from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import Command
 from pd_editor.editor.live_regeneration import LiveRegeneration
 from pd_editor.editor.session import EditorSession
-from pd_editor.viewer.overlay.banner import Banner
-from pd_editor.viewer.overlay.overlay import Overlay
-from pd_editor.viewer.state.inbox import Inbox
+from pd_editor.viewer.overlay.overlay import Banner, Overlay
+from pd_editor.viewer.state.events import Inbox
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.tab.tab_model import TabModel
 

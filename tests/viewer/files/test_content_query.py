@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pd_editor.experiments.scene_index.index_file import SCHEMA, SceneIndex
 from pd_editor.experiments.scene_index.query import find_scenes
-from pd_editor.viewer.files.content_query import COMMON, toggled
+from pd_editor.viewer.files.start_page import COMMON, toggled
 
 EMPTY = SceneIndex(folder=Path("/"), table=SCHEMA.empty_table())
 conditions = st.sampled_from([*COMMON, "density > 20", 'city = "palo alto"'])

@@ -168,7 +168,7 @@ def test_a_film_has_the_plans_of_the_roll_out(tmp_path: Path):
     with (
         running_app(tmp_path / "library", "merge") as app,
         connected_tab(app) as tab,
-        mock.patch("pd_editor.viewer.files.picture_download.picture") as drawn,
+        mock.patch("pd_editor.viewer.files.export_panel.picture") as drawn,
     ):
         drawn.return_value = b""
         roll_out(tab)

@@ -21,7 +21,7 @@ from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.generation import GeneratorSpec
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import TRAJECTORY_LOCK
-from pd_editor.viewer.generation.live_switch import (
+from pd_editor.viewer.generation.run_bar import (
     ALL,
     GENERATED,
     nearest_to_edit,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pd_editor.viewer.overlay.banner import MODE, OFFER, STATE, Banner
+from pd_editor.viewer.overlay.overlay import MODE, OFFER, STATE, Banner
 from tests.viewer.fake_page import FakePage
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pd_editor.viewer.scene.context_menu import ContextMenu, Menu, MenuItem
+from pd_editor.viewer.scene.picking import ContextMenu, Menu, MenuItem
 from tests.viewer.fake_page import FakePage
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from pd_editor.editor.commands import SetAgentSpeed, TransformAgents
-from pd_editor.viewer.meshes.agent_poses import poses_at
-from pd_editor.viewer.scene.hover import Hover, agent_lines, lane_lines
-from pd_editor.viewer.scene.picking import lane_under
+from pd_editor.viewer.meshes.agent_shapes import poses_at
+from pd_editor.viewer.scene.picking import Hover, agent_lines, lane_lines, lane_under
 from pd_editor.viewer.tab.tab_model import TabModel
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_page import FakePage

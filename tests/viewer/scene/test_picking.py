@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pd_editor.viewer.meshes.agent_poses import poses_at
+from pd_editor.viewer.meshes.agent_shapes import poses_at
 from pd_editor.viewer.scene.picking import (
     PointerRay,
     agent_under,

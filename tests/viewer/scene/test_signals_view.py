@@ -7,7 +7,7 @@ import numpy as np
 
 from pd_editor.scene.palette import DARK, LIGHT
 from pd_editor.scene.signals import SignalState
-from pd_editor.viewer.scene.signals_view import SignalsView
+from pd_editor.viewer.scene.map_view import SignalsView
 from tests.builders import two_agents_that_pass
 from tests.scene.test_signals import signalled
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.viewer.scene.view_scale import (
+from pd_editor.viewer.scene.camera import (
     MIN_LENGTH_PX,
     MIN_WIDTH_PX,
     ViewScale,

@@ -1,7 +1,7 @@
 import queue
 import threading
 
-from pd_editor.viewer.state.inbox import Inbox
+from pd_editor.viewer.state.events import Inbox
 
 
 def make(on_error=None, tick=None):

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from pd_editor.viewer.state.signal import Signal
+from pd_editor.viewer.state.events import Signal
 
 
 def test_an_error_of_one_subscriber_does_not_stop_the_others():

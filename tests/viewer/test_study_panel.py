@@ -14,7 +14,7 @@ from pd_editor.experiments.studies.worst_case import SearchSettings
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.viewer.state import study_run
 from pd_editor.viewer.state.study_run import StudyRun
-from pd_editor.viewer.study.severity_chart import severity_svg
+from pd_editor.viewer.study_panel import severity_svg
 from tests.experiments.studies.test_study import grid_conditions, plan_for
 
 

@@ -1,1 +1,0 @@
-"""Perturbation studies on many scenes."""
