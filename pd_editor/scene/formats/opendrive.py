@@ -3,7 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -101,7 +101,7 @@ def read(path: Path) -> Scenario:
     walks = [walk for road in roads.values() for walk in road.crosswalks()]
     motion = Motion()
     if scenario is not None:
-        motion = motion_of(*scenario, lambda place: _pose(roads, place))
+        motion = motion_of(*scenario, partial(_pose, roads))
     signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")
@@ -149,20 +149,31 @@ def _offset(header: Place) -> Float[np.ndarray, "2"]:
     return np.zeros(2)
 
 
-def _pose(roads: Mapping[str, "_Road"], place: Place) -> Pose:
-    """Pose of a place on a lane, in its driving direction."""
-    road, s = roads.get(place.attribute("roadId")), place.number("s")
+def _pose(
+    roads: Mapping[str, "_Road"],
+    place: Place,
+    name: str,
+    lane: int | None,
+    s: float,
+    beside: float,
+) -> tuple[Pose, float]:
+    """Pose of a place on a road, in the driving direction of the lane, if there is one.
+
+    With it comes how far it is beside the road's line.
+    """
+    road = roads.get(name)
     if road is None or not 0 <= s <= road.length_m:
         raise place.error("names no road of the network, or no place on one.")
-    section = road.section_at(s)
-    lane = place.integer("laneId")
-    if lane not in section.lanes:
-        raise place.error("names no lane of the road there.")
     x, y, heading = road.line.at(np.array([s]))[0, :3].tolist()
-    beside = float(np.interp(s, section.s_m, section.middle(lane)))
-    beside += place.number("offset", 0.0)
-    turn = 0.0 if road.leads_on(lane, section.lanes[lane])[0] else np.pi
-    return x - beside * np.sin(heading), y + beside * np.cos(heading), heading + turn
+    turn = 0.0
+    if lane is not None:
+        section = road.section_at(s)
+        if lane not in section.lanes:
+            raise place.error("names no lane of the road there.")
+        beside += float(np.interp(s, section.s_m, section.middle(lane)))
+        turn = 0.0 if road.leads_on(lane, section.lanes[lane])[0] else np.pi
+    pose = x - beside * np.sin(heading), y + beside * np.cos(heading), heading + turn
+    return pose, beside
 
 
 @dataclass(frozen=True, eq=False)

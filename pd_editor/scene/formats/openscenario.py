@@ -8,21 +8,25 @@ all are deleted after their last one.
 import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
+from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.commonroad_writer import unbroken_parts
 from pd_editor.scene.formats.file_scene import FileTrack, headings_on_the_way
+from pd_editor.scene.formats.parameters import insert_catalogs, set_parameters
 from pd_editor.scene.formats.xml_file import Place, added, as_file, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
+from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.scenario import EGO_ID, Scenario
-from pd_editor.scene.scene_limits import MAX_STEPS
+from pd_editor.scene.scene_limits import MAX_LINES_M, MAX_STEPS
 from pd_editor.scene.time_axis import TimeAxis
 
 ENDING: Final = ".xosc"
@@ -42,8 +46,13 @@ _VERTEX: Final = (
     '<Vertex time="%.10g"><Position><WorldPosition x="%.10g" y="%.10g" h="%.10g"/>'
     "</Position></Vertex>"
 )
+_EGO: Final = re.compile("(?i)ego(?![a-z])|ego_?(vehicle|car)|hero$")
+"""Names of the car that is tested."""
 _ONCE: Final = {"priority": "override", "maximumExecutionCount": "1"}
-_KINDS: Final = {word: kind for kind, word in VEHICLES.items()}
+_KINDS: Final = {
+    **{word: kind for kind, word in VEHICLES.items()},
+    **dict.fromkeys(("train", "tram"), AgentKind.BUS),
+}
 """Kinds by categories of vehicles; others are as ``car``."""
 _OTHER_KINDS: Final = {"Pedestrian": AgentKind.PEDESTRIAN, "Misc": AgentKind.STATIC}
 """Kinds by elements of entities, or names of their catalogs."""
@@ -54,6 +63,10 @@ _LAMPS: Final = {
     "off;off;on": "green",
     "off;off;off": "unknown",
 }
+_PLACES: Final = (
+    "WorldPosition", "LanePosition", "RoadPosition", "RelativeWorldPosition",
+    "RelativeObjectPosition", "RelativeRoadPosition", "RelativeLanePosition",
+)  # fmt: skip
 _WITHIN: Final = re.compile("(Private|Global|Routing|Longitudinal|Lateral|)Action")
 """Elements around actions."""
 _DIGITS: Final = 6
@@ -61,8 +74,22 @@ _DIGITS: Final = 6
 Pose = tuple[float, float, float]
 """x, y, and heading, which is NaN if it is not told."""
 Phases = dict[str, tuple[str, tuple[tuple[float, str], ...]]]
-Locate = Callable[[Place], Pose]
-"""Tells the pose of a LanePosition without its orientation."""
+Locate = Callable[[Place, str, int | None, float, float], tuple[Pose, float]]
+"""Tells the pose of a place on a road, and how far it is beside the road's line.
+
+It is given by an element for errors, the road, the lane, s, and the offset from the middle of
+the lane: without a lane, from the line.
+"""
+_FINE_M: Final = 0.2
+"""Step in which curves are followed."""
+
+
+@dataclass(frozen=True)
+class _Spot:
+    """A pose, and its road, lane, s and distance beside the road's line, if these are known."""
+
+    pose: Pose
+    road: tuple[str, int | None, float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +107,7 @@ class Motion:
 
 
 def scenario_root(path: Path) -> tuple[Place, bytes]:
-    """Root of a file, in which parameters have their declared values; its bytes.
+    """Root of a file with values of parameters and entries of catalogs; its bytes.
 
     Raises:
         FormatError: the file is damaged, or of another version than 1.
@@ -89,13 +116,8 @@ def scenario_root(path: Path) -> tuple[Place, bytes]:
     header = root.child("FileHeader")
     if (major := header.integer("revMajor")) != 1:
         raise header.error(f"is of version {major}; expected 1.")
-    declared = {
-        f"${one.get('name')}": one.get("value") or ""
-        for one in root.element.iter("ParameterDeclaration")
-    }
-    for one in root.element.iter("*") if declared else ():
-        for name, text in one.items():
-            one.set(name, declared.get(text, text))
+    set_parameters(root.element)
+    data += insert_catalogs(root)
     return root, data
 
 
@@ -107,7 +129,8 @@ def road_network_of(root: Place) -> Path:
     """
     file = root.child("RoadNetwork").child("LogicFile")
     told = PurePosixPath(file.attribute("filepath").replace("\\", "/"))
-    places = [root.path.parent / one for one in (told, told.name) if told.name]
+    names = (told, told.name, f"{told.name}.xodr") if told.name else ()
+    places = [root.path.parent / one for one in names]
     for one in places[told.is_absolute() :]:
         if one.is_file():
             return one
@@ -125,7 +148,7 @@ def motion_of(root: Place, data: bytes, locate: Locate) -> Motion:
     current = re.search(r"current at (\d+(?:\.\d*)?) s$", described)
     # How those go on that have a first state alone is up to a controller.
     is_open = any(len(one.time_s) == 1 for one in tracks)
-    egos = [one.track_id for one in tracks if one.track_id.lower() in ("ego", "hero")]
+    egos = sorted((one.track_id for one in tracks if _EGO.match(one.track_id)), key=len)
     return Motion(
         tracks=tracks,
         ego_id=egos[0] if egos else "",
@@ -146,7 +169,14 @@ class _Story:
         self._speeds: dict[str, float] = {}
         self._acting: set[str] = set()
         self._unread: set[str] = set()
+        self._spots: dict[str, _Spot | None] = {}
+        self._is_timed = True
         board = root.child("Storyboard")
+        self._begins = {
+            private.get("entityRef"): position
+            for private in board.children("Init/Actions/Private")
+            for position in private.children("PrivateAction/TeleportAction/Position")
+        }
         for private in board.children("Init/Actions/Private"):
             name = private.attribute("entityRef")
             self._act(private, (name,), 0.0)
@@ -172,60 +202,164 @@ class _Story:
             elif tag in ("TeleportAction", "AddEntityAction"):
                 if np.isinf(start_s):
                     self._unread.add(f"{tag} on a condition other than a time")
-                elif (pose := self._pose(place.child("Position"))) is not None:
+                elif spot := self._spot(place.child("Position"), start_s):
                     for name in names:
-                        self._states[name].setdefault(round(start_s, _DIGITS), pose)
+                        time = round(start_s, _DIGITS)
+                        self._states[name].setdefault(time, spot.pose)
             elif tag == "SpeedAction" and not start_s:
-                for target in place.children("SpeedActionTarget/AbsoluteTargetSpeed"):
-                    self._speeds |= dict.fromkeys(names, target.number("value"))
+                for target in place.children("SpeedActionTarget/*"):
+                    if tag := _unread_value(target, "AbsoluteTargetSpeed"):
+                        self._unread.add(tag)
+                    else:
+                        self._speeds |= dict.fromkeys(names, target.number("value"))
             elif tag.endswith("Action") and not _WITHIN.fullmatch(tag):
                 self._unread.add(tag)
 
     def _follow(self, action: Place, names: tuple[str, ...], start_s: float) -> None:
-        """Add the states of a trajectory whose times are told, at most a step apart."""
-        lines = action.children("Trajectory/Shape/Polyline")
-        lines += action.children("TrajectoryRef/Trajectory/Shape/Polyline")
-        timings = action.children("TimeReference/Timing")
-        begin_s = np.inf
-        for one in timings[:1]:
-            is_relative = one.attribute("domainAbsoluteRelative") == "relative"
-            begin_s = one.number("offset") + (start_s if is_relative else 0.0)
-        if not lines or np.isinf(begin_s):
-            self._unread.add("trajectories without a polyline, or without times")
-            return
-        scale, rows = timings[0].number("scale"), []
-        for vertex in lines[0].children("Vertex"):
-            pose = self._pose(vertex.child("Position"))
-            if pose is not None:
-                rows.append((begin_s + scale * vertex.number("time"), *pose))
-        table = np.array(sorted(rows)).reshape(-1, 4)
+        """Add the states on a trajectory, at most a step apart.
+
+        Without times it is followed at the first speed of each entity.
+        """
+        shapes = action.children("Trajectory/Shape/*")
+        shapes += action.children("TrajectoryRef/Trajectory/Shape/*")
+        line = self._line(shapes[0], start_s) if shapes else None
+        timing = next(iter(action.children("TimeReference/Timing")), None)
+        begin_s = start_s
+        if timing is not None:
+            is_absolute = timing.attribute("domainAbsoluteRelative") != "relative"
+            begin_s = timing.number("offset") + (0.0 if is_absolute else start_s)
+        for name in names:
+            if line is None or np.isinf(begin_s):
+                self._unread.add("trajectories of other shapes, or on conditions")
+            elif timing is not None and np.isfinite(line[:, 0]).all():
+                times = begin_s + timing.number("scale") * line[:, 0]
+                self._go(name, np.column_stack([times, line[:, 1:]]))
+            elif (speed := self._speeds.get(name, 0.0)) > 0:
+                self._is_timed = False
+                times = begin_s + arc_length(line[:, 1:3]) / speed
+                bare = np.full(len(line), np.nan)
+                self._go(name, np.column_stack([times, line[:, 1:3], bare]))
+            else:
+                self._unread.add("trajectories without times or speed")
+
+    def _go(self, name: str, table: Float[np.ndarray, "N 4"]) -> None:
+        """Add states of an entity: times, x, y and headings, which may be far apart."""
+        table = table[np.argsort(table[:, 0], kind="stable")]
         times, step_s = table[:, 0], TimeAxis().step_s
         if max(np.diff(times), default=0.0) > 1.5 * step_s:
             last_s = min(times[-1], times[0] + MAX_STEPS * step_s)
             times = np.union1d(times, np.arange(times[0], last_s, step_s))
             table[:, 3] = np.unwrap(table[:, 3])
         found = [np.interp(times, table[:, 0], one) for one in table[:, 1:].T]
-        for name in names:
-            for time, x, y, heading in zip(times, *found, strict=True):
-                self._states[name][round(float(time), _DIGITS)] = (x, y, heading)
+        for time, x, y, heading in zip(times, *found, strict=True):
+            self._states[name][round(float(time), _DIGITS)] = (x, y, heading)
 
-    def _pose(self, position: Place) -> Pose | None:
-        """A pose that depends on the road alone; None, which is noted, for others."""
-        (one,) = position.children("*")[:1] or [position]
-        tag, told = one.element.tag, one.element.attrib
-        if any("$" in text for text in told.values()):
-            self._unread.add(f"{tag} of expressions")
-        elif tag == "WorldPosition":
-            return one.number("x"), one.number("y"), one.number("h", np.nan)
-        elif tag == "LanePosition":
-            x, y, heading = self._locate(one)
-            for turn in one.children("Orientation[@h]"):
-                is_absolute = turn.get("type") == "absolute"
-                heading = (0 if is_absolute else heading) + turn.number("h")
-            return x, y, heading
-        else:
-            self._unread.add(tag)
+    def _line(self, shape: Place, start_s: float) -> Float[np.ndarray, "N 4"] | None:
+        """Times, which may be unknown, x, y and headings along a trajectory, if it is known."""
+        tag = shape.element.tag
+        corners = shape.children({"Nurbs": "ControlPoint"}.get(tag, "Vertex"))
+        parts = [shape] if tag == "Clothoid" else corners
+        spots = [self._spot(one.child("Position"), start_s) for one in parts]
+        poses = np.array([one.pose for one in spots if one]).reshape(-1, 3)
+        if not len(poses) or len(poses) < len(spots):
+            return None
+        if tag == "Polyline":
+            times = [one.number("time", np.nan) for one in corners]
+            return np.column_stack([times, poses])
+        if tag == "Nurbs":
+            knots = np.array([one.number("value") for one in shape.children("Knot")])
+            weights = np.array([one.number("weight", 1.0) for one in corners])
+            order = shape.integer("order")
+            if not (1 < order <= len(poses) and len(knots) == len(poses) + order):
+                raise shape.error(
+                    "needs as many knots as control points and its order."
+                )
+            points = _nurbs(order, knots, weights, poses[:, :2])
+            unknown = np.full(len(points), np.nan)
+            return np.column_stack([unknown, points, unknown])
+        if tag == "Clothoid":
+            length, bend = shape.number("length"), shape.number("curvature")
+            if not 0 < length <= MAX_LINES_M:
+                raise shape.error(f"is {length:g} m long; expected more than 0.")
+            s = np.linspace(0.0, length, int(np.ceil(length / _FINE_M)) + 1)
+            growth = shape.number("curvaturePrime", shape.number("curvatureDot", 0.0))
+            heading = poses[0, 2] + s * (bend + s * growth / 2)
+            moves = np.diff(s)[:, None] * unit_vector((heading[1:] + heading[:-1]) / 2)
+            points = np.cumsum(np.concatenate([poses[:1, :2], moves]), axis=0)
+            first, last = (
+                shape.number(f"{one}Time", np.nan) for one in ("start", "stop")
+            )
+            times = first + s / length * (last - first)
+            return np.column_stack([times, points, heading])
         return None
+
+    def _spot(self, position: Place, start_s: float) -> _Spot | None:
+        """A place by the road or by where entities begin; None, which is noted, for others."""
+        (one,) = position.children("*")[:1] or [position]
+        tag = one.element.tag
+        relative = tag.startswith("Relative")
+        near = self._begin(one.get("entityRef")) if relative and not start_s else None
+        if unread := _unread_value(one, *_PLACES):
+            self._unread.add(unread)
+        elif relative and (
+            near is None
+            or ("World" not in tag and "Object" not in tag and near.road is None)
+        ):
+            self._unread.add(f"{tag} to an entity whose place then is unknown")
+        else:
+            try:
+                found = self._placed(one, tag, near)
+            except FormatError:
+                if not relative:
+                    raise
+                self._unread.add(f"{tag} beyond a road")
+                return None
+            x, y, heading = found.pose
+            for turn in one.children("Orientation[@h]"):
+                is_relative = turn.get("type") == "relative"
+                heading = (heading if is_relative else 0.0) + turn.number("h")
+            return replace(found, pose=(x, y, heading))
+        return None
+
+    def _placed(self, one: Place, tag: str, near: _Spot | None) -> _Spot:
+        """A place without its orientation."""
+        if tag == "WorldPosition":
+            return _Spot((one.number("x"), one.number("y"), one.number("h", np.nan)))
+        if near is not None and tag in (
+            "RelativeWorldPosition",
+            "RelativeObjectPosition",
+        ):
+            x, y, heading = near.pose
+            dx, dy = one.number("dx"), one.number("dy")
+            if tag == "RelativeObjectPosition":
+                ahead = unit_vector(np.array(heading))
+                dx, dy = (dx * ahead + dy * left_of(ahead)).tolist()
+            return _Spot((x + dx, y + dy, heading))
+        if near is None or near.road is None:
+            lane = one.integer("laneId") if tag == "LanePosition" else None
+            road, s = one.attribute("roadId"), one.number("s")
+            beside = one.number(
+                "t" if lane is None else "offset", 0.0 if lane else None
+            )
+        elif tag == "RelativeRoadPosition":
+            road, lane, s, beside = near.road
+            lane, s, beside = None, s + one.number("ds"), beside + one.number("dt")
+        else:
+            road, lane, s, _ = near.road
+            step = one.integer("dLane")
+            before, lane = lane or 0, (lane or 0) + step
+            # No lane has the number 0.
+            lane += (1 if step > 0 else -1) if before * lane <= 0 and step else 0
+            s += one.number("ds", one.number("dsLane", 0.0))
+            beside = one.number("offset", 0.0)
+        pose, aside = self._locate(one, road, lane, s, beside)
+        return _Spot(pose, (road, lane, s, aside))
+
+    def _begin(self, name: str) -> _Spot | None:
+        """Where an entity begins, unless that depends on itself."""
+        if name in self._begins:
+            self._spots[name] = self._spot(self._begins.pop(name), 0.0)
+        return self._spots.get(name)
 
     def tracks(self) -> tuple[tuple[FileTrack, ...], tuple[str, ...]]:
         """Of all entities that have a place; sentences on what is not read."""
@@ -240,6 +374,10 @@ class _Story:
         told = (
             (sizeless, f"{sizeless} entities without a box have the usual sizes."),
             (lost, f"Entities without a place are left out: {', '.join(lost[:6])}."),
+            (
+                not self._is_timed,
+                "Trajectories without times are followed at the entity's first speed.",
+            ),
             (some, f"Not read of {self._root.path.name}: {some}."),
         )
         return tracks, tuple(text for holds, text in told if holds)
@@ -265,6 +403,36 @@ class _Story:
             heading_rad=heading,
             velocity_mps=speed * ahead if len(table) == 1 else None,
         )
+
+
+def _unread_value(place: Place, *known: str) -> str | None:
+    """What is not read of an element: its name if it is not known, or an expression."""
+    tag = place.element.tag
+    if any("$" in text for text in place.element.attrib.values()):
+        return f"{tag} of expressions"
+    return None if tag in known else tag
+
+
+def _nurbs(
+    order: int,
+    knots: Float[np.ndarray, "K"],
+    weights: Float[np.ndarray, "N"],
+    points: Float[np.ndarray, "N 2"],
+) -> Float[np.ndarray, "M 2"]:
+    """Points along a rational spline, by the recursion of Cox and de Boor."""
+    count = int(min(arc_length(points)[-1], MAX_LINES_M) / _FINE_M) + 2
+    place = np.linspace(knots[order - 1], knots[-order], count)[:, None]
+    last = np.nextafter(knots[-order], -np.inf)
+    place = np.minimum(place, last)
+    share = ((knots[:-1] <= place) & (place < knots[1:])).astype(float)
+    for span in range(1, order):
+        wide = knots[span:] - knots[:-span]
+        slope = np.divide(1.0, wide, where=wide > 0, out=np.zeros_like(wide))
+        rise = (place - knots[: -span - 1]) * slope[:-1]
+        fall = (knots[span + 1 :] - place) * slope[1:]
+        share = rise * share[:, :-1] + fall * share[:, 1:]
+    share = share * weights
+    return share @ points / share.sum(axis=1, keepdims=True)
 
 
 def _body(

@@ -184,17 +184,115 @@ def test_trajectories_begin_with_their_events_and_parked_cars_stay(tmp_path: Pat
 
 
 def test_what_is_not_read_is_told_in_one_sentence(tmp_path: Path):
-    behind = (
-        '<Position><RelativeLanePosition entityRef="ego" dLane="0" ds="-9"/></Position>'
-    )
+    behind = '<Position><GeoPosition latitude="0" longitude="0"/></Position>'
     init = private("ego", lane(-1, 20)) + private("late", behind)
     change = "<LateralAction><LaneChangeAction/></LateralAction>"
     path = story(
         tmp_path, entity("ego") + entity("late"), init, event("ego", change, 2)
     )
     told = " ".join(open_scenario(path).provenance.notes)
-    assert "Not read of play.xosc: LaneChangeAction, RelativeLanePosition." in told
+    assert "Not read of play.xosc: GeoPosition, LaneChangeAction." in told
     assert "Entities without a place are left out: late." in told
+
+
+@pytest.mark.parametrize(
+    ("position", "place", "heading"),
+    [
+        ('RoadPosition roadId="7" s="30" t="-1"', (40.0, -1.0), 0.0),
+        ('RelativeLanePosition entityRef="ego" dLane="0" ds="9"', (39.0, -2.0), 0.0),
+        ('RelativeLanePosition entityRef="ego" dLane="1" ds="9"', (39.0, 2.0), np.pi),
+        ('RelativeRoadPosition entityRef="ego" ds="9" dt="1"', (39.0, -0.5), 0.0),
+        ('RelativeWorldPosition entityRef="ego" dx="9" dy="1"', (39.0, -0.5), 0.0),
+        ('RelativeObjectPosition entityRef="back" dx="9" dy="1"', (21.0, 1.5), np.pi),
+        ('LanePosition roadId="7" laneId="-1" s="${2 * $far / 4}"', (40.0, -2.0), 0.0),
+    ],
+)
+def test_places_are_found_by_road_lane_or_another_entity(
+    position: str, place: tuple[float, float], heading: float, tmp_path: Path
+):
+    """Such entities were left out, also of those that are placed later in the file."""
+    box = BOX.replace('x="1.5"', 'x="0"')
+    init = private("late", f"<Position><{position}/></Position>")
+    init += private("ego", lane(-1, 20)) + private("back", lane(1, 20))
+    names = "".join(entity(one, "car", box) for one in ("ego", "back", "late"))
+    scene = open_scenario(story(tmp_path, names, init))
+    now = scene.current_step
+    np.testing.assert_allclose(at(scene, "late", now), place, atol=1e-6)
+    told = scene.agents.heading_rad[scene.agents.row_of["late"], now]
+    assert np.abs(np.angle(np.exp(1j * (told - heading)))) < 1e-6
+
+
+def test_values_are_computed_and_entities_come_from_catalogs(tmp_path: Path):
+    """Cars had the usual size, and speeds that are computed ended in an error."""
+    init = private("Ego", lane(-1, 20), speed(8.0).replace("8.0", "${$far / 3.6}"))
+    refer = """<ScenarioObject name="Ego"><CatalogReference catalogName="Vehicles"
+    entryName="$kind"><ParameterAssignments><ParameterAssignment parameterRef="long"
+    value="7.5"/></ParameterAssignments></CatalogReference></ScenarioObject>"""
+    path = story(tmp_path, refer, init)
+    path.write_text(
+        path.read_text()
+        .replace(
+            "<RoadNetwork>",
+            """<CatalogLocations><VehicleCatalog><Directory
+        path="../all/cars"/></VehicleCatalog></CatalogLocations><RoadNetwork>""",
+        )
+        .replace(
+            'value="60"/>',
+            'value="60"/><ParameterDeclaration name="kind" value="van"/>',
+        )
+    )
+    (tmp_path / "cars").mkdir()
+    (tmp_path / "cars" / "all.xosc").write_text(f"""<OpenSCENARIO><FileHeader/><Catalog
+    name="Vehicles"><Vehicle name="van" vehicleCategory="tram"><ParameterDeclarations>
+    <ParameterDeclaration name="long" value="6"/></ParameterDeclarations>
+    {BOX.replace('length="4"', 'length="$long"')}</Vehicle></Catalog></OpenSCENARIO>""")
+    agents = open_scenario(path).agents
+    np.testing.assert_allclose(agents.size_m, [(7.5, 2.0)])
+    assert agents.kinds == (AgentKind.BUS,)
+    speeds = np.hypot(*agents.velocity_mps[agents.is_valid].T)
+    np.testing.assert_allclose(speeds, 60 / 3.6)
+
+
+SPLINE = """<Nurbs order="3">{}<Knot value="0"/><Knot value="0"/><Knot value="0"/>
+<Knot value="1"/><Knot value="1"/><Knot value="1"/></Nurbs>"""
+
+
+@pytest.mark.parametrize(
+    ("shape", "length_m", "end"),
+    [
+        ("<Polyline>{}</Polyline>", 24.0, (42.0, 10.5)),
+        (SPLINE, 19.4769, (42.0, 10.5)),
+        (
+            '<Clothoid curvature="0" curvaturePrime="0.02" length="10"><Position>'
+            '<WorldPosition x="30" y="-1.5" h="0"/></Position></Clothoid>',
+            10.0,
+            (39.0452, 1.5965),
+        ),
+    ],
+)
+def test_trajectories_without_times_are_followed_at_the_first_speed(
+    shape: str, length_m: float, end: tuple[float, float], tmp_path: Path
+):
+    """They were not read, as were all but polylines."""
+    corners = [(30, -1.5), (42, -1.5), (42, 10.5)]
+    word = "ControlPoint" if "Nurbs" in shape else "Vertex"
+    points = "".join(
+        f'<{word}><Position><WorldPosition x="{x}" y="{y}"/></Position></{word}>'
+        for x, y in corners
+    )
+    way = f"""<RoutingAction><FollowTrajectoryAction><TrajectoryRef><Trajectory><Shape>
+    {shape.format(points)}</Shape></Trajectory></TrajectoryRef><TimeReference><None/>
+    </TimeReference></FollowTrajectoryAction></RoutingAction>"""
+    box = BOX.replace('x="1.5"', 'x="0"')
+    init = private("Ego", lane(-1, 20), speed(4.0))
+    path = story(tmp_path, entity("Ego", "car", box), init, event("Ego", way, 0))
+    scene = open_scenario(path)
+    steps = np.flatnonzero(scene.agents.is_valid[0])
+    assert len(steps) - 1 == int(length_m / 0.4)
+    rest = length_m - 0.4 * (len(steps) - 1)
+    gap = np.hypot(*(at(scene, "AV", steps[-1]) - end))
+    assert abs(gap - rest) < 0.02
+    assert "followed at the entity's first speed" in " ".join(scene.provenance.notes)
 
 
 @pytest.mark.parametrize(
