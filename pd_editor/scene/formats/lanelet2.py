@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.formats.file_scene import FileScene
+from pd_editor.scene.formats.file_signal import FileSignal
 from pd_editor.scene.formats.missing_links import with_missing_links
 from pd_editor.scene.formats.packed_file import stem_of
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
@@ -69,7 +70,8 @@ Bound = tuple[str, int]
 def read(path: Path) -> Scenario:
     """Read a map as a scene without agents, in its local metres, else in those of UTM.
 
-    Regulatory elements are left out, since scenes have no place for them.
+    Traffic lights have unknown states; other regulatory elements are left out, since scenes
+    have no place for them.
 
     Raises:
         FormatError: the file is damaged, has no lanelets, or names what it lacks.
@@ -86,7 +88,13 @@ def read(path: Path) -> Scenario:
         raise file.faults[0]
     walks = [one for one in courses if one.tags.get("subtype") == "crosswalk"]
     shoulders = [one for one in courses if one.tags.get("subtype") in _SHOULDERS]
-    lanes, told = _lanes(file, [one for one in courses if one.kind is not None])
+    driven = [one for one in courses if one.kind is not None]
+    lanes, told = _lanes(file, driven)
+    # Of two-way lanelets, the direction of the file obeys.
+    numbers = {
+        one.place.attribute("id"): lane.lane_id
+        for one, lane in zip(driven[::-1], lanes[::-1], strict=True)
+    }
     lanes, linked = with_missing_links(lanes)
     notes = [file.frame, *told, *linked]
     if count := len(file.faults):
@@ -94,10 +102,13 @@ def read(path: Path) -> Scenario:
         notes.append(f"Damaged lanelets and areas are left out ({count}): {what}")
     if file.num_rules:
         notes.append(f"{file.num_rules} regulatory elements are left out.")
+    if file.lights:
+        notes.append(f"{len(file.lights)} traffic lights have unknown states.")
     return FileScene(
         path=path,
         name=stem_of(path),
         lanes=lanes,
+        signals=tuple(file.signals(numbers)),
         crosswalks=tuple(
             Crosswalk(
                 crosswalk_id=number,
@@ -139,7 +150,9 @@ class _File:
         relations: defaultdict[str, list[Place]] = defaultdict(list)
         for one in present["relation"]:
             relations[_tags(one).get("type", "")].append(one)
-        self.num_rules = len(relations["regulatory_element"])
+        rules = relations["regulatory_element"]
+        lights = [n for n in rules if _tags(n).get("subtype") == "traffic_light"]
+        self.num_rules = len(rules) - len(lights)
         if not relations["lanelet"]:
             raise root.error(
                 "has no lanelets; expected relations of type lanelet. Of a street map "
@@ -163,6 +176,12 @@ class _File:
         ]
         if self.faults and not self.lanelets:
             raise self.faults[0]
+        self.lights = {
+            n.attribute("id"): self._members(n, "ref_line")
+            for n in lights
+            if self._has(n, ("ref_line",))
+        }
+        """Stop lines, which they may lack, of traffic lights."""
         self._points: dict[Bound, Float[np.ndarray, "_ 3"]] = {}
 
     def _has(
@@ -273,6 +292,19 @@ class _File:
         """Centre line that the file has of a lanelet, in any direction."""
         ways = self._members(place, "centerline")
         return self.points((ways[0], 1)) if len(ways) == 1 else None
+
+    def signals(self, numbers: Mapping[str, int]) -> Iterator[FileSignal]:
+        """Traffic lights with the lanes of the lanelets that obey them."""
+        obeying: defaultdict[str, list[int]] = defaultdict(list)
+        for place in self.lanelets:
+            for one in place.children("member[@role='regulatory_element']"):
+                obeying[one.get("ref")] += [numbers.get(place.attribute("id"), 0)]
+        for name, ways in self.lights.items():
+            stops = [self.points((way, 1))[:, :2].mean(axis=0) for way in ways]
+            stop = stops[0] if stops else None
+            yield FileSignal(
+                signal_id=name, stop_m={lane: stop for lane in obeying[name] if lane}
+            )
 
     def areas(self) -> Iterator[BaseGeometry]:
         """Areas that are known to be paved, beside lanelets."""

@@ -50,7 +50,7 @@ _BESIDE: Final = (
 )
 _ROUTES: Final = (
     f"SUMO's routes, {_BESIDE.format('rou')} Sizes are read from it, and motion from "
-    "town.fcd.xml, which sumo --fcd-output writes."
+    "town.fcd.xml, which sumo --fcd-output writes; or open a .sumocfg that names them all."
 )
 _ALONE: Final = {
     "<fcd-export": f"SUMO's floating-car data, {_BESIDE.format('fcd')}",
@@ -59,8 +59,9 @@ _ALONE: Final = {
     "<additional": f"a SUMO additional file, {_BESIDE.format('add')}",
     "<openscenario": "OpenSCENARIO without a road network; expected a <LogicFile> in its "
     "<RoadNetwork> that names an .xodr file, which lies beside it.",
-    ".sumocfg": "a SUMO configuration; open the .net.xml that its net-file names, beside "
-    "which town.fcd.xml has the motion (sumo --fcd-output).",
+    ".sumocfg": "a SUMO configuration without a <net-file>; expected one that names a network.",
+    "dataset_summary.pkl": "the summary of a ScenarioNet data set; open its scenes.",
+    "dataset_mapping.pkl": "the mapping of a ScenarioNet data set; open its scenes.",
     ".pbf": "an OpenStreetMap extract, without lanes; osmium cat IN.pbf -o IN.osm and "
     "netconvert --osm-files IN.osm -o OUT.net.xml make a network of it.",
     ".tfrecord": "a Waymo record; ScenarioNet makes .pkl files of it, GPUDrive .json.",

@@ -177,6 +177,9 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         (kind for part, kind in _FINER_KINDS.items() if part in finer),
         KINDS.get(str(found["type"]), AgentKind.UNKNOWN),
     )
+    if kind in (AgentKind.VEHICLE, AgentKind.BUS):
+        # That of nuScenes's own car is the other way round.
+        sizes.sort(reverse=True)
     return FileTrack(
         track_id=name,
         kind=kind,

@@ -18,7 +18,8 @@ from pd_editor.scene.formats.file_scene import (
     usual_now_s,
 )
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
-from pd_editor.scene.formats.packed_file import stem_of
+from pd_editor.scene.formats.missing_links import with_missing_links
+from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.sumo_net import (
@@ -41,6 +42,14 @@ from pd_editor.scene.road_map import Lane, LaneMark
 from pd_editor.scene.scenario import Scenario
 
 ENDING: Final = ".net.xml"
+CONFIG: Final = ".sumocfg"
+_FILES: Final = {
+    "net": "net-file",
+    "fcd": "fcd-output",
+    "rou": "route-files",
+    "add": "additional-files",
+}
+"""Elements of configurations that name files."""
 _CLASSES: Final = {
     "pedestrian": (AgentKind.PEDESTRIAN, 0.215),
     "bicycle": (AgentKind.CYCLIST, 1.6),
@@ -75,61 +84,80 @@ def read(path: Path) -> Scenario:
     """Read a network, and the vehicles and persons in the floating-car data beside it.
 
     ``NAME.fcd.xml`` has the states, ``NAME.rou.xml`` and ``NAME.add.xml`` the sizes of
-    ``NAME.net.xml``'s vehicles; each may be gzipped. Signals have the states of their
+    ``NAME.net.xml``'s vehicles; each may be gzipped. A ``.sumocfg`` names them. Signals have the states of their
     static programmes.
 
     Raises:
         FormatError: a file is damaged, or has no edges.
     """
-    root, data = parse_xml(path, "net")
+    net_file, beside = _files(path)
+    root, data = parse_xml(net_file, "net")
     net = sumo_net(root)
-    name = stem_of(path).removesuffix(".net")
-    beside = {
-        part: found
-        for part in ("fcd", "rou", "add")
-        for ending in (".xml.gz", ".xml")
-        if (found := path.with_name(f"{name}.{part}{ending}")).is_file()
-    }
     # Of these, SUMO does not heed the name of the root.
-    roots = {
-        part: parse_xml(one, None)[0] for part, one in beside.items() if part != "fcd"
-    }
+    types = [parse_xml(one, None)[0] for one in (*beside["rou"], *beside["add"])]
     tracks: tuple[FileTrack, ...] = ()
     times: list[float] = []
     notes: list[str] = []
     if any(map(_reacts, root.children("tlLogic"))):
         notes.append("Signals that react to traffic have unknown states.")
-    if "fcd" in beside:
-        motion, more = parse_xml(beside["fcd"], "fcd-export")
-        types = {
-            one.get("id"): one
-            for part in roots.values()
-            for one in part.children(".//vType")
+    for file in beside["fcd"][:1]:
+        motion, more = parse_xml(file, "fcd-export")
+        known = {
+            one.get("id"): one for part in types for one in part.children(".//vType")
         }
-        tracks, times = _tracks(motion, types, root.children("location")[:1])
+        tracks, times = _tracks(motion, known, root.children("location")[:1])
         if any(not one.get("angle") for one in motion.element.iterfind("timestep/*")):
             notes.append(NO_HEADINGS)
         data += more
     lanes, number = _lanes(net)
-    polygons = _polygons(roots.get("add"))
+    lanes, linked = with_missing_links(lanes)
+    polygons = _polygons(types)
     walks = crosswalks_of(enumerate(polygons[CROSSWALK], 10**6))
     return FileScene(
         path=path,
-        name=name,
+        name=stem_of(path).removesuffix(".net"),
         lanes=lanes,
         crosswalks=(*net.crosswalks(1), *walks),
         more_paved=[*net.paved_beside_lanes(), *map(valid_area, polygons[PAVED])],
         tracks=tracks,
         signals=tuple(_signals(root, net, number)),
         current_s=usual_now_s(times[0], times[-1]) if times else None,
-        notes=tuple(notes),
+        notes=(*notes, *linked),
     ).scenario(data)
 
 
-def _polygons(root: Place | None) -> dict[str, list[Float[np.ndarray, "_ 2"]]]:
+def _files(path: Path) -> tuple[Path, dict[str, list[Path]]]:
+    """A network, and files of motion, of types and of more, which are named or beside it."""
+    named: dict[str, list[Path]] = {}
+    if ending_of(path) == CONFIG:
+        config = parse_xml(path, None)[0]
+        for part, tag in _FILES.items():
+            names = [
+                name.strip()
+                for one in config.children(f".//{tag}")
+                for name in one.get("value").split(",")
+            ]
+            files = [path.parent / name for name in names if name]
+            named[part] = [one for one in files if one.is_file()]
+        if not named["net"]:
+            raise config.error("names no net-file that is there; expected a network.")
+        (path,) = named["net"][:1]
+    name = stem_of(path).removesuffix(".net")
+    beside = {
+        part: [
+            found
+            for ending in (".xml", ".xml.gz")
+            if (found := path.with_name(f"{name}.{part}{ending}")).is_file()
+        ]
+        for part in ("fcd", "rou", "add")
+    }
+    return path, {part: named.get(part) or files[:1] for part, files in beside.items()}
+
+
+def _polygons(roots: Sequence[Place]) -> dict[str, list[Float[np.ndarray, "_ 2"]]]:
     """Rings of crosswalks and of drivable areas."""
     found: dict[str, list[Float[np.ndarray, "_ 2"]]] = {CROSSWALK: [], PAVED: []}
-    for place in root.children("poly") if root else ():
+    for place in (one for root in roots for one in root.children("poly")):
         kind = place.get("type")
         if kind in found and len(ring := points_of(place)) > 2:
             found[kind].append(ring)
@@ -352,11 +380,19 @@ def _track(
     )
 
 
+_is_network: Final = has_root("net", ENDING)
+
+
+def _recognises(path: Path) -> bool:
+    is_config = ending_of(path) == CONFIG and b"<net-file" in head_of(path)
+    return is_config or _is_network(path)
+
+
 SUMO: Final = SceneFormat(
     name="sumo",
     title="SUMO",
-    endings=(ENDING,),
-    recognises=has_root("net", ENDING),
+    endings=(ENDING, CONFIG),
+    recognises=_recognises,
     read=read,
     write=write,
 )

@@ -77,6 +77,24 @@ def test_neighbours_share_a_way_and_links_share_both_end_nodes(tmp_path: Path):
         assert (lane.left_m[:, 1] > lane.right_m[:, 1].max() - 1e-9).all()
 
 
+def test_traffic_lights_are_at_the_stop_lines_of_their_lanelets(tmp_path: Path):
+    """They were left out."""
+    obeys = '<member type="relation" ref="50" role="regulatory_element"/>'
+    light = f"""<relation id="50"><member type="way" ref="16" role="ref_line"/><member
+    type="way" ref="99" role="refers"/>{tags(type="regulatory_element", subtype="traffic_light")}
+    </relation>"""
+    street = [one.replace("</relation>", f"{obeys}</relation>") for one in STREET[:2]]
+    places = PLACES | {20: (15, 0), 21: (15, 6)}
+    content = text([*street, STREET[2], light], ALL_WAYS | {16: (20, 21)}, places)
+    _, path = opened(tmp_path, content)
+    scene = open_scenario(path)
+    (signal,) = scene.signals
+    assert sorted(signal.lane_ids) == [1, 2]
+    np.testing.assert_allclose(signal.stop_share, 0.75)
+    assert not signal.states.any()
+    assert "1 traffic lights have unknown states." in scene.provenance.notes
+
+
 @pytest.mark.parametrize("flips", [(), (10,), (11,), (12,), (10, 11, 12)])
 def test_the_direction_follows_from_the_sides_and_not_from_the_ways(
     tmp_path: Path, flips: tuple[int, ...]

@@ -104,6 +104,17 @@ def check(scene: Scenario) -> None:
     assert len(scene.road_map.crosswalks) == 1
 
 
+def test_cars_are_longer_than_wide(tmp_path: Path):
+    """ScenarioNet's ego of nuScenes lay across its lane, 4.08 m wide."""
+    found = description()
+    state = found["tracks"]["7"]["state"]
+    state["length"], state["width"] = state["width"], state["length"]
+    path = tmp_path / "one.pkl"
+    path.write_bytes(pickle.dumps(found))
+    agents = open_scenario(path).agents
+    assert agents.size_m[agents.row_of["AV"]].tolist() == [4.8, 2.0]
+
+
 def test_a_scenario_description_opens_with_sizes_lanes_and_ego(tmp_path: Path):
     path = tmp_path / "sd_one.pkl"
     path.write_bytes(pickle.dumps(description()))

@@ -57,6 +57,32 @@ def written(folder: Path, step_s: float = 0.1, count: int = 60) -> Path:
     return path
 
 
+def test_a_configuration_opens_what_it_names(tmp_path: Path):
+    """It was refused, with the advice to give its files other names."""
+    path = written(tmp_path)
+    for old, new in (("fcd.xml.gz", "moves.xml.gz"), ("rou.xml", "kinds.xml")):
+        (tmp_path / f"town.{old}").rename(tmp_path / new)
+    path = path.rename(tmp_path / "road.net.xml")
+    config = tmp_path / "run.sumocfg"
+    config.write_text("""<sumoConfiguration><input><net-file value="road.net.xml"/>
+    <route-files value="lost.xml, kinds.xml"/></input><output><fcd-output
+    value="moves.xml.gz"/></output></sumoConfiguration>""")
+    scene = open_scenario(config)
+    assert scene.scenario_id == "run"
+    assert sorted(scene.agents.ids) == ["bus.0", "p", "van.0"]
+    assert scene.agents.size_m[scene.agents.row_of["van.0"]].tolist() == [6.0, 2.1]
+    path.unlink()
+    with pytest.raises(FormatError, match=r"run\.sumocfg, line 1: .* no net-file that"):
+        open_scenario(config)
+
+
+def test_lanes_of_networks_without_connections_lead_on(tmp_path: Path):
+    path = tmp_path / "bare.net.xml"
+    path.write_text(re.sub("<connection [^>]*>", "", NET))
+    scene = open_scenario(path)
+    assert any(one.successors for one in scene.road_map.lanes)
+
+
 def test_lanes_through_junctions_are_links(tmp_path: Path):
     path = tmp_path / "hand.net.xml.gz"
     path.write_bytes(gzip.compress(NET.encode()))
