@@ -1,7 +1,7 @@
 """ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML), and OpenSCENARIO on them."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -48,6 +48,8 @@ SPACING_M: Final = 1.0
 _SAME_LINE_M: Final = 0.01
 _HOLE_M: Final = 1.0
 """Longer parts of a reference line that are not told are told of."""
+_SAME_AREA: Final = 0.9
+"""Share of each other from which two crosswalks are one."""
 _LEAST_WIDTH_M: Final = 0.3
 """Lanes that are nowhere wider are left out."""
 _LANE_KINDS: Final = {
@@ -98,7 +100,7 @@ def read(path: Path) -> Scenario:
     roads = _roads(root)
     network = _Network(root, roads)
     paved = [area for road in roads.values() for area in road.paved()]
-    walks = [walk for road in roads.values() for walk in road.crosswalks()]
+    walks = _distinct(walk for road in roads.values() for walk in road.crosswalks())
     motion = Motion()
     if scenario is not None:
         motion = motion_of(*scenario, partial(_pose, roads))
@@ -138,6 +140,22 @@ def _roads(root: Place) -> "dict[str, _Road]":
             raise place.error("comes twice; expected ids that are unique.")
         roads[road.name] = road
     return roads
+
+
+def _distinct(
+    rings: Iterable[Float[np.ndarray, "_ 2"]],
+) -> list[Float[np.ndarray, "_ 2"]]:
+    """Rings without those that cover the same ground as one before."""
+    kept: list[tuple[BaseGeometry, Float[np.ndarray, "_ 2"]]] = []
+    for ring in rings:
+        area = valid_area(ring)
+        least = _SAME_AREA * area.area
+        if not any(
+            least < area.intersection(one).area > _SAME_AREA * one.area
+            for one, _ in kept
+        ):
+            kept.append((area, ring))
+    return [ring for _, ring in kept]
 
 
 def _offset(header: Place) -> Float[np.ndarray, "2"]:
@@ -191,8 +209,17 @@ class _Section:
     lanes: Mapping[int, Place]
 
     def inner(self, lane: int) -> int:
-        """The next lane towards the centre."""
-        return lane + 1 if lane < 0 else lane - 1
+        """The next lane towards the centre, which is 0; ids may be left out."""
+        side = 1 if lane > 0 else -1
+        return side * max(
+            n * side for n in self.border_m if 0 <= n * side < lane * side
+        )
+
+    def outer(self, lane: int, side: int) -> int:
+        """The next lane away from the centre on a side (1: left, -1: right), else 0."""
+        return side * min(
+            (n * side for n in self.lanes if n * side > lane * side), default=0
+        )
 
     def middle(self, lane: int) -> Float[np.ndarray, "K"]:
         """Lateral place of a lane's middle."""
@@ -243,7 +270,10 @@ class _Road:
         if not places:
             raise lanes.error("has no laneSection.")
         starts = [one.number("s") for one in places]
-        if sorted(starts) != starts or not 0 <= starts[0] <= starts[-1] <= MAX_LINES_M:
+        if (
+            sorted(starts) != starts
+            or not -1e-3 <= starts[0] <= starts[-1] <= MAX_LINES_M
+        ):
             raise lanes.error("has sections that are not in the order of s.")
         sides = {
             (one.element.find("left") is None, one.element.find("right") is None)
@@ -279,17 +309,20 @@ class _Road:
         s = np.unique(s[(start <= s) & (s <= end)])
         center = offset.at(s)
         borders, lanes = {0: center}, {}
+        beside: dict[int, int] = {}
         # The sign of its id tells the side of a lane; netconvert mixes up the elements.
         own = [*place.children("left/lane"), *place.children("right/lane")]
         for one in sorted(own, key=lambda lane: abs(lane.integer("id"))):
             number = one.integer("id")
             sign = 1 if number > 0 else -1
-            if number in borders or number - sign not in borders:
-                raise one.error("comes twice, or is not next to another.")
+            if number in borders:
+                raise one.error("comes twice in its section, or is in the centre.")
+            inner = borders[beside.get(sign, 0)]
+            beside[sign] = number
             width = one.children("width")
             if width or not one.children("border"):
                 lateral = Cubics.of(width, "sOffset").at(s - start)
-                outer = borders[number - sign] + sign * np.maximum(lateral, 0.0)
+                outer = inner + sign * np.maximum(lateral, 0.0)
             else:
                 border = Cubics.of(one.children("border"), "sOffset").at(s - start)
                 outer = center + border
@@ -326,33 +359,42 @@ class _Road:
                     outer = section.points(section.border_m[number])
                     yield valid_area(np.concatenate([inner, outer[::-1]])[:, :2])
         for one in self.place.children("objects/object"):
-            if _type(one) == "none" and (
-                one.children(f".//outline[@fillType='{PAVING}']")
-            ):
-                yield valid_area(self._corners(one))
+            is_asphalt = one.children(f".//outline[@fillType='{PAVING}']")
+            if _type(one) == "parkingspace" or (_type(one) == "none" and is_asphalt):
+                yield from map(valid_area, self._rings(one))
 
     def crosswalks(self) -> Iterator[Float[np.ndarray, "_ 2"]]:
-        """Corners of the objects that are crosswalks."""
+        """Corners of the objects that are crosswalks, which RoadRunner may only name so."""
         for one in self.place.children("objects/object"):
-            is_placed = one.get("length") and one.get("width")
-            if _type(one) == "crosswalk" and (is_placed or one.children(".//outline")):
-                yield self._corners(one)
+            told, name = _type(one), one.get("name").lower()
+            if told == "crosswalk" or (told in ("-1", "none") and "crosswalk" in name):
+                yield from self._rings(one)
 
-    def _corners(self, place: Place) -> Float[np.ndarray, "N 2"]:
+    def _rings(self, place: Place) -> Iterator[Float[np.ndarray, "N 2"]]:
+        """Outlines of an object: each that it has, else that of its size, if it has one."""
+        outlines = place.children(".//outline")
+        is_placed = place.number("length", 0.0) > 0 and place.number("width", 0.0) > 0
+        for one in outlines or [place] * is_placed:
+            ring = self._corners(place, one)
+            if len(ring) > 2:
+                yield ring
+
+    def _corners(self, place: Place, outline: Place) -> Float[np.ndarray, "N 2"]:
         s, t = place.number("s"), place.number("t")
         x, y, heading, _ = self.line.at(np.array([s]))[0]
         center = np.array([x - t * np.sin(heading), y + t * np.cos(heading)])
         turn = heading + place.number("hdg", 0.0)
         axis = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        if corners := place.children(".//cornerLocal"):
+        if corners := outline.children("cornerLocal"):
             uv = np.array([(one.number("u"), one.number("v")) for one in corners])
             return center + uv @ axis
-        if corners := place.children(".//cornerRoad"):
+        if corners := outline.children("cornerRoad"):
             line = self.line.at(np.array([one.number("s") for one in corners]))
             beside = np.array([one.number("t") for one in corners])
             normal = np.stack([-np.sin(line[:, 2]), np.cos(line[:, 2])], axis=-1)
             return line[:, :2] + beside[:, None] * normal
-        half = np.array([place.number("length"), place.number("width")]) / 2
+        sides = [place.number(name, 0.0) for name in ("length", "width")]
+        half = np.array(sides) / 2
         return center + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ axis
 
     def obeying(self, place: Place) -> dict[Key, Float[np.ndarray, "2"]]:
@@ -504,10 +546,10 @@ class _Network:
         inner = section.inner(lane)
         sides = section.border_m[inner], section.border_m[lane]
         marks = _mark(section, inner), _mark(section, lane)
-        outer = 2 * lane - inner
+        side = 1 if lane > 0 else -1
         neighbors = tuple(
             self._number.get((road.name, section.index, one, leads_on))
-            for one in (inner or -lane, outer)
+            for one in (inner or section.outer(0, -side), section.outer(lane, side))
         )
         step = 1 if leads_on else -1
         order = 1 if leads_on == (lane < 0) else -1
@@ -618,8 +660,9 @@ def _contact(link: Any) -> End:
 
 def _kind_of_sign(sign: Any) -> str | None:
     """The beginning of a light's type, or a stop line's type; None for all else."""
-    kind = sign.get("type") or ""
-    if sign.get("dynamic") == "yes" and kind not in _OTHER_LIGHTS:
+    # Older files have points in it.
+    kind = (sign.get("type") or "").replace(".", "")
+    if sign.get("dynamic") in ("yes", "true", None) and kind not in _OTHER_LIGHTS:
         return _LIGHTS if kind.startswith(_LIGHTS) else None
     return kind if kind == _STOP_LINE else None
 

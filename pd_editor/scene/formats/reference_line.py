@@ -202,7 +202,7 @@ def _piece(place: Place) -> _Piece:
                 u, v = (
                     tuple(one.number(f"{key}{axis}") for key in "abcd") for axis in "UV"
                 )
-                is_length = shape.get("pRange") == "arcLength"
+                is_length = one.get("pRange").lower() == "arclength"
                 return _ParametricCubic(
                     **given,
                     u=(u[0], u[1], u[2], u[3]),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -79,6 +80,64 @@ def lane_at(scene: Scenario, x: float, y: float) -> Lane:
         return float(np.linalg.norm(np.concatenate(parts) - [x, y], axis=1).min())
 
     return min(scene.road_map.lanes, key=gap)
+
+
+def corners(*places: tuple[float, float]) -> str:
+    each = "".join(f'<cornerLocal u="{u}" v="{v}" z="0"/>' for u, v in places)
+    return f"<outline>{each}</outline>"
+
+
+def test_each_outline_is_a_crosswalk_and_parking_spaces_are_paved(tmp_path: Path):
+    """Two in one object were one that crossed itself; named ones of RoadRunner were lost."""
+    first = corners((-2, -4), (2, -4), (2, 4), (-2, 4))
+    second = corners((8, -4), (12, -4), (12, 4), (8, 4))
+    place = 's="20" t="0" hdg="0"'
+    objects = (
+        f'<object type="crosswalk" {place}><outlines>{first}{second}</outlines></object>'
+        f'<object type="-1" name="LadderCrosswalk" {place}>{first}</object>'
+        '<object type="-1" name="SimpleCrosswalk" s="40" t="0" length="8" width="4"/>'
+        '<object type="crosswalk" s="30" t="0"><outlines/></object>'
+        '<object type="parkingSpace" s="40" t="-6" length="5" width="2.5"/>'
+    )
+    street = road(section(lane(1), lane(-1)))
+    scene = opened(
+        tmp_path, street.replace("</road>", f"<objects>{objects}</objects></road>")
+    )
+    walks = scene.road_map.crosswalks
+    middles = [at(scene, one.outline_m()).mean(axis=0) for one in walks]
+    np.testing.assert_allclose(middles, [[20, 0], [30, 0], [40, 0]], atol=1e-9)
+    paved = sum(
+        shapely.Polygon(one.boundary[:, :2]).area
+        for one in scene.road_map.drivable_areas
+    )
+    assert paved == pytest.approx(2 * 3.5 * 50 + 5 * 2.5)
+
+
+@pytest.mark.parametrize("about", ['type="1.000.001" dynamic="yes"', 'type="1000001"'])
+def test_lights_are_known_by_their_type(tmp_path: Path, about: str):
+    """Those of older files, and those that leave out whether they change, were signs."""
+    light = f'<signals><signal id="5" s="45" t="-5" orientation="+" {about}/></signals>'
+    street = road(section(lane(1), lane(-1)))
+    scene = opened(tmp_path, street.replace("</road>", f"{light}</road>"))
+    assert [one.signal_id for one in scene.signals] == ["5"]
+
+
+def test_lanes_lie_side_by_side_where_numbers_are_left_out(tmp_path: Path):
+    """Such files were refused, and so were sections that begin a rounding before 0."""
+    scene = opened(tmp_path, road(section(lane(2), lane(-2), lane(-4), s=-1e-9)))
+    one, two = (lane_at(scene, 25, y) for y in (-1.75, -5.25))
+    assert (one.right_neighbor, two.left_neighbor) == (two.lane_id, one.lane_id)
+    np.testing.assert_allclose(at(scene, two.right)[:, 1], -7.0)
+
+
+def test_parameters_by_length_are_so_in_any_case(tmp_path: Path):
+    """A road with ``arclength`` was a point."""
+    cubic = '<paramPoly3 pRange="arclength" aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/>'
+    scene = opened(
+        tmp_path, road(section(lane(-1)), geometry=LINE.replace("<line/>", cubic))
+    )
+    line = at(scene, scene.road_map.lanes[0].centerline)
+    np.testing.assert_allclose(line, [[0, -1.75], [50, -1.75]])
 
 
 def test_lanes_lie_beside_the_reference_line_and_lead_the_right_way(tmp_path: Path):
