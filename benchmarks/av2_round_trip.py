@@ -24,12 +24,12 @@ _Result = TypeVar("_Result")
 
 def timed(work: Callable[[], _Result]) -> tuple[float, _Result]:
     """Smallest of a few times in milliseconds, and the result."""
-    times = []
+    found = []
     for _ in range(REPEATS):
         start = time.perf_counter()
         result = work()
-        times.append(time.perf_counter() - start)
-    return min(times) * 1e3, result
+        found.append((time.perf_counter() - start, result))
+    return min(took for took, _ in found) * 1e3, found[-1][1]
 
 
 def spread(values: list[float]) -> str:

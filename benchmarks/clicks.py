@@ -10,8 +10,9 @@ import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, ViewportSize
 
 from benchmarks.chromium import opened_chromium
 from benchmarks.figures import load_in_words
@@ -19,7 +20,7 @@ from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.browser.editor_page import EditorPage
 
 COUNTED = "presses = 0; addEventListener('pointerdown', () => presses++, true)"
-VIEWPORT = {"width": 1280, "height": 720}
+VIEWPORT = ViewportSize(width=1280, height=720)
 
 
 class Walker:
@@ -28,7 +29,7 @@ class Walker:
     def __init__(self, editor: EditorPage) -> None:
         self.editor, self.page = editor, editor.page
 
-    def press(self, name: str, role: str = "button") -> None:
+    def press(self, name: str, role: Literal["button", "tab"] = "button") -> None:
         """Click something by its name."""
         self.page.get_by_role(role, name=name, exact=True).first.click()
         self.page.wait_for_timeout(150)

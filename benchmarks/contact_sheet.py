@@ -123,6 +123,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", default="path-diffuser")
     parser.add_argument("--split", default="val")
+    parser.add_argument("--signals", action="store_true")
     parser.add_argument("--samples", type=int, default=3)
     parser.add_argument("--side", type=int, default=360, help="of a picture, pixels")
     parser.add_argument("--blind", type=int, metavar="SEED", help="shuffled pictures")
@@ -134,7 +135,9 @@ def main() -> None:
         row = [read_scenario(folder)]
         for seed in range(options.samples):
             out = options.out / f"sample-{seed}"
-            generate(folder, PLACEMENT, options.model, seed, out)
+            generate(
+                folder, PLACEMENT, options.model, seed, out, signals=options.signals
+            )
             row.append(read_scenario(out / folder.name))
         rows.append(row)
     centers = [scene_center(row[0]) for row in rows]

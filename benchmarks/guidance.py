@@ -131,16 +131,17 @@ def way_points(
         agent = AgentNow(scenario=scenario, row=row)
         path = agent.paths_m[random.integers(len(agent.paths_m))][:40:2]
         points = tuple((float(x), float(y)) for x, y in path)
-        reach = speed[row] * random.uniform(2.0, 4.0)
+        now_mps = float(speed[row])
+        reach = now_mps * random.uniform(2.0, 4.0)
         at = min(max(round(reach / 4.0), 1), len(points) - 2)
 
         def asked(value: object, at: int = at, count: int = len(points)) -> tuple:
             return tuple(value if one == at else None for one in range(count))
 
         plain = FollowPath(agent_id=agents.ids[row], points_m=points)
-        mps = round(float(np.clip(speed[row] + random.uniform(-4, 4), 0.0, 20.0)), 1)
+        mps = round(min(max(now_mps + random.uniform(-4, 4), 0.0), 20.0), 1)
         yield "a speed there", replace(plain, speeds_mps=asked(mps))
-        at_s = round(reach / speed[row] * random.uniform(0.7, 1.4), 1)
+        at_s = round(reach / now_mps * random.uniform(0.7, 1.4), 1)
         yield "a time there", replace(plain, times_s=asked(at_s))
         for other in random.permutation(rows).tolist():
             if other != row:

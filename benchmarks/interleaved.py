@@ -118,8 +118,8 @@ def _large_works() -> dict[str, Callable[[], object]]:
     ids = drivable_agent_ids(scenario)
     diffuser = make_generator(DEFAULT_GENERATOR)
 
-    def run(**settings: object) -> tuple[object, Any]:
-        request = generation.GenerationRequest(**settings)  # type: ignore[arg-type]
+    def run(**settings: Any) -> tuple[generation.GenerationRequest, Any]:
+        request = generation.GenerationRequest(**settings)
         return request, generation.run_to_end(diffuser.generate(request))
 
     driven = traffic_command(*run(scenario=scenario, agent_ids=ids)).apply(scenario)

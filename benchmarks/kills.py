@@ -74,7 +74,7 @@ def serve(library: Path, report: int, log: Path) -> None:
         os.write(report, json.dumps(about).encode() + b"\n")
 
     tell(port=app.server.get_port())
-    while not any(tab._is_built for _, tab in tuple(app._tabs.values())):
+    while not any(tab._built.is_set() for _, tab in tuple(app._tabs.values())):
         time.sleep(0.02)
     (session,) = (workspace.session for workspace in app.workspaces())
 
@@ -249,7 +249,8 @@ def found_afterwards(
 
     ``ahead`` counts journals that hold one edit or move more than was told.
     """
-    counts = dict.fromkeys(("edits", "journals", "lost", "ahead", "whole", "torn"), 0)
+    names = ("edits", "journals", "lost", "ahead", "whole", "torn")
+    counts: dict[str, int] = dict.fromkeys(names, 0)
     works = {work.path.name: work for work in find_unfinished(library / "journals")}
     for name, said in accepted.items():
         if not said["labels"]:

@@ -85,7 +85,7 @@ def main() -> None:
     parser.add_argument("--policies", nargs="+", default=POLICIES)
     options = parser.parse_args()
     root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
-    scenes = [str(one) for one in sorted(root.iterdir())[: options.scenes]]
+    scenes = tuple(sorted(root.iterdir())[: options.scenes])
     opened = [open_scenario(one) for one in scenes]
     record_s = min(one.time_axis.num_future_steps * 0.1 for one in opened)
     runs = {
@@ -115,7 +115,7 @@ def main() -> None:
         print(f"{words}: {told}", flush=True)
     *seeds, short, log = means
     for one, other in (*itertools.combinations(seeds, 2), (short, log)):
-        tau = kendalltau(means[one], means[other]).statistic
+        tau, _ = kendalltau(means[one], means[other])
         print(f"Kendall's tau, {one} and {other}: {tau:.2f}")
 
 

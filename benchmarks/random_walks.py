@@ -13,6 +13,7 @@ import tempfile
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,13 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     logging.disable(logging.WARNING)
     state_file = folder / "state.json"
-    state = {"blocks": 0, "commands": 0, "refused": 0, "moves": 0, "switches": 0}
+    state: dict[str, Any] = {
+        "blocks": 0,
+        "commands": 0,
+        "refused": 0,
+        "moves": 0,
+        "switches": 0,
+    }
     state |= {"checked": 0, "seconds": 0.0}
     if state_file.exists():
         state = json.loads(state_file.read_text())

@@ -172,7 +172,10 @@ def goals(other: Scenario, scenario: Scenario, at_s: float) -> tuple[GoalPoint, 
     return tuple(
         GoalPoint(
             agent_id=agents.ids[row],
-            point_m=tuple(map(float, agents.position_m[row, at])),
+            point_m=(
+                float(agents.position_m[row, at, 0]),
+                float(agents.position_m[row, at, 1]),
+            ),
             at_s=at_s,
         )
         for row in np.random.default_rng(0).permutation(rows)[:3]
@@ -184,6 +187,7 @@ def misses(scenario: Scenario, terms: tuple[GoalPoint, ...]) -> list[float]:
     agents, found = scenario.agents, []
     for one in terms:
         row = agents.row_of[one.agent_id]
+        assert one.at_s is not None
         at = scenario.current_step + round(one.at_s / scenario.time_axis.step_s)
         gap = np.linalg.norm(agents.position_m[row, at] - one.point_m)
         found.append(float(gap) if agents.is_valid[row, at] else np.inf)

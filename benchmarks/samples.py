@@ -70,7 +70,8 @@ def main() -> None:
         ]
         samples = SampleSet(
             before=scenario,
-            scene=request.scenario,
+            base=scenario,
+            done=(),
             samples=batch.samples,
             commands=tuple(
                 traffic_command(request, batch, index) for index in range(count)

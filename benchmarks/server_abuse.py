@@ -20,7 +20,8 @@ import msgspec
 import numpy as np
 import viser
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 
 from benchmarks.figures import load_in_words
 from tests.bad_inputs.inputs import odd_frame
@@ -65,7 +66,7 @@ class Server:
         (line,) = (line for line in text.splitlines() if line.startswith("VmRSS"))
         return int(line.split()[1]) / 1024
 
-    def tab(self, **headers: str) -> ClientConnection:
+    def tab(self, **headers: str) -> Connection:
         """A connection that has not said anything yet."""
         return connect(
             f"ws://127.0.0.1:{self.port}",
@@ -94,7 +95,7 @@ class Server:
         self._process.wait(30)
 
 
-def received(tab: ClientConnection) -> int:
+def received(tab: Connection) -> int:
     """Bytes of a page within a few seconds, or until it is surely built."""
     tab.send(HELLO)
     total, began = 0, time.monotonic()

@@ -17,14 +17,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, ViewportSize
 
 from benchmarks.chromium import opened_chromium
 from benchmarks.figures import load_in_words, spread
 
 RUNS = 5
 ROOT = Path(__file__).parents[1]
-VIEWPORT = {"width": 1100, "height": 720}
+VIEWPORT = ViewportSize(width=1100, height=720)
 POLL_S = 0.01
 
 SERVER = """

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from playwright.sync_api import ViewportSize
 
 from benchmarks.chromium import opened_chromium
 from benchmarks.figures import load_in_words, spread
@@ -21,7 +22,7 @@ from pd_editor.viewer.scene.camera import projected
 from pd_editor.viewer.viewer_app import ViewerApp, ViewerOptions
 from tests.browser.editor_page import EditorPage
 
-VIEWPORT = {"width": 1600, "height": 900}
+VIEWPORT = ViewportSize(width=1600, height=900)
 ALLOWED_ERROR_M = 0.1
 ROOF_M = 1.0
 MIN_WIDTH_M = 0.6

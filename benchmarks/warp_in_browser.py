@@ -15,7 +15,7 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, ViewportSize
 from websockets.asyncio.server import ServerConnection
 
 from benchmarks.chromium import opened_chromium
@@ -161,11 +161,11 @@ class SliderDrag:
 
     def calibrate(self) -> float:
         """Move to a high power and find out how many pixels one unit of it is."""
-        for offset in range(5, 95, 5):
+        offset = 0
+        while offset < 90 and self.value() < 8:
+            offset += 5
             self.page.mouse.move(self.x + offset, self.y)
             self.page.wait_for_timeout(20)
-            if self.value() >= 8:
-                break
         self.page.wait_for_timeout(100)
         self.px_per_power = offset / self.value()
         return self.value()
@@ -190,7 +190,8 @@ def settled(editor: EditorPage) -> None:
 def measured(browser: Browser, reference: str, title: str) -> None:
     """Open a scenario, drag the slider, and print what came of it."""
     times = ServerTimes()
-    viewport = {"width": CANVAS["width"] + PANEL_WIDTH, "height": CANVAS["height"]}
+    width = CANVAS["width"] + PANEL_WIDTH
+    viewport = ViewportSize(width=width, height=CANVAS["height"])
     with tempfile.TemporaryDirectory() as folder:
         app = ViewerApp(ViewerOptions(reference=reference, port=0, state=Path(folder)))
         context = browser.new_context(viewport=viewport)

@@ -185,7 +185,7 @@ def vehicle_rows(scenario: Scenario) -> np.ndarray:
     ]
     is_vehicle = np.array([kind == AgentKind.VEHICLE for kind in agents.kinds], bool)
     now = agents.taken(is_vehicle).at_steps(np.array([0])).boxes
-    shapes = shapely.polygons(now.corners_m()[:, 0])
+    shapes = np.asarray(shapely.polygons(now.corners_m()[:, 0]))
     gap = shapely.distance(shapes[:, None], shapes[None])
     np.fill_diagonal(gap, np.inf)
     tracks = scenario.agents.taken(scenario.agents.rows(agents.ids))

@@ -1,6 +1,6 @@
 """FISS+ (Sun et al., 2023): ``examples.policies.fiss_plus:FissPlus``, extra ``policies``."""
 
-import fiss_planner
+import fiss_planner  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from pd_editor.scene.policy import Controls, Observation, Plan

@@ -37,10 +37,10 @@ class ModelPlanner:
         for name in ARRAYS:
             now = np.concatenate([getattr(one, name)[:, -1:] for one in both])
             tracks[name] = np.pad(now, [(0, 0), (0, NUM_FUTURE), (0, 0)][: now.ndim])
-        ids = sum((one.ids for one in both), ())
+        ids = (*observation.ego.ids, *observation.others.ids)
         agents = AgentTracks(
             ids=ids,
-            kinds=sum((one.kinds for one in both), ()),
+            kinds=(*observation.ego.kinds, *observation.others.kinds),
             categories=(AgentCategory.UNSCORED,) * len(ids),
             size_m=np.concatenate([one.size_m for one in both]),
             has_known_size=np.ones(len(ids), bool),
