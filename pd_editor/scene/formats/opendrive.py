@@ -595,7 +595,10 @@ class _Network:
     ) -> Iterator[tuple[tuple[str, int, int], End]]:
         """Lanes at an end of a lane, with their end there, by its own links."""
         tag = "predecessor" if end == "start" else "successor"
-        ids = [one.integer("id") for one in section.lanes[lane].children(f"link/{tag}")]
+        ids = [
+            one.integer("id")
+            for one in section.lanes[lane].children(f"link/{tag}[@id]")
+        ]
         near = section.index + (1 if end == "end" else -1)
         if 0 <= near < len(road.sections):
             for one in ids:

@@ -14,7 +14,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from pd_editor.scene.formats.packed_file import head_of
 from pd_editor.scene.formats.xml_file import Place, parse_xml
 
-_MOST_CHARACTERS: Final = 200
+_MOST_CHARACTERS: Final = 500
 _MOST_FILES: Final = 50
 _OPERATIONS: Final[dict[type, Callable[..., Any]]] = {
     ast.Add: operator.add,
@@ -38,7 +38,8 @@ def set_parameters(
     values = dict(given or {})
     for one in root.iter("ParameterDeclaration"):
         told = _value(one.get("value") or "", values)
-        values.setdefault(one.get("name") or "", told)
+        # Files of the first days declare them with the sign.
+        values.setdefault((one.get("name") or "").lstrip("$"), told)
     for one in root.iter(etree.Element):
         for name, text in one.items():
             if "$" in text:
@@ -55,7 +56,14 @@ def _value(text: str, values: Mapping[str, str]) -> str:
     )
     try:
         return repr(float(_computed(ast.parse(expression, mode="eval").body)))
-    except (ArithmeticError, KeyError, SyntaxError, TypeError, ValueError):
+    except (
+        ArithmeticError,
+        KeyError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+        RecursionError,
+    ):
         return text
 
 

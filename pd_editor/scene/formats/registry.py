@@ -57,6 +57,7 @@ _ALONE: Final = {
     "<routes": _ROUTES,
     "<trips": _ROUTES,
     "<additional": f"a SUMO additional file, {_BESIDE.format('add')}",
+    "<commonroadsolution": "a CommonRoad solution, without roads; open its scenario.",
     "<openscenario": "OpenSCENARIO without a road network; expected a <LogicFile> in its "
     "<RoadNetwork> that names an .xodr file, which lies beside it.",
     ".sumocfg": "a SUMO configuration without a <net-file>; expected one that names a network.",

@@ -19,7 +19,7 @@ from pd_editor.scene.formats.file_scene import (
 )
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.missing_links import with_missing_links
-from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
+from pd_editor.scene.formats.packed_file import head_of, stem_of, unpacked_name
 from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.sumo_net import (
@@ -37,12 +37,13 @@ from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.map_projection import utm
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import at_height_zero, without_repeats
-from pd_editor.scene.geometry.wide_line import wide_line, with_end_normals
+from pd_editor.scene.geometry.wide_line import borders_m, wide_lines, with_end_normals
 from pd_editor.scene.road_map import Lane, LaneMark
 from pd_editor.scene.scenario import Scenario
 
 ENDING: Final = ".net.xml"
-CONFIG: Final = ".sumocfg"
+_CONFIGS: Final = (".sumocfg", ".sumo.cfg")
+"""Endings of configurations, which are opened themselves; in folders networks are."""
 _FILES: Final = {
     "net": "net-file",
     "fcd": "fcd-output",
@@ -129,7 +130,7 @@ def read(path: Path) -> Scenario:
 def _files(path: Path) -> tuple[Path, dict[str, list[Path]]]:
     """A network, and files of motion, of types and of more, which are named or beside it."""
     named: dict[str, list[Path]] = {}
-    if ending_of(path) == CONFIG:
+    if _is_config(path):
         config = parse_xml(path, None)[0]
         for part, tag in _FILES.items():
             names = [
@@ -166,28 +167,38 @@ def _polygons(roots: Sequence[Place]) -> dict[str, list[Float[np.ndarray, "_ 2"]
 
 def _lanes(net: SumoNet) -> tuple[tuple[Lane, ...], dict[str, int]]:
     """All lanes for traffic, those through junctions among them, and their numbers."""
-    lines = {
-        name: wide_line(points, np.full(len(points), lane.width_m))
+    shapes = {
+        name: points
         for name, lane in net.lanes.items()
         if lane.kind is not None
         and len(points := without_repeats(lane.shape_m, _SAME_POINT_M)) > 1
     }
+    widths = [
+        np.full(len(one), net.lanes[name].width_m) for name, one in shapes.items()
+    ]
+    lines = dict(zip(shapes, wide_lines([*shapes.values()], widths), strict=True))
     number = {name: row for row, name in enumerate(lines, start=1)}
     after: dict[str, list[str]] = {name: [] for name in net.lanes}
     before: dict[str, list[str]] = {name: [] for name in net.lanes}
     for start, end in net.links:
         after[start].append(end)
         before[end].append(start)
-    lanes = []
-    for name, own in lines.items():
-        lane, line = net.lanes[name], own
-        ahead, behind = (
-            list(dict.fromkeys(_next(name, links, net, number)))
+    ways = {
+        name: [
+            tuple(dict.fromkeys(_next(name, links, net, number)))
             for links in (after, before)
-        )
-        if lane.is_internal and ahead and behind:
+        ]
+        for name in lines
+    }
+    joined = dict(lines)
+    for name, (ahead, behind) in ways.items():
+        if net.lanes[name].is_internal and ahead and behind:
             ends = lines[behind[0]].normal[-1], lines[ahead[0]].normal[0]
-            line = with_end_normals(own, *ends)
+            joined[name] = with_end_normals(lines[name], *ends)
+    lanes = []
+    borders = borders_m([*joined.values()])
+    for (name, line), (on_left, on_right) in zip(joined.items(), borders, strict=True):
+        lane = net.lanes[name]
         kerb, inner = (
             number.get(f"{lane.edge}_{lane.index + step}")
             if not lane.is_internal or lane.edge in net.junction_edges
@@ -203,12 +214,12 @@ def _lanes(net: SumoNet) -> tuple[tuple[Lane, ...], dict[str, int]]:
                 is_intersection=lane.edge in net.junction_edges
                 or (lane.is_internal and lane.junction in net.crossed_junctions),
                 centerline=at_height_zero(line.points_m),
-                left=at_height_zero(line.left_m()),
-                right=at_height_zero(line.right_m()),
+                left=at_height_zero(on_left),
+                right=at_height_zero(on_right),
                 left_mark=_mark(left),
                 right_mark=_mark(right),
-                successors=tuple(number[one] for one in ahead),
-                predecessors=tuple(number[one] for one in behind),
+                successors=tuple(number[one] for one in ways[name][0]),
+                predecessors=tuple(number[one] for one in ways[name][1]),
                 left_neighbor=left,
                 right_neighbor=right,
             )
@@ -383,15 +394,18 @@ def _track(
 _is_network: Final = has_root("net", ENDING)
 
 
+def _is_config(path: Path) -> bool:
+    return unpacked_name(path.name).lower().endswith(_CONFIGS)
+
+
 def _recognises(path: Path) -> bool:
-    is_config = ending_of(path) == CONFIG and b"<net-file" in head_of(path)
-    return is_config or _is_network(path)
+    return _is_network(path) or (_is_config(path) and b"<net-file" in head_of(path))
 
 
 SUMO: Final = SceneFormat(
     name="sumo",
     title="SUMO",
-    endings=(ENDING, CONFIG),
+    endings=(ENDING,),
     recognises=_recognises,
     read=read,
     write=write,

@@ -191,10 +191,15 @@ class SumoNet:
             if lane.is_parking and len(lane.shape_m) > 1
         ]
         junctions, pavements = (
-            shapely.union_all([valid_area(area) for area in areas if len(area) > 2])
+            np.array([valid_area(area) for area in areas if len(area) > 2], object)
             for areas in (self.junction_areas_m.values(), self.walking_areas_m)
         )
-        return [*strips, junctions.difference(pavements)]
+        # A difference of all together would take as long as all else.
+        found = shapely.STRtree(pavements).query(junctions, predicate="intersects")
+        for row in np.unique(found[0]):
+            beside = shapely.union_all(pavements[found[1][found[0] == row]])
+            junctions[row] = shapely.difference(junctions[row], beside)
+        return [*strips, *junctions]
 
 
 def heading_of_sumo(angle_deg: Float[np.ndarray, "P"]) -> Float[np.ndarray, "P"]:

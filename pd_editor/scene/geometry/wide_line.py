@@ -1,5 +1,6 @@
 """Centre lines with widths, and lane boundaries."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -35,10 +36,41 @@ def wide_line(
     points_m: Float[np.ndarray, "N 2"], width_m: Float[np.ndarray, "N"]
 ) -> WideLine:
     """Make a line with its own normals, without repeated points."""
-    step = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
-    keep = np.concatenate([[True], step > _REPEAT_M])
-    points_m, width_m = points_m[keep], width_m[keep]
-    return WideLine(points_m=points_m, width_m=width_m, normal=_normals(points_m))
+    return wide_lines([points_m], [width_m])[0]
+
+
+def wide_lines(
+    points_m: Sequence[Float[np.ndarray, "_ 2"]],
+    width_m: Sequence[Float[np.ndarray, "_"]],
+) -> list[WideLine]:
+    """Make lines with their own normals, without repeated points: thousands at once."""
+    if not points_m:
+        return []
+    points, width = np.concatenate(points_m), np.concatenate(width_m)
+    of_line = np.repeat(np.arange(len(points_m)), [len(one) for one in points_m])
+    moves = np.hypot(*np.diff(points, axis=0).T) > _REPEAT_M
+    keep = np.append(True, moves | (np.diff(of_line) > 0))
+    points, width, of_line = points[keep], width[keep], of_line[keep]
+    step = np.diff(points, axis=0) * (np.diff(of_line) == 0)[:, None]
+    step /= np.maximum(np.hypot(*step.T), 1e-9)[:, None]
+    none = np.zeros((1, 2))
+    middle = np.concatenate([none, step]) + np.concatenate([step, none])
+    middle /= np.maximum(np.hypot(*middle.T), 1e-9)[:, None]
+    normal = np.stack([-middle[:, 1], middle[:, 0]], axis=-1)
+    starts = np.flatnonzero(np.diff(of_line)) + 1
+    columns = (np.split(one, starts) for one in (points, width, normal))
+    return [
+        WideLine(points_m=line, width_m=wide, normal=own)
+        for line, wide, own in zip(*columns, strict=True)
+    ]
+
+
+def borders_m(
+    lines: Sequence[WideLine],
+) -> list[tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]]:
+    """Left and right boundaries of lines, of which all that go on are made at once."""
+    sides = [_all_forward_only(lines, side) for side in (0.5, -0.5)]
+    return list(zip(*sides, strict=True))
 
 
 def with_end_normals(
@@ -73,13 +105,26 @@ def pieces(line: WideLine, cuts_m: list[float]) -> list[WideLine]:
     return result
 
 
-def _normals(points_m: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
-    direction = np.diff(points_m, axis=0)
-    direction /= np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-9)
-    middle = np.concatenate([direction[:1], direction])
-    middle = middle + np.concatenate([direction, direction[-1:]])
-    middle /= np.maximum(np.linalg.norm(middle, axis=-1, keepdims=True), 1e-9)
-    return np.stack([-middle[:, 1], middle[:, 0]], axis=-1)
+def _all_forward_only(
+    lines: Sequence[WideLine], side: float
+) -> list[Float[np.ndarray, "_ 2"]]:
+    if not lines:
+        return []
+    points, width, normal = (
+        np.concatenate([getattr(one, name) for one in lines])
+        for name in ("points_m", "width_m", "normal")
+    )
+    of_line = np.repeat(np.arange(len(lines)), [len(one.width_m) for one in lines])
+    points = points + side * width[:, None] * normal
+    step = np.diff(points, axis=0)
+    ahead = np.stack([normal[:, 1], -normal[:, 0]], axis=-1)
+    ahead = (step * (ahead[:-1] + ahead[1:])).sum(axis=-1) > 0.0
+    odd = ~ahead & (np.diff(of_line) == 0)
+    odd |= (np.hypot(*step.T) <= 2 * _REPEAT_M) & (np.diff(of_line) == 0)
+    found = np.split(points, np.flatnonzero(np.diff(of_line)) + 1)
+    for row in np.unique(of_line[:-1][odd]).tolist():
+        found[row] = _forward_only(lines[row], side)
+    return found
 
 
 def _forward_only(line: WideLine, side: float) -> Float[np.ndarray, "M 2"]:

@@ -224,6 +224,11 @@ def test_a_truncated_pickle_is_unreadable_and_holds_nothing_forbidden(tmp_path: 
         ("a.osm.pbf", "x", "netconvert --osm-files"),
         ("a.osm", "<osm><node id='1'/></osm>", "netconvert --osm-files"),
         ("a.tfrecord", "x", "Waymo record"),
+        (
+            "a.xml",
+            "<CommonRoadSolution/>",
+            "a CommonRoad solution, .* open its scenario",
+        ),
         ("a.xml", "<rooms/>", "no file of a known format"),
     ],
 )

@@ -123,8 +123,10 @@ def test_lights_are_known_by_their_type(tmp_path: Path, about: str):
 
 
 def test_lanes_lie_side_by_side_where_numbers_are_left_out(tmp_path: Path):
-    """Such files were refused, and so were sections that begin a rounding before 0."""
-    scene = opened(tmp_path, road(section(lane(2), lane(-2), lane(-4), s=-1e-9)))
+    """Such files were refused, as were sections before 0 by a rounding, and bare links."""
+    bare = "<link><predecessor/></link>"
+    lanes = lane(2), lane(-2, more=bare), lane(-4)
+    scene = opened(tmp_path, road(section(*lanes, s=-1e-9)))
     one, two = (lane_at(scene, 25, y) for y in (-1.75, -5.25))
     assert (one.right_neighbor, two.left_neighbor) == (two.lane_id, one.lane_id)
     np.testing.assert_allclose(at(scene, two.right)[:, 1], -7.0)

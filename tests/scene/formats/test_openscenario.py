@@ -238,7 +238,7 @@ def test_values_are_computed_and_entities_come_from_catalogs(tmp_path: Path):
         )
         .replace(
             'value="60"/>',
-            'value="60"/><ParameterDeclaration name="kind" value="van"/>',
+            'value="60"/><ParameterDeclaration name="$kind" value="van"/>',
         )
     )
     (tmp_path / "cars").mkdir()
