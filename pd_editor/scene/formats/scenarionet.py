@@ -100,7 +100,8 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         for key, one in states.items()
     ]
     now = made_of(path, "metadata", _now, "current_time_index", about)
-    # Whole recordings name no current step, or the first one.
+    # Whole recordings name no current step, or the first one, which is so in files made here.
+    is_named = now > 0 or about.get("dataset") == DATASET
     usual_s = usual_now_s(float(time_s[0]), float(time_s[-1]))
     source = " ".join(str(about.get(name, "")) for name in ("dataset", "map")).strip()
     asked = made_of(path, "metadata", _asked, "tracks_to_predict", about)
@@ -113,7 +114,7 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         **map_of(path, lanes, areas),
         tracks=tuple(tracks),
         signals=tuple(signals),
-        current_s=float(time_s[now]) if 0 < now < len(time_s) else usual_s,
+        current_s=float(time_s[now]) if is_named and now < len(time_s) else usual_s,
         ego_id=str(about.get("sdc_id", "")),
         focal_id=asked,
         city=str(about.get("map") or about.get("dataset") or ""),
