@@ -64,6 +64,7 @@ _LANE_KINDS: Final = {
 _PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
 """Types of lanes that are drivable, but lead nowhere."""
 _MARKS: Final = {kind: mark for mark, kind in ROAD_MARKS.items()}
+_SOURCES: Final = ("vendor", "name", "license", "copyright")
 _STOP_LINE: Final = "294"
 _LIGHTS: Final = "10000"
 """How types of traffic lights begin; these are not for vehicles."""
@@ -101,8 +102,12 @@ def read(path: Path) -> Scenario:
     network = _Network(root, roads)
     paved = [area for road in roads.values() for area in road.paved()]
     walks = _distinct(walk for road in roads.values() for walk in road.crosswalks())
-    motion = Motion()
+    motion, told = Motion(), [told_of(header.element, *_SOURCES)]
     if scenario is not None:
+        told += [
+            told_of(one.element, "author", "License")
+            for one in scenario[0].children("FileHeader[License]")
+        ]
         motion = motion_of(*scenario, partial(_pose, roads))
     signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
@@ -123,7 +128,7 @@ def read(path: Path) -> Scenario:
         ego_id=motion.ego_id,
         current_s=motion.current_s,
         notes=(*notes, *linked, *motion.notes),
-        attribution=told_of(header.element, "vendor", "name", "license", "copyright"),
+        attribution="; ".join(filter(None, told)),
     ).scenario(data + motion.data)
     return replace(scene, origin_city_m=scene.origin_city_m + _offset(header))
 

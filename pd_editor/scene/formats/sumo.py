@@ -234,14 +234,22 @@ def _signals(
     # Of several programmes of a signal, SUMO runs the last one.
     phases = {one.attribute("id"): _phases(one) for one in root.children("tlLogic")}
     stops: dict[tuple[str, str], dict[int, Float[np.ndarray, "2"] | None]] = {}
+    # Lanes through junctions that the file lacks were made.
+    ends = {one: end for one, end in net.links if net.lanes[one].is_internal}
+    through = {
+        (one, ends.get(via)): via
+        for one, via in net.links
+        if net.lanes[via].is_internal and not net.lanes[one].is_internal
+    }
     for one in root.children("connection"):
-        name, via = one.element.get("tl"), one.element.get("via")
+        name = one.element.get("tl")
         start, end = (
             f"{one.attribute(edge)}_{one.attribute(lane)}"
             for edge, lane in (("from", "fromLane"), ("to", "toLane"))
         )
         if name not in phases or start not in number:
             continue
+        via = one.element.get("via") or through.get((start, end))
         within = via or end
         begins = within in number and (
             via is not None or net.lanes[end].edge in net.junction_edges

@@ -232,6 +232,10 @@ def test_values_are_computed_and_entities_come_from_catalogs(tmp_path: Path):
     path.write_text(
         path.read_text()
         .replace(
+            'revMinor="1"/>',
+            'author="A"><License name="MPL-2.0"/></FileHeader>',
+        )
+        .replace(
             "<RoadNetwork>",
             """<CatalogLocations><VehicleCatalog><Directory
         path="../all/cars"/></VehicleCatalog></CatalogLocations><RoadNetwork>""",
@@ -246,7 +250,9 @@ def test_values_are_computed_and_entities_come_from_catalogs(tmp_path: Path):
     name="Vehicles"><Vehicle name="van" vehicleCategory="tram"><ParameterDeclarations>
     <ParameterDeclaration name="long" value="6"/></ParameterDeclarations>
     {BOX.replace('length="4"', 'length="$long"')}</Vehicle></Catalog></OpenSCENARIO>""")
-    agents = open_scenario(path).agents
+    scene = open_scenario(path)
+    assert scene.provenance.attribution == "author: A; License: MPL-2.0"
+    agents = scene.agents
     np.testing.assert_allclose(agents.size_m, [(7.5, 2.0)])
     assert agents.kinds == (AgentKind.BUS,)
     speeds = np.hypot(*agents.velocity_mps[agents.is_valid].T)

@@ -317,6 +317,20 @@ def test_signals_stop_before_the_junction_and_have_their_programme(tmp_path: Pat
     np.testing.assert_array_equal(signal.states, expected)
 
 
+def test_signals_stop_before_lanes_that_a_junction_lacks(tmp_path: Path):
+    """They were one for each lane before it, and the others were left out."""
+    path = with_signal(tmp_path)
+    net = re.sub('<connection from=":[^>]*>', "", path.read_text())
+    path.write_text(
+        net.replace(' via=":b_0_0"', "").replace("100.5,0 200,0", "108,8 108,90")
+    )
+    scene = open_scenario(path)
+    (signal,) = scene.signals
+    (inside,) = signal.lane_ids
+    assert len(scene.road_map.lane_of[inside].centerline_m) == 9
+    assert signal.stop_share.tolist() == [0.0]
+
+
 def test_signals_that_react_are_unknown_and_bad_links_refused(tmp_path: Path):
     scene = open_scenario(with_signal(tmp_path, "actuated"))
     assert not scene.signals[0].states.any()
