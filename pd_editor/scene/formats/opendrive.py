@@ -676,14 +676,20 @@ def _kind_of_sign(sign: Any) -> str | None:
 
 
 def _mark(section: _Section, lane: int) -> LaneMark:
-    """First marking of a lane's outer border, or of the centre."""
-    if lane:
-        found = section.lanes[lane].element.find("roadMark")
-    else:
-        found = section.place.element.find("center/lane/roadMark")
-    if found is None:
+    """The longest marking of a lane's outer border, or of the centre."""
+    center = section.place.children("center/lane")[:1]
+    marks = [
+        one
+        for n in ([section.lanes[lane]] if lane else center)
+        for one in n.children("roadMark")
+    ]
+    if not marks:
         return LaneMark.UNKNOWN
-    kind, color = found.get("type") or "", (found.get("color") or "").lower()
+    marks.sort(key=lambda one: one.number("sOffset", 0.0))
+    starts = [one.number("sOffset", 0.0) for one in marks]
+    length_m = float(np.ptp(section.s_m))
+    found = marks[int(np.diff(np.minimum([*starts, length_m], length_m)).argmax())]
+    kind, color = found.get("type"), found.get("color").lower()
     if kind == "none":
         return LaneMark.NONE
     color = color if color in ("yellow", "blue") else "white"

@@ -113,6 +113,16 @@ def test_each_outline_is_a_crosswalk_and_parking_spaces_are_paved(tmp_path: Path
     assert paved == pytest.approx(2 * 3.5 * 50 + 5 * 2.5)
 
 
+def test_a_border_has_the_marking_of_most_of_it(tmp_path: Path):
+    """It had that of its first metres."""
+    marks = "".join(
+        f'<roadMark sOffset="{s}" type="{kind}" color="standard"/>'
+        for s, kind in ((5, "broken"), (0, "solid"), (45, "none"))
+    )
+    scene = opened(tmp_path, road(section(lane(-1, more=marks))))
+    assert scene.road_map.lanes[0].right_mark == LaneMark.DASHED_WHITE
+
+
 @pytest.mark.parametrize("about", ['type="1.000.001" dynamic="yes"', 'type="1000001"'])
 def test_lights_are_known_by_their_type(tmp_path: Path, about: str):
     """Those of older files, and those that leave out whether they change, were signs."""
