@@ -177,9 +177,11 @@ class _Story:
             for private in board.children("Init/Actions/Private")
             for position in private.children("PrivateAction/TeleportAction/Position")
         }
-        for private in board.children("Init/Actions/Private"):
-            name = private.attribute("entityRef")
-            self._act(private, (name,), 0.0)
+        # Speeds first, which trajectories without times are followed at.
+        for tag in ("SpeedAction", ""):
+            for private in board.children("Init/Actions/Private"):
+                for part in private.children(f".//{tag}") if tag else [private]:
+                    self._act(part, (private.attribute("entityRef"),), 0.0)
         for act in board.children("Story/Act"):
             for group in act.children("ManeuverGroup"):
                 actors = group.children("Actors/EntityRef")

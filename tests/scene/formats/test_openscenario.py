@@ -263,6 +263,7 @@ SPLINE = """<Nurbs order="3">{}<Knot value="0"/><Knot value="0"/><Knot value="0"
 <Knot value="1"/><Knot value="1"/><Knot value="1"/></Nurbs>"""
 
 
+@pytest.mark.parametrize("is_event", [True, False])
 @pytest.mark.parametrize(
     ("shape", "length_m", "end"),
     [
@@ -277,7 +278,11 @@ SPLINE = """<Nurbs order="3">{}<Knot value="0"/><Knot value="0"/><Knot value="0"
     ],
 )
 def test_trajectories_without_times_are_followed_at_the_first_speed(
-    shape: str, length_m: float, end: tuple[float, float], tmp_path: Path
+    shape: str,
+    length_m: float,
+    end: tuple[float, float],
+    is_event: bool,
+    tmp_path: Path,
 ):
     """They were not read, as were all but polylines."""
     corners = [(30, -1.5), (42, -1.5), (42, 10.5)]
@@ -290,8 +295,12 @@ def test_trajectories_without_times_are_followed_at_the_first_speed(
     {shape.format(points)}</Shape></Trajectory></TrajectoryRef><TimeReference><None/>
     </TimeReference></FollowTrajectoryAction></RoutingAction>"""
     box = BOX.replace('x="1.5"', 'x="0"')
-    init = private("Ego", lane(-1, 20), speed(4.0))
-    path = story(tmp_path, entity("Ego", "car", box), init, event("Ego", way, 0))
+    start = f"<PrivateAction>{way}</PrivateAction>{speed(4.0)}"
+    init, groups = private("Ego", lane(-1, 20), start), ""
+    if is_event:
+        init = private("Ego", lane(-1, 20), speed(4.0))
+        groups = event("Ego", way, 0)
+    path = story(tmp_path, entity("Ego", "car", box), init, groups)
     scene = open_scenario(path)
     steps = np.flatnonzero(scene.agents.is_valid[0])
     assert len(steps) - 1 == int(length_m / 0.4)
