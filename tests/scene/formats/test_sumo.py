@@ -67,6 +67,7 @@ def test_a_configuration_opens_what_it_names(tmp_path: Path):
     config.write_text("""<sumoConfiguration><input><net-file value="road.net.xml"/>
     <route-files value="lost.xml, kinds.xml"/></input><output><fcd-output
     value="moves.xml.gz"/></output></sumoConfiguration>""")
+    assert foreign_scenes(tmp_path) == [path], "a folder has its networks"
     scene = open_scenario(config)
     assert scene.scenario_id == "run"
     assert sorted(scene.agents.ids) == ["bus.0", "p", "van.0"]
