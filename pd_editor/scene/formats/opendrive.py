@@ -48,6 +48,8 @@ SPACING_M: Final = 1.0
 _SAME_LINE_M: Final = 0.01
 _HOLE_M: Final = 1.0
 """Longer parts of a reference line that are not told are told of."""
+_ROUNDED_M: Final = 0.5
+"""Places this far beyond a road are at its end."""
 _SAME_AREA: Final = 0.9
 """Share of each other from which two crosswalks are one."""
 _LEAST_WIDTH_M: Final = 0.3
@@ -185,8 +187,9 @@ def _pose(
     With it comes how far it is beside the road's line.
     """
     road = roads.get(name)
-    if road is None or not 0 <= s <= road.length_m:
+    if road is None or not -_ROUNDED_M <= s <= road.length_m + _ROUNDED_M:
         raise place.error("names no road of the network, or no place on one.")
+    s = min(max(s, 0.0), road.length_m)
     x, y, heading = road.line.at(np.array([s]))[0, :3].tolist()
     turn = 0.0
     if lane is not None:

@@ -199,6 +199,7 @@ def test_what_is_not_read_is_told_in_one_sentence(tmp_path: Path):
     ("position", "place", "heading"),
     [
         ('RoadPosition roadId="7" s="30" t="-1"', (40.0, -1.0), 0.0),
+        ('RoadPosition roadId="7" s="100.02" t="-1"', (110.0, -1.0), 0.0),
         ('RelativeLanePosition entityRef="ego" dLane="0" ds="9"', (39.0, -2.0), 0.0),
         ('RelativeLanePosition entityRef="ego" dLane="1" ds="9"', (39.0, 2.0), np.pi),
         ('RelativeRoadPosition entityRef="ego" ds="9" dt="1"', (39.0, -0.5), 0.0),
