@@ -113,9 +113,29 @@ def values_in_words(values: Mapping[str, float]) -> str:
 def numbers_in_words(recipe: Recipe, *, adds: bool = False) -> str:
     """Numbers that can be varied, by the names to use, with what they are now."""
     known = _numbers(recipe, adds)
-    names = _names(known)
-    some = [f"{names[path]} {known[path]:.4g}" for path in list(known)[:_MOST_TOLD]]
-    return ", ".join(some) + ", ..." * (len(known) > _MOST_TOLD)
+    units = {path: _UNIT.search(name) for path, name in _names(known).items()}
+    told = [
+        f"{name} {known[path]:.4g}{_UNITS[unit[1]] if (unit := units[path]) else ''}"
+        for path, name in _typed(known).items()
+        if not _is_place(path)
+    ]
+    places = [name for path, name in _typed(known).items() if _is_place(path)]
+    if places:
+        count = len(places)
+        some = ", ".join(places[:2]) + ", ..." * (count > 2)
+        told.append(f"{count} coordinate{'s' * (count > 1)} ({some})")
+    return _listed(told)
+
+
+def range_example(recipe: Recipe, *, adds: bool = False) -> str:
+    """A range as one is typed, of the first number; empty if there is none."""
+    known = _numbers(recipe, adds)
+    for path, name in sorted(_typed(known).items(), key=lambda one: _is_place(one[0])):
+        low, high = sorted((known[path] / 2, known[path] * 2))
+        if name.endswith("seed") or low == high:
+            low, high = 1, 99
+        return f"{name}={low:.3g}..{high:.3g}"
+    return ""
 
 
 def superseded(recipe: Recipe, *, adds: bool) -> frozenset[int]:
@@ -160,6 +180,26 @@ def _in_words(name: str, value: float) -> str:
     return f"{said} {told}{_UNITS[unit[1]] if unit else ''}"
 
 
+def _typed(known: Collection[_Path]) -> dict[_Path, str]:
+    """The names to type: without units, where that means one number alone."""
+    names = _names(known)
+    plain = {path: _UNIT.sub("", name) for path, name in names.items()}
+    count = Counter(plain.values())
+    return {
+        path: plain[path] if count[plain[path]] == 1 else name
+        for path, name in names.items()
+    }
+
+
+def _listed(told: Sequence[str]) -> str:
+    return ", ".join(told[:_MOST_TOLD]) + ", ..." * (len(told) > _MOST_TOLD)
+
+
+def _is_place(path: _Path) -> bool:
+    field = _field(path)
+    return len(field) > 1 or field[0] in ("x_m", "y_m", "rotation_rad")
+
+
 def _names(known: Collection[_Path]) -> dict[_Path, str]:
     """The shortest name of each number that means it alone."""
     short = {one: _field(one) for one in known}
@@ -188,11 +228,14 @@ def _is_angle(path: _Path) -> bool:
 def _fitting(asked: _Path, known: Collection[_Path]) -> list[_Path]:
     """Numbers that a name means."""
     entry, rest = (asked[:1], asked[1:]) if asked[0].isdigit() else ((), asked)
-    return [
-        path
+    ends = {
+        path: _shown(path[len(path) - len(rest) :])
         for path in known
         if path[: len(entry)] == entry
-        and _shown(path[len(path) - len(rest) :]) == ".".join(rest)
+    }
+    # A name with its unit means that number alone.
+    return [path for path, end in ends.items() if end == ".".join(rest)] or [
+        path for path, end in ends.items() if _UNIT.sub("", end) == ".".join(rest)
     ]
 
 
@@ -237,9 +280,8 @@ def _varied_number(text: str, known: Mapping[_Path, float]) -> VariedNumber:
         ) from None
     fitting = _fitting(tuple(name.split(".")), known)
     if len(fitting) != 1:
-        names = _names(known)
-        named = [names[one] for one in fitting or known]
-        some = ", ".join(named[:_MOST_TOLD]) + ", ..." * (len(named) > _MOST_TOLD)
+        names = _typed(known)
+        some = _listed([names[one] for one in sorted(fitting or known, key=_is_place)])
         what = "several numbers of this name" if fitting else "no number of this name"
         raise RecipeError(f"{name}: the edits have {what}; there are {some or 'none'}.")
     if not ends[0] <= ends[1]:

@@ -5,6 +5,7 @@ import pytest
 from playwright.sync_api import expect
 
 from pd_editor.viewer.agents.agent_panel import MORE
+from tests.analysis.findings.builders import finding
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -367,6 +368,19 @@ def test_a_list_without_a_row_is_small(editor):
     dialog = editor.page.get_by_role("dialog", name="Problems")
     expect(dialog).to_be_visible()
     assert dialog.bounding_box()["height"] < 90
+
+
+def test_notices_are_listed_where_there_is_no_problem(editor, monkeypatch):
+    """A list that was opened had closed headlines alone."""
+    elements = editor.tab().elements
+    watch = editor.tab().ui.model.findings
+    monkeypatch.setattr(type(watch), "notices", (finding("near-pass", "one"),))
+    editor.tab().ui.post(elements.chip.show)
+    editor.page.locator(".pd-chip-main").click()
+    rows = editor.page.locator(".pd-problem-row")
+    expect(rows).to_have_count(1)
+    editor.page.get_by_role("button", name="1 notice").click()
+    expect(rows).to_have_count(0)
 
 
 def test_a_refused_action_is_named(editor):

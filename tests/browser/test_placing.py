@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.scene.agent_kind import AgentKind
 
@@ -94,6 +95,10 @@ def test_placing_in_the_top_view_draws_no_box(editor):
     agents, row = placed(editor, before + 1)
     assert abs(abs(agents.heading_rad[row, 49]) - np.pi) < 0.05
     assert session.selection == (agents.ids[row],)
+    # What is selected is shown when the tool is laid down.
+    editor.key("Escape")
+    shown = editor.page.get_by_role("tab", name="Agents", exact=True)
+    expect(shown).to_have_attribute("aria-selected", "true")
 
 
 def test_edits_away_from_t_0_bring_the_playhead_there(editor):

@@ -94,6 +94,12 @@ def test_samples_are_previewed_adopted_and_undone(editor):
     expect(right).to_have_value("2")
     editor.key("c")
     pair.wait_for(state="hidden")
+    # (A white band stayed over the top of the picture.)
+    looks = "all => all.map(one => getComputedStyle(one).display)"
+    assert set(editor.page.locator(".pd-element").evaluate_all(looks)) <= {
+        "contents",
+        "none",
+    }
 
     # A click adopts it, another one replaces it: one entry.
     card(editor, 3).click()

@@ -15,6 +15,7 @@ from pd_editor.editor.family import members
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.varied_numbers import (
     numbers_in_words,
+    range_example,
     values_in_words,
     varied,
     varied_numbers,
@@ -116,14 +117,22 @@ def test_numbers_are_told_by_names_that_mean_them_alone():
     commands = (*template.commands, AddGuidance(term=line))
     template = replace(template, commands=commands)
     told = numbers_in_words(template)
-    assert "points_m.1.0 30" in told
-    for name, value in (one.split(" ") for one in told.split(", ")):
+    # (Field names with places of points filled the panel.)
+    assert told == (
+        "power 5, length 10 m, 2.speed 3 m/s, 3.speed 4 m/s, weight 1, "
+        "7 coordinates (x, y, ...)"
+    )
+    quantities = (one.split(" ")[:2] for one in told.split(", ")[:5])
+    for name, value in (*quantities, ("x", 1), ("points.1.0", 30), ("points_m.0.1", 2)):
         (number,) = varied_numbers(template, (f"{name}={value}..{value}",))
         (values,) = members((number,), 1, 0)
         again = varied(template, values)
         assert to_json(again.commands) == to_json(template.commands)
     many = replace(template, commands=template.commands * 100)
     assert numbers_in_words(many).endswith(", ...")
+    (number,) = varied_numbers(template, (range_example(template),))
+    assert (number.name, number.low, number.high) == ("power", 2.5, 10.0)
+    assert range_example(replace(template, commands=()), adds=True) == "seed=1..99"
 
 
 def test_values_that_a_command_refuses_are_told():

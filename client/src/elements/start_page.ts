@@ -152,7 +152,7 @@ define("startPage", (api) => {
     tile.dataset.picture = shown.picture;
     const frame = make("div", "pd-start-picture");
     frame.append(make("img", "", { alt: "", draggable: "false" }));
-    if (shown.isOpen) frame.append(make("span", "pd-start-mark", {}, "Open"));
+    if (shown.isOpen) frame.append(make("span", "pd-start-mark", {}, "In use"));
     const act = (kind: "save" | "reject" | "tick", path: string, label: string, isOn = false) => {
       const made = button("pd-start-act", "", () => tell({ kind, value: shown.key }), {
         tabindex: "-1",

@@ -6,6 +6,7 @@ import { clamp } from "../geometry.ts";
 import type { ProblemRow, StatusState } from "../messages.ts";
 
 const LINE_PX = 28;
+const NOTHING = "No problems with agents, road or guidance.";
 const ICONS: Record<string, string> = {
   collision: "M2 6h6v5H2zM9 4l6-1 1 5-6 1zM11.5 11.5l1 2M14 11l2 1M9 12.5l-1 2",
   road: "M6 2 3 16M12 2l3 14M9 3v3M9 8v3M9 13v3",
@@ -18,7 +19,8 @@ const ICONS: Record<string, string> = {
 };
 
 define("status", (api) => {
-  const isFolded = { new: false, notices: true, ignored: true, recorded: true };
+  // Groups as a click has left them; else what edits have caused is open, the worst of it.
+  const folded: Record<string, boolean> = {};
   let isOpen = false;
   let state: StatusState | null = null;
 
@@ -91,24 +93,25 @@ define("status", (api) => {
   let drawn = "";
   function drawRows() {
     if (!state) return;
-    const wanted = JSON.stringify([state.groups, isFolded]);
+    const wanted = JSON.stringify([state.groups, folded]);
     if (wanted !== drawn) {
       drawn = wanted;
       const top = rows.scrollTop;
       const focus = document.activeElement;
       const focused = focus instanceof HTMLElement ? focus.dataset.problem : undefined;
-      const parts = state.groups.flatMap((group) => {
-        if (group.name !== "new" && !group.rows.length) return [];
+      const groups = state.groups.filter((group) => group.rows.length);
+      const parts = groups.flatMap((group, place) => {
+        const isFolded = folded[group.name] ?? !(place === 0 && ["new", "notices"].includes(group.name));
         const fold = () => {
-          isFolded[group.name] = !isFolded[group.name];
+          folded[group.name] = !isFolded;
           drawRows();
         };
-        const head = button("pd-problem-group", group.title, fold, { "aria-expanded": String(!isFolded[group.name]) });
-        if (isFolded[group.name]) return [head];
+        const head = button("pd-problem-group", group.title, fold, { "aria-expanded": String(!isFolded) });
+        if (isFolded) return [head];
         const more = make("div", "pd-problem-more", {}, `... and ${group.more} more`);
         return [head, ...group.rows.map(rowOf), ...(group.more ? [more] : [])];
       });
-      rows.replaceChildren(...parts);
+      rows.replaceChildren(...(parts.length ? parts : [make("div", "pd-problem-more", {}, NOTHING)]));
       detail.hidden = !rows.querySelector("[data-problem]");
       if (isOpen) fit();
       rows.scrollTop = top;

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (fe440d5006f1c643); not to be edited. */
+/* Built by .ci/client.py from client/ (ca00c35609086e3c); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

@@ -25,7 +25,7 @@ from pd_editor.editor.commands import (
     new_agent_ids,
 )
 from pd_editor.scene.agent_kind import Activity, AgentKind
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.agents.lock_controls import LockControls, selected
 from pd_editor.viewer.agents.placing import PlacingMode
 from pd_editor.viewer.tab.panel_style import WITH_PAST, FixedText
@@ -281,8 +281,8 @@ def summary(scenario: Scenario, rows: Int[np.ndarray, "G"]) -> tuple[str, ...]:
             hint = f"{absent} not there at t = 0, so no numbers can be set."
         return f"{len(rows)} agents: {', '.join(parts)}", hint
     row = int(rows[0])
-    is_focal = agents.ids[row] == scenario.focal_id
-    marks = ["focal agent"] if is_focal else []
+    names = {scenario.focal_id: "focal agent", EGO_ID: "ego"}
+    marks = [names[agents.ids[row]]] if agents.ids[row] in names else []
     is_valid = agents.is_valid[row]
     if not is_valid[step]:
         marks.append("comes later" if is_valid[step:].any() else "has left by t = 0")

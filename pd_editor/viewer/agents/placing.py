@@ -40,9 +40,18 @@ class PlacingMode(Mode):
 
     def toggle(self) -> None:
         """Start the mode, at t = 0 where new agents appear, or end it."""
-        if not self.is_active:
-            self._ui.show_current_step()
-        self._set_active(not self.is_active)
+        if self.is_active:
+            self.stop()
+            return
+        self._ui.show_current_step()
+        self._set_active(True)
+
+    def stop(self) -> None:
+        """End the mode, and show what was placed."""
+        was_active = self.is_active
+        super().stop()
+        if was_active and self._ui.session.selection:
+            self._model.agent_clicked.emit()
 
     def choose(self, kind: AgentKind) -> None:
         """Place agents of another kind from now on."""

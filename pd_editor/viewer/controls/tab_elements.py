@@ -115,7 +115,9 @@ class TabElements:
                 ui, steering.mode, steering.notes, steering.encounters
             )
         with tabs.add_tab("Generate"):
-            self.generation = GenerationPanel(ui, generators, self.region, self.samples)
+            self.generation = GenerationPanel(
+                ui, generators, self.region, self.samples, steering.notes.before_run
+            )
         with tabs.add_tab(STUDY):
             self.family = FamilyPanel(ui, generators)
             self.study = StudyPanel(ui, generators.offers)

@@ -113,9 +113,11 @@ class _Drawing(BackgroundJob[bytes]):
         return ExportError("The picture failed by a fault of its own; see the log.")
 
 
-OTHER_WAYS: Final = "Into a folder, or edits alone"
+OTHER_WAYS: Final = "Film, figure, player, folder, edits"
 _ALONE: Final = (PLAYER.name, *LOOKS)
 """Formats whose files are downloaded alone, to be shown."""
+_SHOWN: Final = {"Player": PLAYER.name, "Film": "mp4", "Figure": "pdf"}
+"""The usual ones of them."""
 
 
 class ExportPanel:
@@ -124,8 +126,7 @@ class ExportPanel:
     def __init__(self, ui: UiContext) -> None:
         """Build it into the current tab."""
         self._ui = ui
-        self._model = ui.model
-        self._workspace = ui.workspace
+        self._model, self._workspace = ui.model, ui.workspace
         self._typed: str | None = None
         self._base = ui.session.base
         self._dialog: Any = None
@@ -170,6 +171,7 @@ class ExportPanel:
             self._tags = gui.add_text("Tags", "", hint="Separated by commas")
             self._note = gui.add_text("Note", "")
             with gui.add_folder(OTHER_WAYS, expand_by_default=False):
+                self._shows = gui.add_button_group("Download", tuple(_SHOWN))
                 self._out = gui.add_text("Into folder", "", hint="On the server")
                 write = gui.add_button("Write to folder", color="gray")
                 edits = gui.add_button(
@@ -190,6 +192,9 @@ class ExportPanel:
         ui.on_change(self._name, self._name_typed, merge_key="variant name")
         for handle in (self._tags, self._note):
             ui.on_change(handle, lambda _text: self._describe(), merge_key="variant")
+        ui.on_option(self._shows, self._show_as)
+        for word in _SHOWN:
+            ui.hotkey(f"Download a {word.lower()}", partial(self._show_as, word))
         self._model.shown.subscribe(self.show)
         self._model.checked.subscribe(self._show_preflight)
 
@@ -279,6 +284,11 @@ class ExportPanel:
         return next(
             one for one in formats().values() if one.title == self._format.value
         )
+
+    def _show_as(self, word: str) -> None:
+        set_value(self._format, formats()[_SHOWN[word]].title)
+        self._format_chosen("")
+        self.download()
 
     def _format_chosen(self, _title: str) -> None:
         chosen = self._chosen()

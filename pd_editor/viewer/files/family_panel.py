@@ -29,6 +29,7 @@ from pd_editor.editor.variant import free_name
 from pd_editor.editor.varied_numbers import (
     VariedNumber,
     numbers_in_words,
+    range_example,
     varied_numbers,
 )
 from pd_editor.generation.generators import GeneratorCatalogue
@@ -130,13 +131,14 @@ class FamilyPanel:
         self._ui, self._generators = ui, generators
         self._job: _FamilyJob | None = None
         self._shown: Recipe | None = None
+        self._example = ""
         gui = ui.client.gui
         with gui.add_folder("Family"):
             self._known = FixedText(gui, 2)
             self._vary = gui.add_text(
                 "Vary",
                 "",
-                hint="Ranges of these numbers, such as power=4..8, seed=1..99",
+                hint="Ranges of these numbers",
             )
             self._scenes = gui.add_dropdown(
                 "Make in",
@@ -167,7 +169,9 @@ class FamilyPanel:
         if self._shown is None or commands != list(map(id, self._shown.commands)):
             self._shown = recipe
             adds = adds_traffic(recipe, self._ui.session.scenario)
-            self._known.show("", f"Now: {numbers_in_words(recipe, adds=adds)}")
+            self._example = range_example(recipe, adds=adds)
+            now = numbers_in_words(recipe, adds=adds)
+            self._known.show("", f"Such as {self._example}. Now: {now}")
 
     def close(self) -> None:
         """End a run; what is saved stays."""
@@ -197,7 +201,7 @@ class FamilyPanel:
         texts = [one for one in re.split(r"[,\s]+", str(self._vary.value)) if one]
         scenes = self._other_scenes()
         if not texts and not scenes:
-            raise InputError("Vary: enter a range first, such as power=4..8.")
+            raise InputError(f"Vary: enter a range first, such as {self._example}.")
         self._told.show("", "")
         adds = adds_traffic(recipe, session.scenario)
         numbers = varied_numbers(recipe, texts, adds=adds) if texts else ()

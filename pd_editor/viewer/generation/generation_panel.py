@@ -1,6 +1,6 @@
 """The generation panel: regenerates trajectories and resamples agents."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -106,12 +106,13 @@ class GenerationPanel:
         catalogue: GeneratorCatalogue,
         drawing: RegionDrawing,
         strip: SampleStrip,
+        before_run: Callable[[], str],
     ) -> None:
-        """Build it into the current tab."""
+        """Build it into the current tab; ``before_run`` tells what to know of guidance."""
         self._ui = ui
         self._tab = ui.model
         self._generators = catalogue.offers
-        self._drawing = drawing
+        self._drawing, self._before_run = drawing, before_run
         self._counted: Scenario | None = None
         gui = ui.client.gui
         self._build_resample(gui)
@@ -153,6 +154,7 @@ class GenerationPanel:
         self.result.changed.subscribe(self._run_changed)
         self._tab.run_requested.subscribe(self.regenerate_agents)
         self._tab.shown.subscribe(self.show)
+        self._tab.checked.subscribe(self._show_bar)
 
     def _build_model(self, gui: viser.GuiApi, catalogue: GeneratorCatalogue) -> None:
         with gui.add_folder(MODEL_SETTINGS, expand_by_default=False):
@@ -299,7 +301,11 @@ class GenerationPanel:
         result, scenario = self.result, self._ui.session.scenario
         is_refining = self._live.is_refining
         self._tab.run = RunState(text="Refining ...") if is_refining else result.state
-        said = result.said or self.live_switch.silence(scenario)
+        said, tone = result.said, result.tone
+        if not said:
+            said, tone = self._before_run(), "warn"
+        if not said:
+            said, tone = self.live_switch.silence(scenario), ""
         regenerate = RunVerb(
             label="Regenerate",
             target=self._target(
@@ -310,7 +316,7 @@ class GenerationPanel:
             is_enabled=not result.is_running and bool(road_user_ids(scenario)),
         )
         verbs = regenerate, self._resampling()
-        self.bar.show(verbs, self._tab.run, said, result.tone)
+        self.bar.show(verbs, self._tab.run, said, tone)
 
     def _resampling(self) -> RunVerb:
         which, session = self._which.value, self._ui.session

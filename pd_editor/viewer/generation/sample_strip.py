@@ -353,7 +353,7 @@ def finding_lines(findings: Collection[Finding]) -> tuple[CardLine, CardLine]:
     words = f"{count or 'No new'} problem{'s' if count != 1 else ''}"
     parts = _kinds_in_words(problems)[:2]
     if not parts:
-        parts = [f"{notices or 'no'} notice{'s' if notices != 1 else ''}"]
+        parts = [f"{notices or 'No'} notice{'s' if notices != 1 else ''}"]
     tone = "bad" if count else ""
     return CardLine(text=words, tone=tone), CardLine(text=", ".join(parts))
 

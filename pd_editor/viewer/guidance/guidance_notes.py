@@ -140,6 +140,13 @@ class GuidanceNotes:
         lines += [outcome_line(one) for one in self._outcomes() if one.term == term]
         return tuple(lines)
 
+    def before_run(self) -> str:
+        """What to know of terms that are not run yet; empty if all are."""
+        session = self._ui.session
+        unrun = unrun_terms(session.scenario, session.commands_in_force)
+        wrong = [one for term in unrun for one in self._problems.get(term, ())]
+        return wrong[0].message if wrong else NOT_RUN if unrun else ""
+
     def of_options(self, index: int, name: str) -> dict[str, tuple[str, str]]:
         """Why approaches of a threat are infeasible, in few words and in a sentence."""
         term = self._ui.session.scenario.guidance[index]

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (fe440d5006f1c643); not to be edited. */
+/* Built by .ci/client.py from client/ (ca00c35609086e3c); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3046,7 +3046,7 @@
       tile.dataset.picture = shown.picture;
       const frame = make("div", "pd-start-picture");
       frame.append(make("img", "", { alt: "", draggable: "false" }));
-      if (shown.isOpen) frame.append(make("span", "pd-start-mark", {}, "Open"));
+      if (shown.isOpen) frame.append(make("span", "pd-start-mark", {}, "In use"));
       const act = (kind, path, label, isOn = false) => {
         const made = button("pd-start-act", "", () => tell({ kind, value: shown.key }), {
           tabindex: "-1",
@@ -3577,6 +3577,7 @@
 
   // src/elements/status.ts
   var LINE_PX = 28;
+  var NOTHING2 = "No problems with agents, road or guidance.";
   var ICONS = {
     collision: "M2 6h6v5H2zM9 4l6-1 1 5-6 1zM11.5 11.5l1 2M14 11l2 1M9 12.5l-1 2",
     road: "M6 2 3 16M12 2l3 14M9 3v3M9 8v3M9 13v3",
@@ -3588,7 +3589,7 @@
     bend: "M4 16c0-7 10-4 10-13M8 16c0-5 10-3 10-13"
   };
   define("status", (api) => {
-    const isFolded = { new: false, notices: true, ignored: true, recorded: true };
+    const folded = {};
     let isOpen = false;
     let state = null;
     const unsaved = make("div", "pd-solid pd-unsaved", { role: "alert" });
@@ -3649,24 +3650,25 @@
     let drawn = "";
     function drawRows() {
       if (!state) return;
-      const wanted = JSON.stringify([state.groups, isFolded]);
+      const wanted = JSON.stringify([state.groups, folded]);
       if (wanted !== drawn) {
         drawn = wanted;
         const top = rows.scrollTop;
         const focus = document.activeElement;
         const focused = focus instanceof HTMLElement ? focus.dataset.problem : void 0;
-        const parts = state.groups.flatMap((group) => {
-          if (group.name !== "new" && !group.rows.length) return [];
+        const groups = state.groups.filter((group) => group.rows.length);
+        const parts = groups.flatMap((group, place2) => {
+          const isFolded = folded[group.name] ?? !(place2 === 0 && ["new", "notices"].includes(group.name));
           const fold = () => {
-            isFolded[group.name] = !isFolded[group.name];
+            folded[group.name] = !isFolded;
             drawRows();
           };
-          const head3 = button("pd-problem-group", group.title, fold, { "aria-expanded": String(!isFolded[group.name]) });
-          if (isFolded[group.name]) return [head3];
+          const head3 = button("pd-problem-group", group.title, fold, { "aria-expanded": String(!isFolded) });
+          if (isFolded) return [head3];
           const more = make("div", "pd-problem-more", {}, `... and ${group.more} more`);
           return [head3, ...group.rows.map(rowOf), ...group.more ? [more] : []];
         });
-        rows.replaceChildren(...parts);
+        rows.replaceChildren(...parts.length ? parts : [make("div", "pd-problem-more", {}, NOTHING2)]);
         detail.hidden = !rows.querySelector("[data-problem]");
         if (isOpen) fit();
         rows.scrollTop = top;

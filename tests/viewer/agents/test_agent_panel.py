@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pd_editor import open_scenario
 from pd_editor.editor.commands import (
     SetAgentKind,
     SetAgentPosition,
@@ -12,6 +13,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene.agent_kind import Activity, AgentKind
+from pd_editor.scene.scenario import EGO_ID
 from pd_editor.viewer.agents.agent_panel import (
     DELETE,
     DUPLICATE,
@@ -19,6 +21,7 @@ from pd_editor.viewer.agents.agent_panel import (
     MAKE_FOCAL,
     MIXED,
     SIZE_NOTE,
+    summary,
 )
 from tests.viewer.fake_browser import FakeTab, until
 
@@ -151,6 +154,13 @@ def test_a_stale_trajectory_is_told_when_the_check_of_the_future_is_done(tab: Fa
     tab.run(lambda: tab.ui.apply(moved))
     until(lambda: "Its trajectory no longer fits" in tab.text())
     assert checks == [False, True]
+
+
+def test_the_ego_is_told():
+    """(It was a vehicle as any other.)"""
+    demo = open_scenario("merge")
+    row = demo.agents.row_of[EGO_ID]
+    assert "Ego, there for all 11 s" in summary(demo, np.array([row]))
 
 
 def test_the_focal_agent_is_not_made_focal_again(tab: FakeTab):

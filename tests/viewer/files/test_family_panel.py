@@ -32,11 +32,10 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         running_app(tmp_path / "state", "merge", library=library.root) as app,
         connected_tab(app) as tab,
     ):
-        assert "Now: seed 0" in tab.text()
+        assert "Such as seed=1..99. Now: seed 0" in tab.text()
         warped(tab)
-        assert "power 5, length_m 30" in tab.text()
-        assert "speed_mps 3" in tab.text()
-        tab.type("Vary", "power=2..8, speed_mps=1..2")
+        assert "Such as power=2.5..10. Now: power 5, length 30 m, " in tab.text()
+        tab.type("Vary", "power=2..8, speed=1..2")
         tab.type("Variants", 3)
         tab.press("Make family")
         until(lambda: "3 of 3 variants saved to the library" in tab.text())
@@ -74,7 +73,10 @@ def test_what_cannot_be_varied_is_told_and_nothing_is_saved(tmp_path: Path):
         assert "enter a range first" in tab.refusal()
         tab.type("Vary", "strength=1..2")
         tab.press("Make family")
-        assert "there are x_m, y_m, rotation_deg, power" in tab.refusal()
+        assert (
+            "there are power, length, border, exponent, speed, seed, x, y"
+            in tab.refusal()
+        )
         tab.type("Vary", "power=1..2 power=2..3")
         tab.press("Make family")
         assert "Two ranges are of the same number" in tab.refusal()

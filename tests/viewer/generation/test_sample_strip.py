@@ -289,7 +289,7 @@ def test_three_lines():
         return [line.text for line in card_lines(found, numbers, ranking)]
 
     moves = "50 % move, 8.0 m/s"
-    assert texts([]) == ["No new problems", "no notices", moves]
+    assert texts([]) == ["No new problems", "No notices", moves]
     assert texts(["harsh-motion"]) == ["No new problems", "1 notice", moves]
     several = ["later-collision", "off-road", "later-off-road", "harsh-motion"]
     assert texts(several) == ["3 problems", "1 collision, 2 off-road", moves]

@@ -155,6 +155,8 @@ def test_a_term_that_changes_after_the_run_has_no_outcome(guided: FakeTab):
     guided.run(lambda: guided.ui.apply(ChangeGuidance(index=0, term=changed)))
     state = panel(guided)
     assert state["rows"][0]["notes"] == [{"tone": "warn", "text": NOT_RUN}]
+    # Where Generate is open, its bar alone can tell.
+    assert guided.shown("run")["text"] == NOT_RUN
     assert state["action"] == TAKE_UNGUIDED
     # (W20) "Guidance met: 1 of 1" stood there as if it were of the present terms.
     head, *former = state["report"]
