@@ -197,7 +197,7 @@ def _listed(told: Sequence[str]) -> str:
 
 def _is_place(path: _Path) -> bool:
     field = _field(path)
-    return len(field) > 1 or field[0] in ("x_m", "y_m", "rotation_rad")
+    return field[-1].isdigit() or field[0] in ("x_m", "y_m", "rotation_rad")
 
 
 def _names(known: Collection[_Path]) -> dict[_Path, str]:

@@ -1,13 +1,19 @@
 """The list of findings of the current scenario: new, ignored and recorded ones."""
 
+from collections import deque
 from dataclasses import replace
+from typing import Final
 
 from pd_editor.analysis.findings.check import SceneCheck, scene_findings
 from pd_editor.analysis.findings.finding import Finding
+from pd_editor.editor.commands import Command
 from pd_editor.editor.edit_findings import carried_agent_ids, edit_findings
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.workspace import Workspace
+
+_MOST_WHOLES: Final = 8
+"""Scenarios whose findings are remembered: branches between which a user switches."""
 
 
 class FindingWatch:
@@ -20,6 +26,8 @@ class FindingWatch:
         self._recorded: tuple[Finding, ...] = ()
         self._check = SceneCheck()
         self._whole: Scenario | None = None
+        self._wholes: deque[tuple[Scenario, tuple[Command, ...], SceneCheck]]
+        self._wholes = deque(maxlen=_MOST_WHOLES)
 
     def check(self, *, with_future: bool) -> None:
         """Check the scenario.
@@ -33,14 +41,22 @@ class FindingWatch:
             self._base = session.original
             self._recorded = scene_findings(session.original)
             self._check = SceneCheck()
+            self._wholes.clear()
+        commands = session.commands_in_force
+        for known, by, whole in self._wholes:
+            if known is scenario and by == commands:
+                self._check, self._whole = whole, scenario
+                return
         found = edit_findings(
             scenario,
             session.base,
-            session.commands_in_force,
+            commands,
             self._recorded,
             with_future=with_future,
         )
-        if not with_future:
+        if with_future:
+            self._wholes.append((scenario, commands, found))
+        else:
             there = scenario.agents.row_of
             found = SceneCheck(
                 new=_kept(found.new, self._check.new, there),

@@ -5,6 +5,7 @@ from msgspec import to_builtins
 
 from pd_editor.editor.commands import DuplicateAgents
 from pd_editor.viewer.overlay.messages import StatusState
+from pd_editor.viewer.state import finding_watch
 from tests.analysis.findings.builders import finding
 from tests.viewer.fake_browser import connected_tab, running_app
 
@@ -35,6 +36,25 @@ def test_a_study_that_runs_is_told_beside_what_is_known_of_the_scene(tab, monkey
     assert told() == f"{before} \u00b7 study at 42%"
     monkeypatch.setattr(study, "_job", None)
     assert told() == before
+
+
+def test_a_state_that_was_checked_is_known_when_it_is_back(tab, monkeypatch):
+    """A quarter of the time of a switch between branches went into findings that were known."""
+    session, watch = tab.session, tab.model.findings
+    tab.run(watch.whole)
+    before = watch.new, watch.notices, watch.recorded
+    copied = DuplicateAgents(
+        agent_ids=session.scenario.agents.ids[:1], new_ids=("again",), dx_m=0.4
+    )
+    tab.run(lambda: session.apply(copied))
+    assert tab.run(watch.whole).new
+
+    def fail(*_args, **_options):
+        raise AssertionError("checked again")
+
+    monkeypatch.setattr(finding_watch, "edit_findings", fail)
+    tab.run(session.undo)
+    assert (watch.new, watch.notices, watch.recorded) == before
 
 
 @pytest.mark.parametrize(
