@@ -320,6 +320,8 @@ define("startPage", (api) => {
     told.classList.toggle("pd-bad", next.isWrong);
     index.hidden = !next.index;
     index.textContent = next.index;
+    // The next step, where nothing can be found before it.
+    index.classList.toggle("pd-start-first", !next.total && !next.index.startsWith("Cancel"));
     row.hidden = !(next.told || next.index || next.facets.length);
     showBulk(next);
     const isSame = former?.isOpen && JSON.stringify(former.tiles) === JSON.stringify(next.tiles);

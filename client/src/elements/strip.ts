@@ -28,7 +28,7 @@ const stripOf = (element: string, label: string) => (api: Api) => {
   const ranking = chooser("Order of the samples", "rank");
   const pick = chooser("Samples shown", "pick");
   const hint = "Point to preview, click to use, C compares";
-  const close = closeButton("Close the samples", "Esc", () => api.send({ kind: "close" }));
+  const close = closeButton(`Close the ${label.toLowerCase()}`, "Esc", () => api.send({ kind: "close" }));
   const restore = button("pd-strip-restore", "", () => api.send({ kind: "restore" }));
   head.append(title, ranking, pick, restore, make("span", "pd-samples-hint", {}, hint), close);
   const list = make("div", "pd-samples-list", {

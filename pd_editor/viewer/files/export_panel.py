@@ -222,6 +222,7 @@ class ExportPanel:
         counts = Counter(one.kind for one in self._model.findings.new)
         line = " · ".join([*lacking, problems_in_words(counts)])
         # In bold where the export lacks something.
+        line = line[:1].upper() + line[1:]
         self._preflight.show(*((line,) if lacking or counts else ("", line)))
 
     def close(self) -> None:

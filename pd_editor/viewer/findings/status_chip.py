@@ -99,7 +99,8 @@ class StatusChip:
         unrun = sum(one.kind == "guidance-not-run" for one in groups["new"])
         if unrun:
             which = "" if unrun == count else f"{unrun} "
-            text, tone = f"{text}, {which}guidance not run", "busy"
+            tone = "busy" if unrun == count else tone
+            text = f"{text}, {which}guidance not run"
         study = self._ui.workspace.study
         if study.is_running:
             text, tone = f"{text} \u00b7 study at {study.fraction:.0%}", "busy"

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (ca00c35609086e3c); not to be edited. */
+/* Built by .ci/client.py from client/ (cb40934b6d80af66); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3207,6 +3207,7 @@
       told.classList.toggle("pd-bad", next.isWrong);
       index.hidden = !next.index;
       index.textContent = next.index;
+      index.classList.toggle("pd-start-first", !next.total && !next.index.startsWith("Cancel"));
       row.hidden = !(next.told || next.index || next.facets.length);
       showBulk(next);
       const isSame = former2?.isOpen && JSON.stringify(former2.tiles) === JSON.stringify(next.tiles);
@@ -3248,7 +3249,7 @@
     const ranking = chooser("Order of the samples", "rank");
     const pick = chooser("Samples shown", "pick");
     const hint = "Point to preview, click to use, C compares";
-    const close = closeButton("Close the samples", "Esc", () => api.send({ kind: "close" }));
+    const close = closeButton(`Close the ${label.toLowerCase()}`, "Esc", () => api.send({ kind: "close" }));
     const restore = button("pd-strip-restore", "", () => api.send({ kind: "restore" }));
     head3.append(title, ranking, pick, restore, make("span", "pd-samples-hint", {}, hint), close);
     const list = make("div", "pd-samples-list", {

@@ -36,7 +36,7 @@ def test_a_disk_that_fails_is_told_until_it_works_again(tmp_path: Path):
         tab.run(lambda: session.apply(command))
         assert told().startswith("Edits are not saved: ")
         # Once is enough: the panel tells what the export lacks.
-        assert "no new problems" in tab.text()
+        assert "No new problems" in tab.text()
         assert "not saved" not in tab.text()
         with mock.patch.object(tab.ui.client, "send_file_download") as send:
             tab.press("Download the edits alone")
@@ -54,11 +54,11 @@ def test_an_ego_and_a_focal_agent_that_are_missing_are_told(tmp_path: Path):
         running_app(tmp_path / "library", "signalised-junction") as app,
         connected_tab(app) as tab,
     ):
-        assert "\nno new problems" in tab.text()
+        assert "\nNo new problems" in tab.text()
         tab.run(lambda: tab.session.apply(DeleteAgents(agent_ids=("AV",))))
-        assert "\nno ego · " in tab.text()
+        assert "\nNo ego · " in tab.text()
         tab.run(lambda: tab.session.apply(RemoveAllAgents()))
-        assert "\nno focal agent · no ego · " in tab.text()
+        assert "\nNo focal agent · no ego · " in tab.text()
 
 
 def test_a_name_that_was_cleared_is_proposed_for_the_next_scenario(tmp_path: Path):

@@ -58,6 +58,17 @@ def test_a_state_that_was_checked_is_known_when_it_is_back(tab, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("kinds", "tone"),
+    [(["guidance-not-run"], "busy"), (["guidance-not-run", "collision"], "warn")],
+)
+def test_guidance_to_be_run_hides_no_collision(tab, monkeypatch, kinds, tone):
+    """(A goal made the dot blue, whatever else was wrong.)"""
+    found = [finding(kind, str(number)) for number, kind in enumerate(kinds)]
+    monkeypatch.setattr(type(tab.model.findings), "new", tuple(found))
+    assert status(tab)["tone"] == tone
+
+
+@pytest.mark.parametrize(
     ("kinds", "title"),
     [
         (["near-pass"], "1 notice in the recording"),
