@@ -202,3 +202,18 @@ def test_what_six_samples_have_told_is_read_without_pointing(editor, size):
     told = editor.run_bar.get_by_role("status", name="Last run")
     expect(told).to_have_text(SIX_SAMPLES)
     assert told.evaluate("one => one.scrollHeight <= one.clientHeight")
+
+
+def test_on_a_bare_road_the_button_to_press_stands_out(editor):
+    """The blue one was Regenerate, which could not be pressed."""
+    color = "one => getComputedStyle(one).backgroundColor"
+    regenerate, resample = button(editor, "regenerate"), button(editor, "resample")
+    main = regenerate.evaluate(color)
+    assert resample.evaluate(color) != main
+    editor.open_tab("Generate")
+    editor.press("Clear the road")
+    expect(resample).to_have_text("Fill road")
+    editor.page.mouse.move(400, 300)
+    expect(regenerate).to_be_disabled()
+    assert resample.evaluate(color) == main
+    editor.screenshot("run_bar_bare")

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (cb40934b6d80af66); not to be edited. */
+/* Built by .ci/client.py from client/ (dad43cda2384b6a5); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

@@ -57,7 +57,7 @@ def with_focal_agent(
     return replace(
         scenario.with_agents(
             with_focal_category(scenario.agents, focal_id),
-            f"The focal agent was removed; {kind} {focal_id} is the focal agent now.",
+            f"{kind.capitalize()} {focal_id} is the focal agent now.",
         ),
         focal_id=focal_id,
     )

@@ -36,9 +36,7 @@ def test_the_nearest_moving_vehicle_with_a_complete_track_follows():
     base = base.with_agents(replace(base.agents, is_valid=is_valid))
     found = without_focal(base)
     assert found.focal_id == "103"
-    assert found.provenance.notes == (
-        "The focal agent was removed; vehicle 103 is the focal agent now.",
-    )
+    assert found.provenance.notes == ("Vehicle 103 is the focal agent now.",)
     focal = [c is AgentCategory.FOCAL for c in found.agents.categories]
     assert focal == [False, False, True, False]
 
