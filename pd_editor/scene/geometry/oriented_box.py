@@ -114,35 +114,37 @@ def overlap_area(
     Seen from box b, box a is clipped at two pairs of parallel lines. Points outside
     are moved onto the line rather than dropped, which encloses the same area.
     """
-    center = corners_b_m.mean(axis=1, keepdims=True)
-    points = corners_a_m - center
-    for end, start in ((0, 1), (1, 2)):
-        side = corners_b_m[:, end] - corners_b_m[:, start]
-        length = np.hypot(side[:, 0], side[:, 1])
-        axis = side / np.maximum(length, 1e-12)[:, None]
-        points = _clipped_to_strip(points, axis, length / 2)
-    following = np.roll(points, -1, axis=1)
-    cross = points[..., 0] * following[..., 1] - points[..., 1] * following[..., 0]
+    corners_a, corners_b = (
+        np.ascontiguousarray(one).view(complex)[..., 0]
+        for one in (corners_a_m, corners_b_m)
+    )
+    ahead, left = (corners_b[:, [0, 1]] - corners_b[:, [1, 2]]).T
+    length, width = np.abs(ahead), np.abs(left)
+    back = (ahead / np.maximum(length, 1e-12)).conj()
+    points = (corners_a - corners_b.mean(axis=1, keepdims=True)) * back[:, None]
+    x, y = _clipped_to_strip(points.real, points.imag, length / 2)
+    y, x = _clipped_to_strip(y, x, width / 2)
+    cross = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
     return np.maximum(cross.sum(axis=1) / 2, 0.0)
 
 
 def _clipped_to_strip(
-    ring: Float[np.ndarray, "P V 2"],
-    axis: Float[np.ndarray, "P 2"],
+    across: Float[np.ndarray, "P V"],
+    along: Float[np.ndarray, "P V"],
     half_width: Float[np.ndarray, "P"],
-) -> Float[np.ndarray, "P W 2"]:
-    """Rings clipped to |point . axis| <= half width; each edge gives three points."""
-    along = np.einsum("pvd,pd->pv", ring, axis)
-    step, rise = np.roll(ring, -1, axis=1) - ring, np.roll(along, -1, axis=1) - along
+) -> tuple[Float[np.ndarray, "P W"], Float[np.ndarray, "P W"]]:
+    """Rings clipped to |across| <= half width; each edge gives three points."""
+    bound = half_width[:, None]
+    rise = np.roll(across, -1, axis=1) - across
+    step = np.roll(along, -1, axis=1) - along
     flat = np.abs(rise) < 1e-12
-    bounds = half_width[:, None, None] * np.array([-1.0, 1.0])
-    crossing = (bounds - along[..., None]) / np.where(flat, 1.0, rise)[..., None]
-    crossing = np.where(flat[..., None], 0.0, np.clip(crossing, 0.0, 1.0))
-    fraction = np.concatenate(
-        [np.zeros((*along.shape, 1)), np.sort(crossing, axis=-1)], axis=-1
-    )
-    points = ring[:, :, None] + fraction[..., None] * step[:, :, None]
-    reach = along[..., None] + fraction * rise[..., None]
-    excess = reach - np.clip(reach, bounds[..., :1], bounds[..., 1:])
-    points = points - excess[..., None] * axis[:, None, None]
-    return points.reshape(len(ring), 3 * ring.shape[1], 2)
+    slope = np.where(flat, 0.0, 1.0) / np.where(flat, 1.0, rise)
+    low, high = (np.clip((end - across) * slope, 0.0, 1.0) for end in (-bound, bound))
+    first, second = np.minimum(low, high), np.maximum(low, high)
+    rings = [
+        np.stack([ring, ring + first * change, ring + second * change], axis=-1)
+        for ring, change in ((across, rise), (along, step))
+    ]
+    shape = (len(bound), 3 * rise.shape[1])
+    across, along = (one.reshape(shape) for one in rings)
+    return np.clip(across, -bound, bound), along

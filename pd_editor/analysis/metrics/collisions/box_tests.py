@@ -1,7 +1,7 @@
 """Box overlap tests between agents over time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,6 +13,8 @@ from pd_editor.scene.scenario import Scenario
 
 MIN_OVERLAP_M2: Final = 0.05
 """Boxes that share at most this area only touch."""
+_DISC_M: Final = 0.13
+"""Radius of a disc of a larger area than that."""
 _PORTION: Final = 50_000
 """Number of pairs times steps per chunk."""
 
@@ -31,10 +33,18 @@ def boxes_collide(
     one = one.broadcast_to(found.shape)[found]
     other = other.broadcast_to(found.shape)[found]
     touch = boxes_touch(one, other)
+    unsure = np.flatnonzero(touch & ~_share_disc(one, other))
+    area = overlap_area(one[unsure].corners_m(), other[unsure].corners_m())
+    touch[unsure] = area > MIN_OVERLAP_M2
     found[found] = touch
-    area = overlap_area(one[touch].corners_m(), other[touch].corners_m())
-    found[found] = area > MIN_OVERLAP_M2
     return found
+
+
+def _share_disc(one: Boxes, other: Boxes) -> Bool[np.ndarray, "*s"]:
+    """Whether boxes still touch without a border, so that they share a disc as wide."""
+    within = [replace(box, size_m=box.size_m - 2 * _DISC_M) for box in (one, other)]
+    has_any = np.minimum(*(box.size_m.min(axis=-1) for box in within)) > 0
+    return has_any & boxes_touch(*within)
 
 
 def overlapping_pairs(agents: BoxStates, step: int) -> Int[np.ndarray, "P 2"]:
