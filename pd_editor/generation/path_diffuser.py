@@ -34,7 +34,9 @@ from pd_editor.generation.initial_state.fitting import (
     num_overlapping,
     without_new,
     without_overlapping,
+    without_unfit,
 )
+from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
     InitialStateOptions,
@@ -233,6 +235,9 @@ class PathDiffuser:
         request, far_notes = near_lanes(request)
         options = initial_state_options(request, stage, self._rules)
         options = replace(options, steps=self._sampler)
+        conflicts = options.conflicts
+        if request.admits is not None:
+            options = replace(options, conflicts=None)
         count = request.num_samples
         asked = [requested_placings(stage, request, one) for one in range(count)]
         placings = {index: squares for index, (squares, _) in enumerate(asked)}
@@ -250,6 +255,16 @@ class PathDiffuser:
                 generated_ids=request.agent_ids,
                 progress=partial(_placing_progress, batch, count),
             )
+            if request.admits is not None:
+                kept = KeptPaths.of(request.scenario, request.agent_ids)
+                fits_in = partial(without_unfit, request.admits, conflicts, kept)
+                scenes = [
+                    fits_in(
+                        scenario,
+                        [name for one in placings[index] for name in one.new_ids],
+                    )
+                    for index, scenario in zip(batch, scenes, strict=True)
+                ]
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
                 fitting, new_ids, driven = yield from self._driven_states(
                     request,
@@ -289,7 +304,8 @@ class PathDiffuser:
         model = self._initial_states().model
         assert isinstance(model, InitialStateDenoiser)
         wanted = tuple(name for one in squares for name in one.new_ids)
-        tries = _MOST_PLACINGS if request.refines_states and yields(request) else 1
+        clears = request.refines_states and yields(request)
+        tries = _MOST_PLACINGS if clears and request.admits is None else 1
         best: _Placed | None = None
         for attempt in range(tries):
             if best is not None:
@@ -314,7 +330,7 @@ class PathDiffuser:
             if not best.in_the_way:
                 break
         assert best is not None
-        if tries == 1:
+        if not clears:
             return best.scenario, best.new_ids, best.sampled
         fitting, new_ids = without_new(best.scenario, best.new_ids, best.in_the_way)
         gone = frozenset(best.new_ids).difference(new_ids)

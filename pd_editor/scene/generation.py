@@ -190,6 +190,9 @@ class GenerationRequest:
     """Those of ``agent_ids`` whose initial states are resampled; id, kind, size stay."""
     moving_share: float | None = None
     """Fraction of the sampled agents of each kind that moves; None: unconditioned."""
+    admits: Callable[[Scenario, Sequence[str]], Sequence[str]] | None = None
+    """Which of the new agents may stay, given the scene with their states. With it, those
+    that break a rule of placement are left out, too, rather than placed again."""
     only_on_road: bool = False
     """Whether states are sampled near lanes only, not for example on parking lots."""
     region: Region | None = None

@@ -1,6 +1,6 @@
 """Where new vehicles and people come into the mapped area."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,6 +20,7 @@ from pd_editor.scene.agent_kind import (
     AgentKind,
 )
 from pd_editor.scene.generation import Region
+from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import TrafficSample
 
 _HALF_SIDE_M: Final = 12.0
@@ -101,11 +102,7 @@ class Entrances:
         return Region(center_m=(x, y), half_side_m=_HALF_SIDE_M)
 
     def entering(self, sample: TrafficSample, world: World) -> TrafficSample:
-        """The sample without new agents that do not come in, or are too many.
-
-        Vehicles and cyclists come in on a lane that begins, pedestrians beside the road
-        or on a crosswalk, and walk into the map.
-        """
+        """The sample without new agents that do not come in, or are too many."""
         known = world.scenario.agents.row_of
         left = self._missing(world)
         gone: list[str] = []
@@ -113,20 +110,40 @@ class Entrances:
             if name in known:
                 continue
             kind = sample.kinds[row]
+            place = sample.position_m[row, 0], float(sample.heading_rad[row, 0])
+            comes_in = self._comes_in(world.scenario, kind, *place)
             kind = AgentKind.VEHICLE if kind in MOTOR_VEHICLE_KINDS else kind
-            position, heading = sample.position_m[row, 0], sample.heading_rad[row, 0]
-            comes_in = self._comes_in(position, float(heading), kind)
-            if kind is AgentKind.PEDESTRIAN:
-                comes_in &= _is_walkable(world, position)
             if comes_in and left.get(kind, 0) > 0:
                 left[kind] -= 1
             else:
                 gone.append(name)
         return sample.without(gone) if gone else sample
 
+    def coming_in(self, scenario: Scenario, new_ids: Sequence[str]) -> list[str]:
+        """Those of some agents that come in, by their states at the current step."""
+        agents, now = scenario.agents, scenario.current_step
+        return [
+            name
+            for row, name in zip(agents.rows(new_ids), new_ids, strict=True)
+            if self._comes_in(
+                scenario,
+                agents.kinds[row],
+                agents.position_m[row, now],
+                float(agents.heading_rad[row, now]),
+            )
+        ]
+
     def _comes_in(
-        self, position_m: Float[np.ndarray, "2"], heading_rad: float, kind: AgentKind
+        self,
+        scenario: Scenario,
+        kind: AgentKind,
+        position_m: Float[np.ndarray, "2"],
+        heading_rad: float,
     ) -> bool:
+        """Whether one comes in on a lane that begins.
+
+        A pedestrian comes in beside the road or on a crosswalk, and walks into the map.
+        """
         (ahead,), (aside,) = offsets_from(self.point_m, self.way, position_m[None])
         along = self.way @ np.array([np.cos(heading_rad), np.sin(heading_rad)])
         is_near = (ahead > -2.0) & (ahead < 2 * _HALF_SIDE_M)
@@ -134,12 +151,13 @@ class Entrances:
             fits = (np.abs(aside) < 2 * _HALF_SIDE_M) & (along > 0.0)
         else:
             fits = (np.abs(aside) < _ASIDE_M) & (along > _COSINE)
-        return bool((fits & is_near).any())
+        if not (fits & is_near).any():
+            return False
+        return kind is not AgentKind.PEDESTRIAN or _is_walkable(scenario, position_m)
 
 
-def _is_walkable(world: World, position_m: Float[np.ndarray, "2"]) -> bool:
+def _is_walkable(scenario: Scenario, position_m: Float[np.ndarray, "2"]) -> bool:
     """Whether a place is beside the drivable area, or on a crosswalk."""
-    scenario = world.scenario
     outlines = [one.outline_m() for one in scenario.road_map.crosswalks]
     crosswalks = shapely.union_all([shapely.Polygon(one) for one in outlines])
     off_road = is_off_road(scenario, position_m[None])[0]

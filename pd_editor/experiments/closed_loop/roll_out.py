@@ -208,8 +208,9 @@ class Rolling:
         request, world = self.request, self.world
         enters = request.keeps_density and "new-agents" in supported_by(self.generator)
         wanted = self.entrances.wanted(world, self.random) if enters else None
-        drivers = self.drivers
-        sample = yield from _generated(request, self.generator, world, drivers, wanted)
+        sample = yield from _generated(
+            request, self.generator, world, self.drivers, self.entrances, wanted
+        )
         if sample is not None:
             sample = self.entrances.entering(world.with_fresh_ids(sample), world)
             known = world.scenario.agents.row_of
@@ -243,6 +244,7 @@ def _generated(
     generator: ScenarioGenerator,
     world: World,
     drivers: "_Drivers",
+    entrances: Entrances,
     wanted: tuple | None,
 ) -> Generator[GenerationProgress, None, TrafficSample | None]:
     """The traffic of a window; None if nobody is there."""
@@ -259,6 +261,7 @@ def _generated(
         num_new_agents=numbers,
         region=region,
         moving_share=1.0 if numbers else None,
+        admits=entrances.coming_in if numbers else None,
         only_on_road=bool(numbers),
         back_casts=False,
         guidance=guidance_settings(None, 1),

@@ -18,6 +18,15 @@ _CALLS_BEFORE: Final = 16
 _LARGE: Final = 16
 """Sizes from here on are of one form: no operation depends on which one it is."""
 
+_SIMPLER: Final = (
+    "erase_shape_information",
+    "constant_propagation",
+    "cse",
+    "constant_pooling",
+    "dce",
+)
+"""Passes of torch over traced operations that leave their results as they are."""
+
 
 class TracedStep:
     """A function of tensors, and of tuples and dataclasses of them, that gives a tensor.
@@ -68,6 +77,9 @@ class TracedStep:
             warnings.simplefilter("ignore")
             traced: Any = torch.jit.trace(of_tensors, tuple(tensors), check_trace=False)
         form.clear()  # Torch keeps the function.
+        # Sizes are of this call; what is left is found once rather than in each call.
+        for simpler in _SIMPLER:
+            getattr(torch._C, f"_jit_pass_{simpler}")(traced.graph)
         return traced
 
 

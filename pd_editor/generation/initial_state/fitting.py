@@ -1,6 +1,6 @@
 """Which placed agents fit: into the scene's limit, beside others, and out of their way."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,8 @@ from pd_editor.analysis.metrics.collisions.box_tests import (
     overlapping_pairs,
 )
 from pd_editor.analysis.repair.repairable import counted
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
+from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.pipeline import SquarePlacement
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.roles.late_agents import LateAgents
@@ -68,6 +70,22 @@ def without_overlapping(
         gone.append(row)
         pairs = pairs[(pairs != row).all(axis=1)]
     return without_new(scenario, new_ids, {agents.ids[row] for row in gone})
+
+
+def without_unfit(
+    admits: Callable[[Scenario, Sequence[str]], Sequence[str]],
+    conflicts: ConflictSearch | None,
+    kept: KeptPaths,
+    scenario: Scenario,
+    new_ids: Sequence[str],
+) -> Scenario:
+    """Remove new agents that are not admitted, then those that break a placement rule."""
+    stays = admits(scenario, new_ids)
+    scenario, _ = without_new(scenario, new_ids, set(new_ids).difference(stays))
+    if conflicts is None or not stays:
+        return scenario
+    gone = conflicts.conflicting(scenario, stays, np.random.default_rng(0), kept)
+    return without_new(scenario, stays, gone)[0]
 
 
 def without_new(
