@@ -93,12 +93,15 @@ class InitialStateGuidance:
         """
         task = sampling_conditioning(scene) if task is None else task
         given = task.is_given
-        overlaps = OverlapVectors.of(scene, gap_m=self.gap_m)
-        lines, pulled = CenterLines.of(scene), _Pulled.of(scene, task, self)
+        # Nothing moves the first agents, if all scenes give them.
+        first = int(given.all(dim=0).cumprod(dim=0).sum())
+        overlaps = OverlapVectors.of(scene, gap_m=self.gap_m, first=first)
+        lines = CenterLines.of(scene)
+        pulled = _Pulled.of(scene, task, self).since(first)
         leaves, outside = None, lines.outside_junctions()
         is_aligned = pulled.share > 0
         if may_stop is not None:
-            leaves = follows_lanes(scene) & ~given & ~may_stop
+            leaves = (follows_lanes(scene) & ~given & ~may_stop)[:, first:]
 
         def guide(
             clean: Float[Tensor, "S B A P"], level: float
@@ -106,6 +109,9 @@ class InitialStateGuidance:
             noise = relative_noise(schedule, torch.tensor([level], device="cpu"))[0]
             if noise * POSITION_UNIT_M > self.first_noise_m:
                 return clean
+            kept, clean = clean.tensor_split([first], dim=-2)
+            kept_place = as_complex(kept[..., :2] * POSITION_UNIT_M)
+            kept_axis = as_complex(unit_vectors(kept[..., 2:4]))
             start = as_complex(clean[..., :2] * POSITION_UNIT_M)
             place = start + self._pull(start, _may_park(clean), lines, pulled)
             if leaves is not None:
@@ -119,14 +125,20 @@ class InitialStateGuidance:
                 aligned = torch.where(is_aligned & is_standing(clean), aligned, 0)
                 axis = self._aligned(axis, aligned)
             for _ in range(self.num_pushes * (1 if level > 0 else 6)):
-                push = self._push(place, axis, overlaps, given)
+                push = self._push(
+                    torch.cat([kept_place, place], dim=-1),
+                    torch.cat([kept_axis, axis], dim=-1),
+                    overlaps,
+                    given,
+                )
                 if not bool(push.any()):
                     break
                 place = place + push
             moved = torch.view_as_real(place - start) / POSITION_UNIT_M
             is_turned = (axis != own_axis)[..., None]
             heading = torch.where(is_turned, torch.view_as_real(axis), clean[..., 2:4])
-            return torch.cat([clean[..., :2] + moved, heading, clean[..., 4:]], dim=-1)
+            guided = [clean[..., :2] + moved, heading, clean[..., 4:]]
+            return torch.cat([kept, torch.cat(guided, dim=-1)], dim=-2)
 
         return guide
 
@@ -149,10 +161,11 @@ class InitialStateGuidance:
         axis: Complex[Tensor, "S B A"],
         overlaps: OverlapVectors,
         is_given: Bool[Tensor, "B A"],
-    ) -> Complex[Tensor, "S B A"]:
+    ) -> Complex[Tensor, "S B N"]:
         """Displacement in metres out of all overlaps; full for overlaps with given agents."""
         share = torch.where(is_given, 1.0, 0.5)[:, None]
         shift = (overlaps(place_m, axis) * share).sum(dim=-1)
+        axis, is_given = axis[..., overlaps.first :], is_given[:, overlaps.first :]
         own = shift * axis.conj_physical()
         push = torch.complex(own.real, self.sideways * own.imag) * axis
         return torch.where(is_given, 0.0, push)
@@ -224,3 +237,8 @@ class _Pulled:
             share=guidance.pull * is_pulled,
             half_side_m=task.half_side_m[:, None],
         )
+
+    def since(self, first: int) -> "_Pulled":
+        """Without the first agents."""
+        offset_m, share = self.standing_offset_m[:, first:], self.share[:, first:]
+        return replace(self, standing_offset_m=offset_m, share=share)

@@ -35,22 +35,26 @@ def overlap_depth_m(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OverlapVectors:
-    """Displacements of agents in B scenes that resolve overlaps of their boxes.
+    """Displacements of N of A agents in B scenes that resolve overlaps of their boxes.
 
     Corners exceed the discs: a gap of 0.4 m separates those of cars.
     """
 
     reach_m: Float[Tensor, "B A 3"]
     """Position of each disc along the heading, relative to the centre."""
-    least_m: Float[Tensor, "B A A"]
+    least_m: Float[Tensor, "B N A"]
     """Least distance between discs; below 0 for pairs that may overlap."""
-    far_m: Float[Tensor, "B A A"]
+    far_m: Float[Tensor, "B N A"]
     """Distance of centres from which on boxes do not overlap."""
-    nudge_m: Float[Tensor, "A A"]
+    nudge_m: Float[Tensor, "N A"]
     """Displacement of agents at the same position: the first one moves ahead."""
+    first: int = 0
+    """The N agents are those from this one on."""
 
     @classmethod
-    def of(cls, scene: SceneTensors, *, gap_m: float = 0.0) -> "OverlapVectors":
+    def of(
+        cls, scene: SceneTensors, *, gap_m: float = 0.0, first: int = 0
+    ) -> "OverlapVectors":
         """Geometry of the agents of a scene, with a gap between them."""
         places = constant(_PLACES, scene.agent_size)
         radii = _radii_m(scene)
@@ -59,29 +63,30 @@ class OverlapVectors:
         far_m = radii + gap_m + reach[..., None] + reach[..., None, :]
         return cls(
             reach_m=reach[..., None] * places,
-            least_m=torch.where(counts, radii + gap_m, -1.0),
-            far_m=torch.where(counts, far_m + 2 * _NUDGE_M, -1.0),
-            nudge_m=_NUDGE_M * nudge,
+            least_m=torch.where(counts, radii + gap_m, -1.0)[:, first:],
+            far_m=torch.where(counts, far_m + 2 * _NUDGE_M, -1.0)[:, first:],
+            nudge_m=_NUDGE_M * nudge[first:],
+            first=first,
         )
 
     def __call__(
         self, place_m: Complex[Tensor, "*b A"], axis: Complex[Tensor, "*b A"]
-    ) -> Complex[Tensor, "*b A A"]:
+    ) -> Complex[Tensor, "*b N A"]:
         """Displacement of the first agent of each pair; 0 if they do not overlap.
 
         Positions and axes (headings of length one) are complex numbers.
         """
-        between = place_m[..., :, None] - place_m[..., None, :]
+        between = place_m[..., self.first :, None] - place_m[..., None, :]
         found = torch.zeros_like(between)
         near = (between.abs() < self.far_m).nonzero(as_tuple=True)
         *scene, one, other = near
         if not len(one):
             return found
         discs = place_m[..., None] + axis[..., None] * self.reach_m
-        offset = discs[*scene, one, :, None] - discs[*scene, other, None]
+        offset = discs[*scene, one + self.first, :, None] - discs[*scene, other, None]
         offset = offset.flatten(-2)
         nearest = offset.abs().argmin(dim=-1, keepdim=True)
-        ahead = self.nudge_m[one, other] * axis[*scene, one]
+        ahead = self.nudge_m[one, other] * axis[*scene, one + self.first]
         offset = offset.gather(-1, nearest)[..., 0] + ahead
         distance = offset.abs()
         least_m = self.least_m.expand(between.shape)[near]
