@@ -235,9 +235,8 @@ class PathDiffuser:
         request, far_notes = near_lanes(request)
         options = initial_state_options(request, stage, self._rules)
         options = replace(options, steps=self._sampler)
-        conflicts = options.conflicts
-        if request.admits is not None:
-            options = replace(options, conflicts=None)
+        # New agents that may be left out are not placed again.
+        once = options if request.admits is None else replace(options, conflicts=None)
         count = request.num_samples
         asked = [requested_placings(stage, request, one) for one in range(count)]
         placings = {index: squares for index, (squares, _) in enumerate(asked)}
@@ -251,20 +250,10 @@ class PathDiffuser:
                 request.scenario,
                 {index: placings[index] for index in batch},
                 seed=request.scene_seed,
-                options=options,
+                options=once,
                 generated_ids=request.agent_ids,
                 progress=partial(_placing_progress, batch, count),
             )
-            if request.admits is not None:
-                kept = KeptPaths.of(request.scenario, request.agent_ids)
-                fits_in = partial(without_unfit, request.admits, conflicts, kept)
-                scenes = [
-                    fits_in(
-                        scenario,
-                        [name for one in placings[index] for name in one.new_ids],
-                    )
-                    for index, scenario in zip(batch, scenes, strict=True)
-                ]
             for number, (index, scenario) in enumerate(zip(batch, scenes, strict=True)):
                 fitting, new_ids, driven = yield from self._driven_states(
                     request,
@@ -304,6 +293,11 @@ class PathDiffuser:
         model = self._initial_states().model
         assert isinstance(model, InitialStateDenoiser)
         wanted = tuple(name for one in squares for name in one.new_ids)
+        if request.admits is not None:
+            kept = KeptPaths.of(request.scenario, request.agent_ids)
+            scenario = without_unfit(
+                scenario, wanted, request.admits, options.conflicts, kept
+            )
         clears = request.refines_states and yields(request)
         tries = _MOST_PLACINGS if clears and request.admits is None else 1
         best: _Placed | None = None

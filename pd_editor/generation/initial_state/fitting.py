@@ -73,11 +73,11 @@ def without_overlapping(
 
 
 def without_unfit(
+    scenario: Scenario,
+    new_ids: Sequence[str],
     admits: Callable[[Scenario, Sequence[str]], Sequence[str]],
     conflicts: ConflictSearch | None,
     kept: KeptPaths,
-    scenario: Scenario,
-    new_ids: Sequence[str],
 ) -> Scenario:
     """Remove new agents that are not admitted, then those that break a placement rule."""
     stays = admits(scenario, new_ids)

@@ -110,27 +110,23 @@ class InitialStateGuidance:
             if noise * POSITION_UNIT_M > self.first_noise_m:
                 return clean
             kept, clean = clean.tensor_split([first], dim=-2)
-            kept_place = as_complex(kept[..., :2] * POSITION_UNIT_M)
-            kept_axis = as_complex(unit_vectors(kept[..., 2:4]))
-            start = as_complex(clean[..., :2] * POSITION_UNIT_M)
+            others = _poses(kept)
+            start, own_axis = _poses(clean)
             place = start + self._pull(start, _may_park(clean), lines, pulled)
             if leaves is not None:
                 stands = leaves & is_standing(clean)
                 if bool(stands.any()):
                     stuck = stands & lines.in_junction(place)
                     place = place + stuck * self._out(place, outside, pulled)
-            own_axis = axis = as_complex(unit_vectors(clean[..., 2:4]))
+            axis = own_axis
             if level == 0:
                 aligned = lines.direction(place)
                 aligned = torch.where(is_aligned & is_standing(clean), aligned, 0)
                 axis = self._aligned(axis, aligned)
             for _ in range(self.num_pushes * (1 if level > 0 else 6)):
-                push = self._push(
-                    torch.cat([kept_place, place], dim=-1),
-                    torch.cat([kept_axis, axis], dim=-1),
-                    overlaps,
-                    given,
-                )
+                pairs = zip(others, (place, axis), strict=True)
+                everyone = (torch.cat(pair, dim=-1) for pair in pairs)
+                push = self._push(*everyone, overlaps, given)
                 if not bool(push.any()):
                     break
                 place = place + push
@@ -200,6 +196,14 @@ class InitialStateGuidance:
         way = -offset * (too_far / length_m.clamp(1e-6, 1e6))
         end = torch.view_as_real(place_m + way).abs()
         return way * (end.amax(dim=-1) <= pulled.half_side_m)
+
+
+def _poses(
+    clean: Float[Tensor, "S B A P"],
+) -> tuple[Complex[Tensor, "S B A"], Complex[Tensor, "S B A"]]:
+    """Places in metres, and axes of length one."""
+    place, axis = clean[..., :2] * POSITION_UNIT_M, unit_vectors(clean[..., 2:4])
+    return as_complex(place), as_complex(axis)
 
 
 def _may_park(clean: Float[Tensor, "S B A P"]) -> Bool[Tensor, "S B A"]:

@@ -1,13 +1,16 @@
 """More agents than fit: as many as fit are placed, and the notes say how many."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 
 from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
 from pd_editor.analysis.repair.repairable import counted
 from pd_editor.editor.commands import traffic_command
+from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.fitting import (
     colliding_with_kept,
     without_overlapping,
@@ -46,6 +49,39 @@ def test_new_agents_that_stay_overlap_no_other(crowd: Crowd):
     if not overlaps_of(scenario, new):
         assert kept is scenario
     assert not kept.retired_ids
+
+
+def test_who_is_not_admitted_or_breaks_a_rule_is_left_out(
+    diffuser: PathDiffuser, monkeypatch: pytest.MonkeyPatch
+):
+    scenario = scenario_with(straight_drivers([(0, 0, 0, 0)]))
+    asked = {}
+
+    def admits(placed: Scenario, new_ids: Sequence[str]) -> list[str]:
+        asked.update(placed=placed, new_ids=new_ids)
+        return list(new_ids)[1:]
+
+    searched = []
+    search = ConflictSearch.conflicting
+    monkeypatch.setattr(
+        ConflictSearch,
+        "conflicting",
+        lambda self, placed, ids, *more: (
+            searched.append(ids) or ids[:1] or search(self, placed, ids, *more)
+        ),
+    )
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=(),
+        num_new_agents={AgentKind.VEHICLE: 4},
+        region=Region(center_m=(0.0, 0.0), half_side_m=30.0),
+        admits=admits,
+    )
+    sample = run_to_end(diffuser.generate(request)).samples[0]
+    _, second, *others = asked["new_ids"]
+    assert [list(ids) for ids in searched] == [[second, *others]]
+    assert set(sample.ids) <= set(others)
+    assert asked["placed"].agents.is_valid[:, scenario.current_step].all()
 
 
 def test_what_fits_is_placed_and_the_number_is_said(diffuser: PathDiffuser):

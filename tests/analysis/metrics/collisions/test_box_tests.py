@@ -9,17 +9,19 @@ from hypothesis import strategies as st
 
 from pd_editor.analysis.metrics.collisions.box_tests import (
     MIN_OVERLAP_M2,
+    boxes_collide,
     first_overlap,
     overlapping_pairs,
 )
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.geometry.oriented_box import box_corners
+from pd_editor.scene.geometry.oriented_box import Boxes, box_corners
 from tests.builders import (
     straight_drivers,
     two_agents_that_collide,
     two_agents_that_pass,
 )
 
+SIZES = st.floats(0.05, 5)
 STATES = st.lists(
     st.tuples(
         st.floats(-12, 12), st.floats(-12, 12), st.floats(-3.1, 3.1), st.floats(0, 12)
@@ -58,6 +60,23 @@ def test_pairs_and_first_steps_are_those_of_shapely(states):
         tuple(pair): step for pair, step in zip(pairs.tolist(), first, strict=True)
     }
     assert found == first_by_shapely(agents, steps)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-4, 4), SIZES, SIZES),
+        min_size=2,
+        max_size=8,
+    )
+)
+def test_boxes_collide_that_share_enough_by_shapely(table):
+    table = np.array(table)
+    boxes = Boxes(position_m=table[:, :2], heading_rad=table[:, 2], size_m=table[:, 3:])
+    found = boxes_collide(boxes[:, None], boxes[None])
+    rings = shapely.polygons(boxes.corners_m())
+    area = shapely.area(shapely.intersection(rings[:, None], rings[None]))
+    clear = np.abs(area - MIN_OVERLAP_M2) > 1e-9
+    assert (found == (area > MIN_OVERLAP_M2))[clear].all()
 
 
 def test_passing_agents_never_touch():
