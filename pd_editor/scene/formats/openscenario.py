@@ -169,8 +169,8 @@ class _Story:
         self._speeds: dict[str, float] = {}
         self._acting: set[str] = set()
         self._unread: set[str] = set()
-        self._spots: dict[str, _Spot | None] = {}
-        self._is_timed = True
+        self._spots: dict[tuple[str, float], _Spot | None] = {}
+        self._is_timed, self._is_kept = True, False
         board = root.child("Storyboard")
         self._begins = {
             private.get("entityRef"): position
@@ -248,6 +248,8 @@ class _Story:
         """Add states of an entity: times, x, y and headings, which may be far apart."""
         table = table[np.argsort(table[:, 0], kind="stable")]
         times, step_s = table[:, 0], TimeAxis().step_s
+        if times[0] > 0:
+            self._at(name, float(times[0]))
         if max(np.diff(times), default=0.0) > 1.5 * step_s:
             last_s = min(times[-1], times[0] + MAX_STEPS * step_s)
             times = np.union1d(times, np.arange(times[0], last_s, step_s))
@@ -300,7 +302,7 @@ class _Story:
         (one,) = position.children("*")[:1] or [position]
         tag = one.element.tag
         relative = tag.startswith("Relative")
-        near = self._begin(one.get("entityRef")) if relative and not start_s else None
+        near = self._at(one.get("entityRef"), start_s) if relative else None
         if unread := _unread_value(one, *_PLACES):
             self._unread.add(unread)
         elif relative and (
@@ -357,11 +359,52 @@ class _Story:
         pose, aside = self._locate(one, road, lane, s, beside)
         return _Spot(pose, (road, lane, s, aside))
 
-    def _begin(self, name: str) -> _Spot | None:
-        """Where an entity begins, unless that depends on itself."""
-        if name in self._begins:
-            self._spots[name] = self._spot(self._begins.pop(name), 0.0)
-        return self._spots.get(name)
+    def _at(self, name: str, time_s: float) -> _Spot | None:
+        """Where an entity is, unless that depends on itself or on conditions."""
+        key = name, round(time_s, _DIGITS)
+        if key not in self._spots:
+            self._spots[key] = None
+            self._spots[key] = self._reached(*key)
+        return self._spots[key]
+
+    def _reached(self, name: str, time_s: float) -> _Spot | None:
+        """Where an entity begins, or is after it kept its lane and speed, with states till then."""
+        if not time_s:
+            found = self._begins.get(name)
+            return None if found is None else self._spot(found, 0.0)
+        begin, step_s = self._at(name, 0.0), TimeAxis().step_s
+        is_new = len(self._states[name]) == 1 and time_s <= MAX_STEPS * step_s
+        if begin is None or not is_new:
+            return None
+        speed, times = self._speeds.get(name, 0.0), np.arange(0.0, time_s, step_s)
+        try:
+            way = [self._ahead(begin, speed * one) for one in (*times, time_s)]
+        except FormatError:
+            return None
+        self._is_kept = True
+        for time, spot in zip(times.tolist(), way, strict=False):
+            self._states[name][round(time, _DIGITS)] = spot.pose
+        return way[-1]
+
+    def _ahead(self, spot: _Spot, way_m: float) -> _Spot:
+        """The place further on along a road.
+
+        Raises:
+            FormatError: it is not on a road, or the road or lane ends before.
+        """
+        if not way_m:
+            return spot
+        if spot.road is None:
+            raise self._root.error("has an entity without a road.")
+        road, lane, s, aside = spot.road
+        along = self._locate(self._root, road, None, s, 0.0)[0][2]
+        (_, _, heading), middle = self._locate(self._root, road, lane, s, 0.0)
+        turn = spot.pose[2] - heading
+        s += way_m if np.cos(spot.pose[2] - along) >= 0 else -way_m
+        (x, y, heading), beside = self._locate(
+            self._root, road, lane, s, aside - middle
+        )
+        return _Spot((x, y, heading + turn), (road, lane, s, beside))
 
     def tracks(self) -> tuple[tuple[FileTrack, ...], tuple[str, ...]]:
         """Of all entities that have a place; sentences on what is not read."""
@@ -376,6 +419,10 @@ class _Story:
         told = (
             (sizeless, f"{sizeless} entities without a box have the usual sizes."),
             (lost, f"Entities without a place are left out: {', '.join(lost[:6])}."),
+            (
+                self._is_kept,
+                "Before their trajectories entities keep lane and speed.",
+            ),
             (
                 not self._is_timed,
                 "Trajectories without times are followed at the entity's first speed.",

@@ -183,6 +183,27 @@ def test_trajectories_begin_with_their_events_and_parked_cars_stay(tmp_path: Pat
     assert agents.is_valid[agents.row_of["parked"], steps].all()
 
 
+def test_entities_keep_lane_and_speed_until_their_trajectories_begin(tmp_path: Path):
+    """They were gone in between, and trajectories that begin where they are unread."""
+    place = '<RelativeObjectPosition entityRef="ego" dx="0" dy="0"/>'
+    curve = f"""<RoutingAction><FollowTrajectoryAction><Trajectory><Shape><Clothoid
+    curvature="0.1" curvatureDot="0" length="10"><Position>{place}</Position></Clothoid>
+    </Shape></Trajectory><TimeReference><None/></TimeReference></FollowTrajectoryAction>
+    </RoutingAction>"""
+    box = BOX.replace('x="1.5"', 'x="0"')
+    init = private("ego", lane(1, 70), speed(5.0))
+    path = story(tmp_path, entity("ego", "car", box), init, event("ego", curve, 2.0))
+    scene = open_scenario(path)
+    row = scene.agents.row_of["AV"]
+    steps = np.flatnonzero(scene.agents.is_valid[row])
+    np.testing.assert_array_equal(steps, steps[0] + np.arange(41))
+    np.testing.assert_allclose(at(scene, "AV", steps[10]), (75.0, 2.5), atol=1e-6)
+    np.testing.assert_allclose(at(scene, "AV", steps[20]), (70.0, 2.5), atol=1e-6)
+    end = (70 - 10 * np.sin(1.0), 2.5 - 10 * (1 - np.cos(1.0)))
+    np.testing.assert_allclose(at(scene, "AV", steps[40]), end, atol=0.01)
+    assert "keep lane and speed" in " ".join(scene.provenance.notes)
+
+
 def test_what_is_not_read_is_told_in_one_sentence(tmp_path: Path):
     behind = '<Position><GeoPosition latitude="0" longitude="0"/></Position>'
     init = private("ego", lane(-1, 20)) + private("late", behind)
