@@ -82,6 +82,9 @@ the lane: without a lane, from the line.
 """
 _FINE_M: Final = 0.2
 """Step in which curves are followed."""
+_MOST_POINTS: Final = 10_000
+_MOST_RELATIVE: Final = 50
+"""Entities in a row of which each is placed relative to the next."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,7 @@ class _Story:
         self._acting: set[str] = set()
         self._unread: set[str] = set()
         self._spots: dict[tuple[str, float], _Spot | None] = {}
+        self._depth = 0
         self._is_timed, self._is_kept = True, False
         board = root.child("Storyboard")
         self._begins = {
@@ -362,10 +366,12 @@ class _Story:
     def _at(self, name: str, time_s: float) -> _Spot | None:
         """Where an entity is, unless that depends on itself or on conditions."""
         key = name, round(time_s, _DIGITS)
-        if key not in self._spots:
+        if key not in self._spots and self._depth < _MOST_RELATIVE:
             self._spots[key] = None
+            self._depth += 1
             self._spots[key] = self._reached(*key)
-        return self._spots[key]
+            self._depth -= 1
+        return self._spots.get(key)
 
     def _reached(self, name: str, time_s: float) -> _Spot | None:
         """Where an entity begins, or is after it kept its lane and speed, with states till then."""
@@ -469,7 +475,7 @@ def _nurbs(
     points: Float[np.ndarray, "N 2"],
 ) -> Float[np.ndarray, "M 2"]:
     """Points along a rational spline, by the recursion of Cox and de Boor."""
-    count = int(min(arc_length(points)[-1], MAX_LINES_M) / _FINE_M) + 2
+    count = int(min(arc_length(points)[-1] / _FINE_M, _MOST_POINTS)) + 2
     place = np.linspace(knots[order - 1], knots[-order], count)[:, None]
     last = np.nextafter(knots[-order], -np.inf)
     place = np.minimum(place, last)

@@ -1,6 +1,7 @@
 """Agents of OpenSCENARIO files on OpenDRIVE roads."""
 
 import zipfile
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -242,6 +243,20 @@ def test_places_are_found_by_road_lane_or_another_entity(
     np.testing.assert_allclose(at(scene, "late", now), place, atol=1e-6)
     told = scene.agents.heading_rad[scene.agents.row_of["late"], now]
     assert np.abs(np.angle(np.exp(1j * (told - heading)))) < 1e-6
+
+
+def test_entities_that_are_placed_by_each_other_are_left_out(tmp_path: Path):
+    """Also in a long row, of which the last alone has a place."""
+    names = [f"e{n}" for n in range(400)]
+    near = '<Position><RelativeWorldPosition entityRef="{}" dx="1" dy="0"/></Position>'
+    init = "".join(private(one, near.format(other)) for one, other in pairwise(names))
+    init += private("e399", lane(-1, 20)) + private("a", near.format("a"))
+    path = story(tmp_path, "".join(map(entity, [*names, "a"])), init)
+    scene = open_scenario(path)
+    assert {"e399", "e398"} <= set(scene.agents.ids)
+    told = " ".join(scene.provenance.notes)
+    assert "RelativeWorldPosition to an entity whose place then is unknown" in told
+    assert "a" not in scene.agents.ids
 
 
 def test_values_are_computed_and_entities_come_from_catalogs(tmp_path: Path):
