@@ -16,7 +16,7 @@ from jaxtyping import Bool
 
 from assets.stories import STORIES
 from assets.story import Story
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.base.installed_files import SENTENCES_NAME
 from pd_editor.experiments.recordings.clip import cropped_map, cut_scenario
 from pd_editor.experiments.recordings.recording import Recording, Window

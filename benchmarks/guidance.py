@@ -20,7 +20,6 @@ import numpy as np
 
 from benchmarks.candidates import full_scenarios
 from benchmarks.figures import load_in_words
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.guidance_kind import AgentNow
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowPath
@@ -31,7 +30,7 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
-from pd_editor.analysis.guidance.report import SLOWED
+from pd_editor.analysis.guidance.report import SLOWED, guidance_problems
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.generation import (

@@ -19,9 +19,9 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.contact_sheet import top_view
-from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
-from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.box_overlaps import box_overlap
+from pd_editor.analysis.metrics.lanes import ids_near_lanes
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.scenario_store import lanes_of_file, open_part, open_scenario

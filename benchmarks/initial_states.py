@@ -16,15 +16,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pd_editor.analysis.metrics.collisions.box_collision import (
+from pd_editor.analysis.metrics.box_overlaps import (
     box_overlap,
     init_collision_2m,
     local_density,
     nearest_distance,
 )
 from pd_editor.analysis.metrics.distribution_distance import HISTOGRAMS, noise_floor
-from pd_editor.analysis.metrics.motion.kinematics import motion_values
-from pd_editor.analysis.metrics.road.off_lane import nearest_edge, off_lane
+from pd_editor.analysis.metrics.lanes import nearest_edge, off_lane
+from pd_editor.analysis.metrics.motion import motion_values
 from pd_editor.analysis.metrics.traffic_view import (
     TrafficView,
     generated_traffic,

@@ -16,9 +16,9 @@ from typing import Final, get_args
 
 import numpy as np
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo, shared_places
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
+from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.analysis.threats.encounter import Approach, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_feasibility import meets, recorded_track

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.generation.lane_follower import LaneFollower
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.av2_io.read import read_scenario

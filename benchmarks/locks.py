@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.candidates import full_scenarios
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
-from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.analysis.repair.current_states import counted
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.experiments.evaluation.scene_bootstrap import (

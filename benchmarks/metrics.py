@@ -11,12 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.analysis.metrics.collisions.box_collision import init_collision_2m
+from pd_editor.analysis.metrics.box_overlaps import init_collision_2m
 from pd_editor.analysis.metrics.distribution_distance import HISTOGRAMS, noise_floor
-from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
-from pd_editor.analysis.metrics.values import MetricValues
+from pd_editor.analysis.metrics.values import METRICS, MetricValues
 from pd_editor.experiments.evaluation.evaluation_task import (
     paper_init_agents,
     paper_trajectory_agents,

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 import pd_editor
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.analysis.repair.back_casting import made_up_past
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.av2_io.read import read_scenario

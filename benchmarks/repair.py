@@ -12,16 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
-from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
+from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
 from pd_editor.analysis.repair import (
     project_to_lanes,
     separate_overlaps,
     yield_to_others,
 )
-from pd_editor.analysis.repair.current_states import lanes_of
-from pd_editor.analysis.repair.lane_projection import MAX_OFFSET_M
-from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.repair.current_states import counted, lanes_of
 from pd_editor.analysis.repair.retimed_trajectories import Trajectories
+from pd_editor.analysis.repair.state_repairs import MAX_OFFSET_M
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
 from pd_editor.scene.paths.lanes.lane_graph import lane_graph
 from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pd_editor.analysis.guidance.guidance_kind import OBEYED
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
-from pd_editor.analysis.guidance.limits import OBEYED
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
-from pd_editor.analysis.metrics.road.off_road import departures
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.analysis.metrics.road import departures
 from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.roll_out import RollOut, RollOutRequest, roll_out

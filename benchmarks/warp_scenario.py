@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from pd_editor.analysis.findings.check import scene_problems
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.scene.av2_io.map_file import read_map
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.rigid_motion import RigidMotion

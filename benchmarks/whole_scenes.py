@@ -18,13 +18,12 @@ import shapely
 from jaxtyping import Bool, Float
 
 import pd_editor
-from pd_editor.analysis.metrics.collisions.box_collision import (
+from pd_editor.analysis.metrics.box_overlaps import (
     box_overlap,
     init_five_circles,
 )
-from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
-from pd_editor.analysis.metrics.road.off_road import is_off_road
-from pd_editor.analysis.metrics.road.surroundings import askew, surroundings
+from pd_editor.analysis.metrics.lanes import ids_near_lanes
+from pd_editor.analysis.metrics.road import askew, is_off_road, surroundings
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.editor.scenario_store import open_scenario

@@ -12,11 +12,11 @@ import numpy as np
 import torch
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     first_overlap,
     overlapping_pairs,
 )
-from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.repair.current_states import counted
 from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.generation.trajectory.sample_yielding import with_yielding

@@ -5,7 +5,7 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from pd_editor.analysis.metrics.metric_table import METRICS
+from pd_editor.analysis.metrics.values import METRICS
 from pd_editor.base.plain_text import markdown_table
 from pd_editor.experiments.training.config.settings import STAGES, fields_table
 

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from pd_editor.cli.generate import generate
     from pd_editor.cli.index import index
     from pd_editor.cli.model import model
-    from pd_editor.cli.output.outcome import Outcome
+    from pd_editor.cli.output import Outcome
     from pd_editor.cli.render import render
     from pd_editor.cli.replay import replay
     from pd_editor.cli.study import study
@@ -119,7 +119,7 @@ os.environ.setdefault("KMP_BLOCKTIME", "0")
 
 _HOMES = {
     "EditorSession": "pd_editor.editor.session",
-    "Outcome": "pd_editor.cli.output.outcome",
+    "Outcome": "pd_editor.cli.output",
     "PdEditorError": "pd_editor.base.errors",
     "Player": "pd_editor.scene.formats.player",
     "Recipe": "pd_editor.editor.recipe",

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
 from pd_editor.cli.replay import open_base, read_recipe
 from pd_editor.editor.recipe import replay
 from pd_editor.editor.scenario_store import open_scenario

@@ -7,7 +7,7 @@ from typing import Final
 
 from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.installed_files import models_folder
-from pd_editor.cli.output.progress import work_shown
+from pd_editor.cli.output import work_shown
 from pd_editor.experiments.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pd_editor.analysis.metrics.distribution_distance import histogram_of
-from pd_editor.analysis.metrics.metric_table import Source
+from pd_editor.analysis.metrics.values import Source
 from pd_editor.experiments.report import ReportTable
 from reproduction.measures import (
     MeasuredValue,

@@ -11,8 +11,8 @@ import shapely
 from assets.make_demos import made_demo, write_sentences
 from assets.stories import STORIES
 from pd_editor.analysis.findings.check import scene_problems
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.base.installed_files import SENTENCES_NAME, demo_names, demo_sentence
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentCategory, AgentKind
 from pd_editor.scene.av2_io.read import read_scenario

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from pd_editor.cli.many_scenes import ManyOptions, PartsOptions, over_scenes
-from pd_editor.cli.options.arguments import FormatOption, NameOption
-from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
+from pd_editor.cli.options import FormatOption, NameOption
+from pd_editor.cli.output import Outcome, edited_session, write_session
 from pd_editor.editor.scenario_store import LOSSES_NAME, open_part
 from pd_editor.scene.formats.registry import writer
 

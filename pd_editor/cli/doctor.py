@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
-from typing import Final
 
 from packaging.requirements import Requirement
 
@@ -19,10 +18,8 @@ from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.installed_files import demo_names
 from pd_editor.base.plain_text import one_line
 from pd_editor.base.regular_file import state_folder
-from pd_editor.cli.options.arguments import OptionalFolder
+from pd_editor.cli.options import OptionalFolder
 from pd_editor.experiments.work_engine.work_engine import WorkFailure, failure_of
-
-_LEAST_FREE_GB: Final = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +119,7 @@ def _disk(state: Path | None) -> str:
     if not (there.is_dir() and os.access(there, os.W_OK)):
         raise InputError(f"{there}: cannot be written to; choose another --state.")
     free_gb = shutil.disk_usage(there).free / 2**30
-    if free_gb < _LEAST_FREE_GB:
+    if free_gb < 1.0:
         raise InputError(f"{there}: has {free_gb:.1f} GB left; expected 1 GB.")
     return f"{free_gb:.0f} GB free for unfinished work in {folder}"
 

@@ -12,20 +12,24 @@ import tyro
 from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.many_scenes import ManyOptions, over_scenes
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     NameOption,
     PartOptions,
     Switch,
     command_line,
+    guidance_terms_of,
+    lock_commands,
     several,
     shown,
 )
-from pd_editor.cli.options.guide_option import guidance_terms_of
-from pd_editor.cli.options.kept_agents import lock_commands
-from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
-from pd_editor.cli.output.plans_file import write_plans
-from pd_editor.cli.output.progress import run_showing_progress
-from pd_editor.cli.output.tables import GuidanceTable
+from pd_editor.cli.output import (
+    GuidanceTable,
+    Outcome,
+    edited_session,
+    run_showing_progress,
+    write_plans,
+    write_session,
+)
 from pd_editor.editor.commands import AddGuidance, Command, SampleSignals
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.editor.variant import name_from_text, short_id

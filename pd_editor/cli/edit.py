@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from pd_editor.base.errors import InputError
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     OptionalFolder,
     OptionalFolders,
     PartOptions,

@@ -12,7 +12,7 @@ from pd_editor.base.errors import GenerationError, InputError
 from pd_editor.base.foreign_code import is_reference
 from pd_editor.base.plain_text import nearest_or_all
 from pd_editor.cli.many_scenes import EngineOptions, WindowsOptions
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     FolderOption,
     Folders,
     Number,
@@ -22,7 +22,7 @@ from pd_editor.cli.options.arguments import (
     shown,
     taking,
 )
-from pd_editor.cli.output.progress import work_shown
+from pd_editor.cli.output import work_shown
 from pd_editor.experiments.evaluation.evaluation import (
     EvaluationPlan,
     EvaluationSplits,

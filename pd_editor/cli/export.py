@@ -10,7 +10,7 @@ import tyro
 from pd_editor.base.errors import EditError, ExportError
 from pd_editor.base.plain_text import listed
 from pd_editor.base.regular_file import write_whole
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     CutOptions,
     FocalOption,
     FormatOption,
@@ -22,7 +22,7 @@ from pd_editor.cli.options.arguments import (
     TagsOption,
     taking,
 )
-from pd_editor.cli.output.outcome import (
+from pd_editor.cli.output import (
     Outcome,
     described,
     refuse_existing,

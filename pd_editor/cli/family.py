@@ -12,14 +12,13 @@ from pd_editor.base.errors import ExportError, PdEditorError
 from pd_editor.base.plain_text import csv_file
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.many_scenes import Scenes, all_scenes
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     Number,
     ResultOptions,
     shown,
     taking,
 )
-from pd_editor.cli.output.outcome import Outcome, refuse_existing
-from pd_editor.cli.output.progress import ProgressLine
+from pd_editor.cli.output import Outcome, ProgressLine, refuse_existing
 from pd_editor.cli.replay import RecipeOptions, open_base, read_recipe
 from pd_editor.editor.family import (
     Member,

@@ -10,7 +10,7 @@ import tyro
 
 from pd_editor.analysis.manoeuvres import EVENT_KINDS
 from pd_editor.base.plain_text import one_line
-from pd_editor.cli.options.arguments import Switch
+from pd_editor.cli.options import Switch
 from pd_editor.experiments.scene_index.query import FoundScene, find_scenes
 from pd_editor.experiments.work_engine.work_engine import WorkFailure
 

@@ -10,28 +10,32 @@ import numpy as np
 
 from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.sample_ranking import Ranking
-from pd_editor.analysis.guidance.feasibility import guidance_problems
+from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.base.errors import GenerationError
 from pd_editor.cli.many_scenes import ManyOptions, PartsOptions, over_scenes
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     FocalOption,
     NameOption,
     Number,
     Switch,
-    several,
-    shown,
-)
-from pd_editor.cli.options.guide_option import guidance_terms_of
-from pd_editor.cli.options.kept_agents import (
     agents_within,
     driven_agents,
+    guidance_terms_of,
     kept_remarks,
     lock_commands,
+    several,
+    shown,
     wanted_kinds,
 )
-from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
-from pd_editor.cli.output.progress import run_showing_progress
-from pd_editor.cli.output.tables import GuidanceTable, SampleTable, reports_of
+from pd_editor.cli.output import (
+    GuidanceTable,
+    Outcome,
+    SampleTable,
+    edited_session,
+    reports_of,
+    run_showing_progress,
+    write_session,
+)
 from pd_editor.editor.commands import (
     AddGuidance,
     Command,

@@ -10,8 +10,8 @@ import tyro
 from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import user_path
 from pd_editor.cli.many_scenes import EngineOptions, all_scenes
-from pd_editor.cli.options.arguments import several, shown, taking
-from pd_editor.cli.output.progress import work_shown
+from pd_editor.cli.options import several, shown, taking
+from pd_editor.cli.output import work_shown
 from pd_editor.experiments.scene_index.index_file import INDEX_NAME, IndexWriter
 from pd_editor.experiments.work_engine.work_engine import WorkFailure
 

@@ -16,7 +16,7 @@ from pd_editor.base.regular_file import state_folder, user_path, write_whole
 from pd_editor.cli.export import ZIP_NAME, opened_session
 from pd_editor.cli.find import Found
 from pd_editor.cli.many_scenes import all_scenes, engine_of
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     FolderOption,
     FormatOption,
     NoteOption,
@@ -26,8 +26,7 @@ from pd_editor.cli.options.arguments import (
     TagsOption,
     several,
 )
-from pd_editor.cli.output.outcome import Outcome, described, refuse_existing
-from pd_editor.cli.output.progress import work_shown
+from pd_editor.cli.output import Outcome, described, refuse_existing, work_shown
 from pd_editor.editor.library.index_table import INDEX_NAME
 from pd_editor.editor.library.library import SORTS, Library, LibraryCard, take_in
 from pd_editor.editor.recipe import moment

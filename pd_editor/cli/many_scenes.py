@@ -18,7 +18,7 @@ import tyro
 from pd_editor.base.errors import EditError, FolderInUseError, InputError
 from pd_editor.base.installed_files import ALL_DEMOS, demo_names
 from pd_editor.base.regular_file import check_path
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     OptionalWorkers,
     PartOptions,
     ResultOptions,
@@ -27,8 +27,7 @@ from pd_editor.cli.options.arguments import (
     shown,
     taking,
 )
-from pd_editor.cli.output.outcome import Outcome
-from pd_editor.cli.output.progress import work_shown
+from pd_editor.cli.output import Outcome, work_shown
 from pd_editor.editor.scenario_store import (
     foreign_scenes,
     lanes_of_file,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from pd_editor.base.errors import ModelError
 from pd_editor.base.regular_file import write_whole
-from pd_editor.cli.options.arguments import FolderOption, OptionalFolders, folders
-from pd_editor.cli.output.progress import preparation_shown
+from pd_editor.cli.options import FolderOption, OptionalFolders, folders
+from pd_editor.cli.output import preparation_shown
 
 if TYPE_CHECKING:
     from pd_editor.generation.checkpoints.model_folder import TrainedStage

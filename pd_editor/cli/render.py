@@ -9,7 +9,7 @@ from pd_editor.base.errors import EditError, ExportError
 from pd_editor.base.regular_file import user_path, write_whole
 from pd_editor.cli.export import opened_session
 from pd_editor.cli.many_scenes import all_scenes
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     CutOptions,
     ResultOptions,
     SeveralScenarios,
@@ -17,9 +17,13 @@ from pd_editor.cli.options.arguments import (
     shown,
     taking,
 )
-from pd_editor.cli.output.outcome import Outcome, described, refuse_existing
-from pd_editor.cli.output.plans_file import read_plans
-from pd_editor.cli.output.progress import ProgressLine
+from pd_editor.cli.output import (
+    Outcome,
+    ProgressLine,
+    described,
+    read_plans,
+    refuse_existing,
+)
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME
 from pd_editor.scene.formats.figure import FigureLook

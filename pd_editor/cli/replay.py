@@ -10,8 +10,8 @@ import tyro
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.regular_file import check_path, read_regular
 from pd_editor.cli.many_scenes import ManyOptions, Scenes, over_scenes
-from pd_editor.cli.options.arguments import Switch, shown
-from pd_editor.cli.output.outcome import Outcome
+from pd_editor.cli.options import Switch, shown
+from pd_editor.cli.output import Outcome
 from pd_editor.editor.recipe import (
     MAX_RECIPE_BYTES,
     Recipe,

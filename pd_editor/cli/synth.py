@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pd_editor.base.errors import InputError, SynthesisError
 from pd_editor.cli.many_scenes import EngineOptions
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     FolderOption,
     Number,
     OptionalFolders,
@@ -17,7 +17,7 @@ from pd_editor.cli.options.arguments import (
     shown,
     taking,
 )
-from pd_editor.cli.output.progress import work_shown
+from pd_editor.cli.output import work_shown
 from pd_editor.experiments.synthesis.dataset.builder import (
     MANIFEST_NAME,
     DatasetFolder,

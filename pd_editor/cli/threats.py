@@ -3,19 +3,19 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.possible_encounters import (
     endangered_id,
     possible_encounters,
 )
+from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.base.errors import EditError
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     PartOptions,
     ScenarioArgument,
     shown,
     taking,
+    text_of,
 )
-from pd_editor.cli.options.guide_option import text_of
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.scene.guidance_terms import PairGuidance
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids

@@ -15,7 +15,7 @@ import tyro
 from pd_editor.base.errors import WorkDone
 from pd_editor.base.installed_files import models_folder
 from pd_editor.base.regular_file import check_path
-from pd_editor.cli.options.arguments import (
+from pd_editor.cli.options import (
     Number,
     OptionalFolder,
     OptionalFolders,
@@ -24,7 +24,7 @@ from pd_editor.cli.options.arguments import (
     shown,
     taking,
 )
-from pd_editor.cli.output.progress import ProgressLine, preparation_shown
+from pd_editor.cli.output import ProgressLine, preparation_shown
 from pd_editor.experiments.training.loop.run_folder import Training
 from pd_editor.experiments.work_engine.work_engine import minutes_left
 from pd_editor.generation.defaults import DeviceName

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pd_editor.base.errors import EditError
 from pd_editor.cli.many_scenes import ManyOptions, PartsOptions, over_scenes
-from pd_editor.cli.options.arguments import FocalOption, NameOption, shown
-from pd_editor.cli.output.outcome import Outcome, edited_session, write_session
+from pd_editor.cli.options import FocalOption, NameOption, shown
+from pd_editor.cli.output import Outcome, edited_session, write_session
 from pd_editor.editor.commands import SetFocalAgent, SetRoadWarp
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.scene.geometry.rigid_motion import RigidMotion

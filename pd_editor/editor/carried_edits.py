@@ -32,7 +32,7 @@ from pd_editor.editor.commands import (
     SnapToLane,
     YieldToOthers,
 )
-from pd_editor.editor.commands.signals import RemoveSignals, SampleSignals
+from pd_editor.editor.commands.road import RemoveSignals, SampleSignals
 from pd_editor.editor.recipe import applied, sampled_anew
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks

@@ -9,7 +9,7 @@ from pd_editor.analysis.findings.finding import Finding
 from pd_editor.analysis.findings.friction import friction_coefficient_of
 from pd_editor.analysis.findings.road import weakened_to_radius
 from pd_editor.analysis.findings.scorecard import scorecard
-from pd_editor.analysis.metrics.road.off_road import nearest_on_road
+from pd_editor.analysis.metrics.road import nearest_on_road
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands.agents import DeleteAgents
 from pd_editor.editor.commands.command import Command
@@ -27,8 +27,6 @@ from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.roles.traffic_choice import trajectory_locked_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
-_INSIDE_M: Final = 0.3
-"""How far within the road's edge the centre of an agent is moved."""
 _REGENERATED: Final = frozenset(
     {
         "later-collision",
@@ -162,7 +160,8 @@ def _returns(scenario: Scenario, agent_id: str) -> Iterator[Cure]:
     """Offer to move an agent just onto the road, such as a parked one far from lanes."""
     agents, now = scenario.agents, scenario.current_step
     here = agents.position_m[agents.row_of[agent_id], now]
-    place = nearest_on_road(scenario, here, _INSIDE_M)
+    # How far within the road's edge the centre of an agent is moved.
+    place = nearest_on_road(scenario, here, 0.3)
     if place is not None:
         x, y = place.tolist()
         yield Cure(

@@ -28,8 +28,6 @@ from pd_editor.scene.scenario import Scenario
 
 LONGEST_GAP_S: Final = 0.1
 """Time without a result after which a run is completed although a newer one waits."""
-WORTH_ITS_REST: Final = 0.5
-"""Share of a run after which it is completed, because its result is near."""
 
 CLOSE_WAIT_S: Final = 2.0
 """Time in which a cancelled generator finishes its step."""
@@ -112,7 +110,8 @@ class NewestRun:
             self._running.run()
 
     def _is_obsolete(self, progress: GenerationProgress) -> bool:
-        if progress.fraction >= WORTH_ITS_REST:
+        # Share of a run after which it is completed, because its result is near.
+        if progress.fraction >= 0.5:
             return False
         with self._changed:
             is_newer_waiting = self._waiting is not None

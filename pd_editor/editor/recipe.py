@@ -40,8 +40,6 @@ MAX_COMMANDS: Final = 10_000
 _MAX_TIME_S: Final = 250_000_000_000.0
 """Seconds since 1970 in the last century that dates can name."""
 _logger: Final = logging.getLogger(__name__)
-_FORMAT_WITHIN: Final = 200
-"""The format is the first of a recipe's fields."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,4 +395,5 @@ def _comparison(number: int, stored: Command, fresh: Command) -> RegeneratedEntr
 
 def is_recipe(content: bytes) -> bool:
     """Whether a file begins as recipes do, whatever its name is."""
-    return f'"{RECIPE_FORMAT}"'.encode() in content[:_FORMAT_WITHIN]
+    # The format is the first of a recipe's fields.
+    return f'"{RECIPE_FORMAT}"'.encode() in content[:200]

@@ -45,8 +45,6 @@ _logger: Final = logging.getLogger(__name__)
 _DOINGS: Final = ("commit", "go", "drop", "describe", "export")
 _NO_COMMITS: Final = tuple(f'{{"do": "{one}"'.encode() for one in _DOINGS[1:])
 """How lines begin that commit nothing, also if the rest of them is damaged."""
-_MAX_DAMAGED: Final = 1000
-"""A file with more damaged lines is no journal."""
 DAMAGED_SUFFIX: Final = ".damaged"
 _looking: Final = threading.Lock()
 
@@ -331,7 +329,8 @@ def _read(path: Path) -> tuple[_Header, list[_Entry]]:
             entries.append(_entry(number, line))
         except RecipeError as error:
             num_damaged += 1
-            if num_damaged > _MAX_DAMAGED:
+            # A file with more damaged lines is no journal.
+            if num_damaged > 1000:
                 raise
             time_s = entries[-1].time_s if entries else header.time_s
             commits = not line.startswith(_NO_COMMITS)

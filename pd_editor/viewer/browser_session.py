@@ -3,7 +3,6 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Final
 
 import viser
 
@@ -29,15 +28,6 @@ from pd_editor.viewer.scene.picking import ContextMenu
 from pd_editor.viewer.state.events import Inbox
 from pd_editor.viewer.state.workspace import Workspace
 from pd_editor.viewer.tab.ui_context import UiContext
-
-TIMELINE_REFRESH_S: Final = 0.25
-SEARCH_PAUSE_S: Final = 0.02
-FUTURE_CHECK_DELAY_S: Final = 0.4
-"""Pause after an edit before the future is checked for problems."""
-LIBRARY_FOLLOW_S: Final = 1.0
-"""Interval at which the library is compared with what other tabs made of it."""
-JOURNAL_RETRY_S: Final = 3.0
-"""Interval of attempts to write edits that could not be stored on disk."""
 
 
 class BrowserSession:
@@ -197,7 +187,8 @@ class BrowserSession:
             )
 
     def _request_check(self) -> None:
-        self._checks_future_at = time.monotonic() + FUTURE_CHECK_DELAY_S
+        # Pause after an edit before the future is checked for problems.
+        self._checks_future_at = time.monotonic() + 0.4
 
     def _tick(self) -> float | None:
         if not self.is_built:
@@ -213,11 +204,13 @@ class BrowserSession:
             with self._client.atomic():
                 model.checked.emit()
         if now >= self._retries_journal_at:
-            self._retries_journal_at = now + JOURNAL_RETRY_S
+            # Interval of attempts to write edits that could not be stored on disk.
+            self._retries_journal_at = now + 3.0
             workspace.retry_journals()
             tab.chip.show()
         if now >= self._follows_library_at:
-            self._follows_library_at = now + LIBRARY_FOLLOW_S
+            # Interval at which the library is compared with what other tabs made of it.
+            self._follows_library_at = now + 1.0
             tab.start.follow()
         is_searching = workspace.search_on()
         if is_searching:
@@ -226,13 +219,13 @@ class BrowserSession:
         if is_due:
             with self._client.atomic():
                 tab.picture.draw_frame()
-            if now - self._timeline_shown_at > TIMELINE_REFRESH_S:
+            if now - self._timeline_shown_at > 0.25:
                 self._timeline_shown_at = now
                 tab.timeline.show()
         elif tab.picture.is_behind:
             tab.picture.draw_frame()
             tab.timeline.show()
-        return SEARCH_PAUSE_S if is_searching and pause_s is None else pause_s
+        return 0.02 if is_searching and pause_s is None else pause_s
 
     def _report(self, error: Exception) -> None:
         if isinstance(error, LargeMapError) and self.is_built:

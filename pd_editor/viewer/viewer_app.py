@@ -45,10 +45,6 @@ VISITORS_NAME: Final = "visitors"
 ENDING_PATIENCE_S: Final = 12.0
 """How long a page that is loaded again waits for the end of the former one, whose worker
 may be in the middle of a message."""
-LONGEST_BUILD_S: Final = 10.0
-"""How long the next browser that does not answer waits for the page of the former one."""
-MAX_KEPT_WORKSPACES: Final = 16
-"""Number of workspaces without a browser that are kept; older ones are closed."""
 WARM_UP_AFTER_S: Final = 3.0
 """Delay before models are loaded, so that loading does not delay the first picture."""
 
@@ -199,7 +195,9 @@ class ViewerApp:
         with self._silent:
             tab = self._open_tab(client, "", [])
             if tab is not None:
-                tab.wait_until_built(LONGEST_BUILD_S)
+                # How long the next browser that does not answer waits for the page of
+                # the former one.
+                tab.wait_until_built(10.0)
 
     def _open_tab(
         self, client: viser.ClientHandle, visitor: str, known: Sequence[str]
@@ -315,7 +313,8 @@ class ViewerApp:
 
     def _forget_old(self, in_use: set[str]) -> None:
         idle = [key for key in self._workspaces if key not in in_use]
-        for key in idle[: max(len(idle) - MAX_KEPT_WORKSPACES + 1, 0)]:
+        # Number of workspaces without a browser that are kept; older ones are closed.
+        for key in idle[: max(len(idle) - 16 + 1, 0)]:
             self._workspaces.pop(key).close()
         used = {workspace.shelf for workspace in self._workspaces.values()}
         for name, shelf in tuple(self._shelves.items()):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.road.map_points import map_points, nearest_points
+from pd_editor.analysis.metrics.road import map_points, nearest_points
 from pd_editor.generation.generators import GENERATORS, SHIPPED_MODEL
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.viewer.generation.generation_panel import REDRAW_SELECTION

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import pd_editor
-from pd_editor.cli.output.plans_file import read_plans
+from pd_editor.cli.output import read_plans
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.policies import policy_of
 from tests.cli.shell import JUNCTION, Shell, files_of

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import pd_editor
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers
 from pd_editor.editor.scenario_store import export_into

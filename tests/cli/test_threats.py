@@ -1,7 +1,7 @@
 """``pd-editor threats``: lines are texts for ``--guide``."""
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
-from pd_editor.cli.options.guide_option import guidance_terms_of
+from pd_editor.analysis.guidance.report import guidance_problems
+from pd_editor.cli.options import guidance_terms_of
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from tests.cli.shell import Shell

@@ -15,7 +15,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.editor.commands.agents import DuplicateAgents
 from pd_editor.editor.commands.json_values import to_json
-from pd_editor.editor.commands.placement import PlaceAgent
+from pd_editor.editor.commands.poses import PlaceAgent
 from pd_editor.scene.agent_kind import AgentKind
 from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
 

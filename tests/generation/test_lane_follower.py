@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.generation.lane_follower import LaneFollower
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS, AgentKind

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import scene_test
-from pd_editor.analysis.metrics.road.surroundings import surroundings
+from pd_editor.analysis.metrics.road import surroundings
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.base.installed_files import demo_names
 from pd_editor.editor.scenario_store import open_scenario

@@ -20,8 +20,6 @@ from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import Scenario
 
-_WORSE: Final = 1.05
-"""Ratio above which a recorded finding that reads differently is caused by edits."""
 _CAN_WORSEN: Final = frozenset(
     {"friction", "harsh-motion", "impossible-motion", "near-pass", "short-time"}
 )
@@ -145,7 +143,9 @@ def split(
         was = known.get(one.key)
         if was is None:
             return False
-        is_worse = one.ratio > _WORSE * was.ratio and one.headline != was.headline
+        # Ratio above which a recorded finding that reads differently is caused by
+        # edits.
+        is_worse = one.ratio > 1.05 * was.ratio and one.headline != was.headline
         if one.kind in _CAN_WORSEN and is_worse:
             return False
         same = same_now if one.is_now else same_later

@@ -21,12 +21,12 @@ from pd_editor.analysis.findings.finding import (
     finding_of_agent,
     spans_of,
 )
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     MIN_OVERLAP_M2,
     overlaps_of_pairs,
     pairs_that_meet,
 )
-from pd_editor.analysis.metrics.collisions.safety import (
+from pd_editor.analysis.metrics.safety import (
     CRITICAL_S,
     box_gap_m,
     least_times_s,

@@ -51,7 +51,6 @@ _NOW_KINDS: Final = frozenset((*get_args(NowKind), *get_args(PastKind)))
 _LESS_IS_WORSE: Final = frozenset(
     {"sharp-road", "folded-road", "near-pass", "short-time"}
 )
-_LEAST: Final = 1e-3
 _KIND_NAME: Final[dict[AgentKind, str]] = {
     AgentKind.STATIC: "static object",
     AgentKind.BACKGROUND: "background object",
@@ -60,8 +59,6 @@ _KIND_NAME: Final[dict[AgentKind, str]] = {
 }
 FindingKey = tuple[str, tuple[str, ...], str]
 IgnoredKey = tuple[str, tuple[str, ...], str, str]
-_GAP_STEPS: Final = 2
-"""Spans at most this far apart are joined."""
 
 Spans = tuple[tuple[int, int], ...]
 """First and last steps of intervals, in order."""
@@ -123,7 +120,7 @@ class Finding:
     def ratio(self) -> float:
         """How bad it is, comparable within a kind: value to limit; the value without."""
         if self.kind in _LESS_IS_WORSE:
-            return self.limit / max(self.value, _LEAST)
+            return self.limit / max(self.value, 1e-3)
         return self.value / (self.limit or 1.0)
 
     @property
@@ -216,7 +213,8 @@ def spans_of(steps: Int[np.ndarray, "N"]) -> Spans:
     """First and last steps of the runs in increasing steps; short gaps are closed."""
     if steps[-1] - steps[0] < len(steps):
         return ((int(steps[0]), int(steps[-1])),)
-    breaks = np.flatnonzero(np.diff(steps) > _GAP_STEPS)
+    # Spans at most this far apart are joined.
+    breaks = np.flatnonzero(np.diff(steps) > 2)
     first = steps[np.concatenate([[0], breaks + 1])]
     last = steps[np.concatenate([breaks, [len(steps) - 1]])]
     return tuple(zip(first.tolist(), last.tolist(), strict=True))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, at_time, finding_of_agent
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.motion import (
     DEGREE,
     WINDOW_STEPS,
     derivative_operators,
@@ -36,14 +36,9 @@ TOLERANCE: Final = 1.25
 Curvatures of noisy paths are known to about a tenth: agents that were slowed to the
 limit, as measured elsewhere, must not be reported.
 """
-_MIN_STEPS: Final = 2
-"""Shorter excesses count as noise."""
 _NODES_PER_STEP: Final = 4
 _SLOWEST_MPS: Final = 2.0
 """Below this speed a recorded path is too noisy to measure curvature."""
-_MAX_ROUNDS: Final = 6
-_MARGIN: Final = 0.98
-"""Ratio of new speed to limit: retiming moves the points at which curvature is measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +106,8 @@ def friction_problems(scenario: Scenario) -> list[Finding]:
     limit = mu * GRAVITY_MPS2
     over = motion.lateral_mps2 > TOLERANCE * limit
     found = []
-    for index in np.flatnonzero(over.sum(axis=1) >= _MIN_STEPS).tolist():
+    # Shorter excesses count as noise.
+    for index in np.flatnonzero(over.sum(axis=1) >= 2).tolist():
         row, steps = int(motion.rows[index]), np.flatnonzero(over[index])
         worst = int(motion.lateral_mps2[index].argmax())
         lateral = float(motion.lateral_mps2[index, worst])
@@ -161,7 +157,7 @@ def slowed_to_limit(
     """
     wanted = set(scenario.agents.rows(agent_ids).tolist())
     limit = friction_coefficient * GRAVITY_MPS2
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(6):
         motion = sideways_motion(scenario)
         fast = (motion.lateral_mps2 > limit).any(axis=1)
         fast &= np.isin(motion.rows, list(wanted))
@@ -196,7 +192,9 @@ def _one_pass(
     )
     drivable = highest_speed(
         along,
-        _MARGIN * allowed,
+        # Ratio of new speed to limit: retiming moves the points at which curvature is
+        # measured.
+        0.98 * allowed,
         braking_mps2=BRAKING_MPS2,
         acceleration_mps2=FIRM_ACCELERATION_MPS2,
     )

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, finding_of_agent
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.lanes import lane_deviation
+from pd_editor.analysis.metrics.motion import (
     COMFORT,
     MAX_ACCELERATION_MPS2,
     MAX_CURVATURE_PER_M,
@@ -15,7 +16,6 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     Kinematics,
     kinematics,
 )
-from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
 from pd_editor.analysis.metrics.traffic_view import (
     TrafficView,
     traffic_with_made_up_past,
@@ -25,9 +25,6 @@ from pd_editor.scene.scenario import Scenario
 
 LEAST_AGAINST_S: Final = 1.0
 """Shorter times against a lane count as a way across it, or as noise of headings."""
-
-MADE_UP_WINDOW_STEPS: Final = 11
-"""Made-up motion has no noise, and longer fits would hide a sharp turn."""
 
 
 def motion_findings(view: TrafficView) -> list[Finding]:
@@ -40,7 +37,8 @@ def motion_findings(view: TrafficView) -> list[Finding]:
 def made_up_motion(scenario: Scenario) -> list[Finding]:
     """Find agents whose made-up past is harsh, or no vehicle's."""
     view, first = traffic_with_made_up_past(scenario)
-    motion = kinematics(view, MADE_UP_WINDOW_STEPS)
+    # Made-up motion has no noise, and longer fits would hide a sharp turn.
+    motion = kinematics(view, 11)
     steps = first[:, None] + np.arange(view.num_steps)
     motion = replace(
         motion,

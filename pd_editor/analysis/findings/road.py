@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, at_time, finding_of_agent
-from pd_editor.analysis.metrics.road.off_road import departures, outside_m
+from pd_editor.analysis.metrics.road import departures, outside_m
 from pd_editor.scene.perturbation.friction_limit import (
     SAMPLE_SPACING_M,
     WarpSummary,
@@ -16,13 +16,8 @@ from pd_editor.scene.perturbation.friction_limit import (
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 
-_MUCH_FURTHER_M: Final = 0.5
-_LEAST_TOLD_M: Final = 0.1
-
 MIN_RADIUS_M: Final = 5.0
 """Approximate smallest turning radius of a car, measured at its centre."""
-FOLDED_RADIUS_M: Final = 1.75
-"""Half a lane's width: with less, the inner edge of a lane folds over itself."""
 
 
 def road_departures(scenario: Scenario, steps: Int[np.ndarray, "S"]) -> list[Finding]:
@@ -72,7 +67,7 @@ def _off_road(
     furthest, is_now = _in_metres(most), first == scenario.current_step
     if is_now:
         message = f"is {_in_metres(at_first)} off the road"
-        if most > at_first + _MUCH_FURTHER_M:
+        if most > at_first + 0.5:
             message += f", later up to {furthest}"
     else:
         message = f"leaves the road {at_time(scenario, first)}, by up to {furthest}"
@@ -92,7 +87,7 @@ def _off_road(
 
 def _in_metres(distance_m: float) -> str:
     """A distance from the road; 0.0 m would read as if the agent were on it."""
-    return f"{max(distance_m, _LEAST_TOLD_M):.1f} m"
+    return f"{max(distance_m, 0.1):.1f} m"
 
 
 def road_problems(scenario: Scenario) -> list[Finding]:
@@ -101,7 +96,8 @@ def road_problems(scenario: Scenario) -> list[Finding]:
     radius, sharpest = min(found, key=lambda one: one[0], default=(np.inf, None))
     if sharpest is None or not radius < MIN_RADIUS_M:
         return []
-    is_folded = radius < FOLDED_RADIUS_M
+    # Half a lane's width: with less, the inner edge of a lane folds over itself.
+    is_folded = radius < 1.75
     message = (
         f"The road is folded into spikes: its smallest radius is {radius:.1f} m, less"
         " than half a lane's width."

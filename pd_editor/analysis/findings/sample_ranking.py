@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from pd_editor.analysis.findings.check import SceneCheck
 from pd_editor.analysis.findings.finding import Finding
-from pd_editor.analysis.metrics.collisions.safety import safety_values
-from pd_editor.analysis.metrics.motion.kinematics import kinematics
-from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
-from pd_editor.analysis.metrics.road.off_road import departures
+from pd_editor.analysis.metrics.lanes import lane_deviation
+from pd_editor.analysis.metrics.motion import kinematics
+from pd_editor.analysis.metrics.road import departures
+from pd_editor.analysis.metrics.safety import safety_values
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.scenario import Scenario

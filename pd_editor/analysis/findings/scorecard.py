@@ -13,20 +13,17 @@ from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.collisions import NEAR_PASS_M
 from pd_editor.analysis.findings.finding import Finding, FindingKind, finding_of_agent
 from pd_editor.analysis.findings.motion import LEAST_AGAINST_S
-from pd_editor.analysis.metrics.collisions.safety import CRITICAL_S
-from pd_editor.analysis.metrics.metric_table import METRICS
-from pd_editor.analysis.metrics.motion.kinematics import motion_values
-from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
+from pd_editor.analysis.metrics.lanes import lane_deviation
+from pd_editor.analysis.metrics.motion import motion_values
+from pd_editor.analysis.metrics.safety import CRITICAL_S
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
-from pd_editor.analysis.metrics.values import MetricValues
+from pd_editor.analysis.metrics.values import METRICS, MetricValues
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
 Level = Literal["usual", "unusual", "extreme"]
 MAX_FINDINGS: Final = 200
 """Limit of the findings of one row, the worst first."""
-FAR_FROM_LANE_M: Final = 2.0
-"""Agents further than this from all reachable lanes are told."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +201,8 @@ def _means(
         some = values.value[counted]
         if kind == "far-from-lane":
             worst, value = lateral.argmax(axis=1), lateral.max(axis=1, initial=0.0)
-            told = counted & (value > FAR_FROM_LANE_M)
+            # Agents further than this from all reachable lanes are told.
+            told = counted & (value > 2.0)
         else:
             worst, value = np.zeros(len(view), int), values.value
             most = max(some.max(initial=0.0), MOVING_MPS)

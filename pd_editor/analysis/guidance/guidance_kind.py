@@ -4,15 +4,11 @@ import typing
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Final, Generic, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from pd_editor.analysis.guidance.limits import (
-    MAX_BRAKING_MPS2,
-    MAX_SPEED_MPS,
-)
 from pd_editor.analysis.threats.encounter import Track
 from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS, AgentKind
@@ -23,6 +19,32 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 from pd_editor.scene.traffic_sample import TrafficSample
+
+MAX_BRAKING_MPS2: Final = 5.0
+LIMIT_BRAKING_MPS2: Final = 2.0
+"""Braking from a current speed above a limit down to it."""
+MAX_SPEED_MPS: Final = 40.0
+
+OPENING_MPS: Final = 1.5
+"""Rate at which a gap opens that is shorter than asked for now."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObeyedWithin:
+    """Deviations from what is asked up to which a term is obeyed."""
+
+    goal_m: float = 1.0
+    path_m: float = 0.5
+    speed_mps: float = 0.5
+    overrun_m: float = 0.5
+    acceleration_mps2: float = 0.5
+    outside_m: float = 0.3
+    """Distance of a box's corner outside the road."""
+    gap_m: float = 0.5
+
+
+OBEYED: Final = ObeyedWithin()
+
 
 _Term = TypeVar("_Term", bound=GuidanceTerm)
 

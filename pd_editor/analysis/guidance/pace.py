@@ -9,14 +9,7 @@ from jaxtyping import Float
 
 _TRIED_SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 """How far rates go from usual ones to the hardest, until what is asked for is met."""
-_APPROACH_MPS: Final = 5.0
-"""Speed up to which an agent drives on to a place where it waits or stops."""
-_NEAR_M: Final = 0.05
-_EARLY_S: Final = 0.3
-"""A speed is reached so long before its place: trajectories of few latents are smooth."""
 _FOREVER_S: Final = 1e4
-_NUM_HALVINGS: Final = 40
-_MOST_MPS: Final = 70.0
 
 _Leg = tuple[float, float]
 """Duration and acceleration."""
@@ -175,13 +168,16 @@ def _untimed(
         return [((after - first_mps) / rate, rate)], gap_m <= 0
     # An agent that is slow drives up to the place first.
     peak = (first_mps**2 / up + last_mps**2 / down + 2 * gap_m) / (1 / up + 1 / down)
-    between = max(first_mps, last_mps, min(peak**0.5, _APPROACH_MPS))
+    # Speed up to which an agent drives on to a place where it waits or stops.
+    between = max(first_mps, last_mps, min(peak**0.5, 5.0))
     legs = [
         _change(first_mps, between, up, down),
         _change(between, last_mps, up, down),
     ]
     held = max(gap_m - _length(first_mps, legs), 0.0)
-    early = min(held, _EARLY_S * last_mps)
+    # A speed is reached so long before its place: trajectories of few latents are
+    # smooth.
+    early = min(held, 0.3 * last_mps)
     return [
         legs[0],
         ((held - early) / max(between, 0.01), 0.0),
@@ -199,9 +195,9 @@ def _timed(
     down: float,
 ) -> tuple[list[_Leg], bool]:
     """Legs that take a time, and whether they lead over the gap in it."""
-    low, high = 0.0, _MOST_MPS
+    low, high = 0.0, 70.0
     legs: list[_Leg] = []
-    for _ in range(_NUM_HALVINGS):
+    for _ in range(40):
         between = (low + high) / 2
         begin = _change(first_mps, between, up, down)
         end = _change(between, between if last_mps is None else last_mps, up, down)
@@ -218,7 +214,7 @@ def _timed(
         # Not even the speed is reached in the time.
         last = first_mps if last_mps is None else last_mps
         return _untimed(gap_m, first_mps, last, up, down)[0], False
-    return legs, abs(_length(first_mps, legs) - gap_m) < _NEAR_M
+    return legs, abs(_length(first_mps, legs) - gap_m) < 0.05
 
 
 def _change(first_mps: float, last_mps: float, up: float, down: float) -> _Leg:

@@ -26,11 +26,7 @@ from pd_editor.scene.thresholds import MOVING_MPS, STANDING_MPS
 
 SEVERITIES: Final = (1.0, 0.5, 0.0)
 """Severities that are tried, the gravest first."""
-_HARDEST_MPS2: Final = 4.0
-"""Acceleration with which an agent may get near."""
 _MEETS_M: Final = 2.0
-_CROSSING_COS: Final = 0.94
-"""Ways that differ less in direction lead on together: nobody waits there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +94,8 @@ def _possible_encounters(
     there[row] = False
     time_s = scenario.time_axis.step_s * np.arange(len(other.position_m))
     away = np.linalg.norm(agents.position_m[:, now, None] - other.position_m, axis=-1)
-    reach = agents.speed_mps()[:, now, None] * time_s + _HARDEST_MPS2 / 2 * time_s**2
+    # Acceleration with which an agent may get near.
+    reach = agents.speed_mps()[:, now, None] * time_s + 4.0 / 2 * time_s**2
     size = np.hypot(*agents.size_m.T) + np.hypot(*other.size_m) + 1.0
     rows = np.flatnonzero(there & (away < reach + size[:, None]).any(axis=1))
     for one in rows.tolist():
@@ -163,7 +160,8 @@ def _yields(
             for line, at in ((way, place), (theirs, step))
         )
         moved = np.linalg.norm(theirs[step] - theirs[0]) > _MEETS_M
-        along = _CROSSING_COS * np.linalg.norm(mine) * np.linalg.norm(other)
+        # Ways that differ less in direction lead on together: nobody waits there.
+        along = 0.94 * np.linalg.norm(mine) * np.linalg.norm(other)
         if moved and mine @ other < along:
             if not any(yield_problems(term, Plan(scenario=scenario))):
                 yield PossibleEncounter(

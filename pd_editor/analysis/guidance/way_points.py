@@ -6,13 +6,18 @@ numbered from 1 in sentences.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.guidance.guidance_kind import AgentNow, Driven, Found, Measured
-from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OBEYED
+from pd_editor.analysis.guidance.guidance_kind import (
+    MAX_BRAKING_MPS2,
+    OBEYED,
+    AgentNow,
+    Driven,
+    Found,
+    Measured,
+)
 from pd_editor.analysis.guidance.pace import Ask, Pace, Rates, pace_of
 from pd_editor.analysis.threats.encounter import Track
 from pd_editor.scene.geometry.angles import unit_vector
@@ -21,19 +26,6 @@ from pd_editor.scene.guidance_terms import Point
 from pd_editor.scene.paths.drawn_path import FollowedPath
 from pd_editor.scene.paths.driving_paths import SPACING_M
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
-
-_GO_MPS: Final = 8.0
-"""Speed at which an agent drives off after a wait, if it was slower before."""
-_ARC_SHARE: Final = 0.1
-"""Of two places as near to a way-point, the one at its arc length is meant."""
-_LOOKED_AHEAD_M: Final = 40.0
-_CROSSED_M: Final = 6.0
-"""Length of the part of the path that another agent has to leave to have passed."""
-_BESIDE_M: Final = 0.3
-_LATE_M: Final = 0.5
-"""Deviation from its place up to which a way-point counts as possible."""
-_BEGUN_M: Final = 1.0
-"""An agent that waits may drive so far beyond its way-point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +73,8 @@ class WayPlan:
         arc = arc_length(line) - followed.start_m
         gap = np.linalg.norm(course - line[:, None], axis=-1)
         nodes = SPACING_M * np.arange(len(course))
-        near = (gap + _ARC_SHARE * np.abs(nodes - arc[:, None])).argmin(axis=1)
+        # Of two places as near to a way-point, the one at its arc length is meant.
+        near = (gap + 0.1 * np.abs(nodes - arc[:, None])).argmin(axis=1)
         place = _along_m(course, line, near)
         asking = [
             one for one in zip(points, place.tolist(), strict=True) if one[0].asks
@@ -114,7 +107,8 @@ class WayPlan:
 
     def cruise_mps(self) -> float:
         """Speed at which the agent drives off after a wait."""
-        return max(self.first_mps, _GO_MPS)
+        # Speed at which an agent drives off after a wait, if it was slower before.
+        return max(self.first_mps, 8.0)
 
     def passed_s(
         self,
@@ -130,18 +124,20 @@ class WayPlan:
         does not in its trajectory.
         """
         first = int(place_m / SPACING_M)
-        course = self.course_m[first : first + int(_LOOKED_AHEAD_M / SPACING_M) + 1]
+        course = self.course_m[first : first + int(40.0 / SPACING_M) + 1]
         half = other.size_m[0] / 2 * unit_vector(other.heading_rad)
         body = np.stack([other.position_m + share * half for share in (-1, 0, 1)], 1)
         gap = np.linalg.norm(body[:, :, None] - course, axis=-1).min(axis=1)
-        near = (self.width_m + other.size_m[1]) / 2 + _BESIDE_M
+        near = (self.width_m + other.size_m[1]) / 2 + 0.3
         blocks = (gap < near) & is_there[:, None]
         there = np.flatnonzero(is_there)
         if not len(there):
             return 0.0
         if blocks.any():
             begin = int(blocks.any(axis=0).argmax())
-            zone = blocks[:, begin : begin + int(_CROSSED_M / SPACING_M) + 1]
+            # Length of the part of the path that another agent has to leave to have
+            # passed.
+            zone = blocks[:, begin : begin + int(6.0 / SPACING_M) + 1]
             last = int(np.flatnonzero(zone.any(axis=1))[-1]) + 1
         else:
             last = int(there[gap[there, 0].argmin()])
@@ -210,7 +206,8 @@ def way_point_problems(
                 f"{agent.duration_s:.1f} s; ask for less."
             )
             return
-        if one.at_s is not None and abs(place - along) > _LATE_M:
+        # Deviation from its place up to which a way-point counts as possible.
+        if one.at_s is not None and abs(place - along) > 0.5:
             side = "short of" if along < place else "beyond"
             yield (
                 f"{what} is asked for at {one.at_s:g} s, when it is {abs(place - along):.0f} "
@@ -253,7 +250,8 @@ def way_points_measured(plan: WayPlan, driven: Driven, line: Measured) -> Measur
                 continue
             there = np.ones(len(other.heading_rad), bool)
             passed = plan.passed_s(at, other, there, driven.step_s) / driven.step_s
-            begun = along >= at + _BEGUN_M
+            # An agent that waits may drive so far beyond its way-point.
+            begun = along >= at + 1.0
             left = float(step[begun][0]) if begun.any() else np.inf
             early = max(min(passed, len(along)) - left, 0.0) * driven.step_s
             words = f"drives on {early:.1f} s early" if early else "lets it pass"

@@ -6,25 +6,22 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.analysis.manoeuvres.agent_events import (
+from pd_editor.analysis.manoeuvres.events import (
+    Pairs,
+    SceneEvent,
+    cut_ins,
+    followings,
     hard_brakings,
     lane_changes,
+    meetings,
+    near_misses,
     on_crosswalks,
+    passings,
     stops,
     turns_and_crossings,
 )
-from pd_editor.analysis.manoeuvres.lane_tracks import LaneTracks, lane_tracks
 from pd_editor.analysis.manoeuvres.limits import LIMITS
-from pd_editor.analysis.manoeuvres.motion import Motion
-from pd_editor.analysis.manoeuvres.pair_events import (
-    Pairs,
-    cut_ins,
-    followings,
-    meetings,
-    near_misses,
-    passings,
-)
-from pd_editor.analysis.manoeuvres.scene_event import SceneEvent
+from pd_editor.analysis.manoeuvres.tracks import LaneTracks, Motion, lane_tracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph

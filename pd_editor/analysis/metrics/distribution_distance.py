@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.metric_table import Source
-from pd_editor.analysis.metrics.values import MaskedValues
+from pd_editor.analysis.metrics.values import MaskedValues, Source
 
 NUM_RESAMPLES: Final = 200
 

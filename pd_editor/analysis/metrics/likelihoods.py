@@ -14,9 +14,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
-from pd_editor.analysis.metrics.collisions.safety import nearest_box_m, times_s
-from pd_editor.analysis.metrics.road.off_road import drivable_ground, road_edge
+from pd_editor.analysis.metrics.box_overlaps import box_overlap
+from pd_editor.analysis.metrics.road import drivable_ground, road_edge
+from pd_editor.analysis.metrics.safety import nearest_box_m, times_s
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.analysis.metrics.values import (
     MaskedValues,
@@ -26,8 +26,6 @@ from pd_editor.analysis.metrics.values import (
 
 NUM_SAMPLES: Final = 32
 """Number of samples of the challenge; a single one weighs as much as these."""
-_SMOOTHING: Final = 0.1
-_SMOOTHING_OF_EVENTS: Final = 0.001
 _EVERY: Final = 5
 """Steps between those at which distances to the road's edge are measured."""
 
@@ -93,7 +91,7 @@ def _log_likelihood(
 ) -> MetricValues:
     """Mean log-likelihood of an agent's recorded values in the histogram of samples."""
     happens = feature.num_bins == 2
-    smoothing = _SMOOTHING_OF_EVENTS if happens else _SMOOTHING
+    smoothing = 0.001 if happens else 0.1
     counts = np.full((len(recorded), feature.num_bins), smoothing)
     weight = NUM_SAMPLES if len(sampled) == 1 else 1
     for one in sampled:

@@ -6,7 +6,7 @@ drivable area) are cached as long as the map value lives.
 
 from collections.abc import Sequence
 
-from pd_editor.analysis.metrics.collisions.box_collision import (
+from pd_editor.analysis.metrics.box_overlaps import (
     actor_collision_2m,
     box_overlap,
     init_collision_2m,
@@ -14,20 +14,24 @@ from pd_editor.analysis.metrics.collisions.box_collision import (
     local_density,
     nearest_distance,
 )
-from pd_editor.analysis.metrics.collisions.safety import safety_values
+from pd_editor.analysis.metrics.lanes import (
+    lane_deviation,
+    nearest_edge,
+    off_lane,
+)
 from pd_editor.analysis.metrics.likelihoods import likelihood_values
-from pd_editor.analysis.metrics.motion.displacement import (
+from pd_editor.analysis.metrics.motion import (
     ade,
     ade_with_state,
     best_of_samples,
     diversity_values,
     fde,
+    kinematics,
     missed,
+    motion_values,
 )
-from pd_editor.analysis.metrics.motion.kinematics import kinematics, motion_values
-from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
-from pd_editor.analysis.metrics.road.off_lane import nearest_edge, off_lane
-from pd_editor.analysis.metrics.road.surroundings import askew, surroundings
+from pd_editor.analysis.metrics.road import askew, surroundings
+from pd_editor.analysis.metrics.safety import safety_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.analysis.metrics.values import MetricValues
 

@@ -1,12 +1,43 @@
-"""Values of a metric with a validity mask."""
+"""All metrics by name, and values of one with a validity mask."""
 
+import csv
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.metrics.metric_table import METRICS
+Source = Literal["paper", "ours", "WOSAC", "Scenario Dreamer"]
+Better = Literal["lower", "higher", "as recorded"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric:
+    """Name, unit and meaning of a metric."""
+
+    name: str
+    unit: str
+    """"share" is a number in 0..1; for a single agent it is true or false."""
+    source: Source
+    """"paper": as Path Diffuser's code computes it, faults included; "WOSAC": after Waymo's
+    sim agents challenge."""
+    better: Better
+    definition: str
+
+
+def _metrics() -> dict[str, Metric]:
+    table = Path(__file__).with_name("metric_table.csv")
+    with table.open(encoding="utf-8", newline="") as file:
+        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    return {row["name"]: Metric(**row) for row in rows}
+
+
+METRICS: Final[Mapping[str, Metric]] = _metrics()
+"""All metrics of agents by name, read from ``metric_table.csv``; distances of
+distributions are computed from them."""
+
 
 _Values = TypeVar("_Values", bound="MaskedValues")
 

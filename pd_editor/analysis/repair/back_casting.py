@@ -12,13 +12,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import overlaps_of_pairs
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.box_overlaps import overlaps_of_pairs
+from pd_editor.analysis.metrics.motion import (
     COMFORT,
     MAX_CURVATURE_PER_M,
     TURNING_MPS,
 )
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, Activity
 from pd_editor.scene.agent_states import MOTION, STEPPED
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -35,25 +35,15 @@ MEAN_ACCELERATION_MPS2: Final = 0.35
 STD_ACCELERATION_MPS2: Final = 0.75
 """Acceleration of moving vehicles over the 5 s of recorded pasts (``train``)."""
 STD_WALKING_MPS2: Final = 0.08
-ARRIVED_SHARE: Final = 0.2
-"""Share of waiting vehicles that still drove 5 s ago (``train``)."""
-FADES_S: Final = 1.2
-"""Time constant with which the acceleration at the current step gives way to the mean."""
 MAX_JOIN_MPS2: Final = 6.0
 """Larger accelerations at the current step are not continued into the past."""
-_JOIN_S: Final = 0.4
-_STOPS_S: Final = 0.3
-_MARGIN_M: Final = 0.1
 _FASTEST_MPS: Final = 17.0
 _OTHERS_MPS2: Final = (0.0, 0.8, -0.8, 1.6, -1.6, 2.4)
 """Changes of the drawn acceleration that are tried on the most natural path."""
 _BRANCHES_MPS2: Final = (0.0, 0.8, -0.8)
-_MOST_BRANCHES: Final = 3
 _ARRIVALS: Final = ((2.5, 1.6), (1.2, 1.2), (0.4, 2.0))
 """Time since its stop (s), and braking before it, of a vehicle that has arrived."""
 _ROAD_STRIDE: Final = 4
-_STRAIGHT_S: Final = 2.0
-"""Longest way of a driver straight back instead of along lanes, which may cross others."""
 
 
 def made_up_past(
@@ -126,7 +116,8 @@ class _SpeedPlans:
     ) -> "_SpeedPlans":
         """Plans of all agents, each on its most natural path first."""
         normal = random.standard_normal(len(start.kinds)).clip(-2.5, 2.5)
-        arrives = random.random(len(start.kinds)) < ARRIVED_SHARE
+        # Share of waiting vehicles that still drove 5 s ago (``train``).
+        arrives = random.random(len(start.kinds)) < 0.2
         paths: list[list[int]] = [[] for _ in start.kinds]
         wanted = (Role.MAIN, Role.BRANCH, Role.CHANGE, Role.STRAIGHT, Role.OFF_LANE)
         for path in np.flatnonzero(np.isin(plans.role, wanted)).tolist():
@@ -151,7 +142,7 @@ class _SpeedPlans:
                 found += [
                     (path, drawn + one, np.inf, 1.0)
                     # The last one goes straight.
-                    for path in (*branches[:-1][:_MOST_BRANCHES], *branches[-1:])
+                    for path in (*branches[:-1][:3], *branches[-1:])
                     for one in _BRANCHES_MPS2
                 ]
         table = np.array(found).reshape(-1, 4)
@@ -177,12 +168,14 @@ class _SpeedPlans:
         speed = speed_mps.copy()
         for step in range(1, num_steps + 1):
             time_s = (step - 0.5) * step_s
-            fade = np.exp(-time_s / FADES_S)
+            # Time constant with which the acceleration at the current step gives way to
+            # the mean.
+            fade = np.exp(-time_s / 1.2)
             pull = joined_mps2 * fade + self.acceleration_mps2 * (1 - fade)
             # An agent that stood has always stood before.
             drives = np.where(speed > 0, speed - pull * step_s, 0.0)
             came = np.maximum(time_s - self.stopped_s, 0.0) * self.braking_mps2
-            stood = speed_mps * np.exp(-time_s / _STOPS_S)
+            stood = speed_mps * np.exp(-time_s / 0.3)
             new = np.where(stands, np.maximum(came, stood), drives)
             cell = np.minimum(reached[step - 1] / SPACING_M, last).astype(int)
             most = np.minimum(limits[self.path, cell], _FASTEST_MPS)
@@ -247,14 +240,16 @@ class _Plans:
         possible = _possible_steps(back, heading, joined, axis.step_s)
         straight = paths.role[plans.path] == Role.OFF_LANE
         straight &= np.isin(agent, paths.choice.agent)
-        most = round(_STRAIGHT_S / axis.step_s)
+        # Longest way of a driver straight back instead of along lanes, which may cross
+        # others.
+        most = round(2.0 / axis.step_s)
         possible[straight] = np.minimum(possible[straight], most)
         drives = agents.kind_mask(LANE_FOLLOWER_KINDS)[rows][agent]
         return cls(
             agent=agent,
             position_m=position,
             heading_rad=wrap_angle(heading + np.pi),
-            size_m=agents.size_m[rows][agent] + _MARGIN_M * moves[:, None],
+            size_m=agents.size_m[rows][agent] + 0.1 * moves[:, None],
             num_steps=np.where(drives, np.minimum(on_road, possible), on_road),
         )
 
@@ -339,7 +334,7 @@ def _bump_m(
     missing = joined_mps2 - (velocity_mps - before) / step_s
     time_s = np.arange(position_m.shape[1]) * step_s
     # Velocities are central differences, so the shift is exact two steps ago.
-    shape = time_s**2 / 2 * np.exp(-(time_s - 2 * step_s) / _JOIN_S)
+    shape = time_s**2 / 2 * np.exp(-(time_s - 2 * step_s) / 0.4)
     return missing[:, None] * shape[:, None]
 
 

@@ -1,14 +1,16 @@
-"""Current states of all agents during a repair, and poses that an agent can slide to."""
+"""Current states of the agents that a repair may change, and poses that they can slide to."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_collide
-from pd_editor.analysis.metrics.road.off_road import is_off_road
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.analysis.metrics.box_overlaps import boxes_collide
+from pd_editor.analysis.metrics.road import is_off_road
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
+from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import heading_of, turned, unit_vector, wrap_angle
 from pd_editor.scene.geometry.frenet import FrenetFrames
 from pd_editor.scene.geometry.oriented_box import Boxes
@@ -18,14 +20,62 @@ from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.paths.lanes.route_choice import METRES_PER_RADIAN, lane_kinds_of
 from pd_editor.scene.scenario import Scenario
 
+_PUSHED_WITH: Final = frozenset({AgentKind.PEDESTRIAN, AgentKind.RIDERLESS_BICYCLE})
+"""Kinds that cyclists overlap in recordings, when they get on or off."""
+
+
+def repairable(
+    scenario: Scenario,
+    agent_ids: Iterable[str] | None,
+    keep_ids: Collection[str] | None,
+    kinds: Collection[AgentKind] = LANE_FOLLOWER_KINDS,
+    *,
+    keeps_beginnings: bool = False,
+) -> Bool[np.ndarray, "A"]:
+    """Which agents may be repaired: present ones of ``kinds`` in ``agent_ids`` (None: all).
+
+    Agents in ``keep_ids`` are left out; None means the focal agent. Locked agents are
+    left out as well; if the repair keeps the beginnings of trajectories, only those with a
+    locked trajectory.
+
+    Raises:
+        EditError: an id is not in the scenario.
+    """
+    agents = scenario.agents
+    asked = np.zeros(len(agents), bool)
+    asked[agents.rows(agents.ids if agent_ids is None else agent_ids)] = True
+    if keep_ids is None:
+        keep_ids = {scenario.focal_id} & set(agents.ids)
+    asked[agents.rows(keep_ids)] = False
+    asked[
+        agents.rows(
+            name
+            for name, lock in scenario.locks.items()
+            if lock.keeps_trajectory or not keeps_beginnings
+        )
+    ] = False
+    return asked & agents.kind_mask(kinds) & agents.is_valid[:, scenario.current_step]
+
+
+def counted(
+    agents: AgentTracks, pairs: Int[np.ndarray, "P 2"]
+) -> Bool[np.ndarray, "P"]:
+    """Whether pairs are to be separated: pairs with at least one lane follower.
+
+    Pairs of a cyclist and a pedestrian or riderless bicycle are left out.
+    """
+    follows = agents.kind_mask(LANE_FOLLOWER_KINDS)[pairs]
+    cycles = agents.kind_mask([AgentKind.CYCLIST])[pairs]
+    pushed = agents.kind_mask(_PUSHED_WITH)[pairs]
+    return np.any(follows, axis=1) & ~(np.any(cycles, axis=1) & np.any(pushed, axis=1))
+
+
 SLIDE_REACH_M: Final = 20.0
 """Largest distance that an agent slides, forwards or backwards."""
 SLIDE_STEP_M: Final = 0.25
-_TANGENT_M: Final = 0.5
 
 _CHUNK_ENDS: Final = (24, 72)
 """Poses are tested in chunks, since one of the first is usually free."""
-_TOLERANCE_M: Final = 1e-6
 
 
 def slides_m() -> Float[np.ndarray, "K"]:
@@ -116,7 +166,7 @@ def poses_along(
 
     Beyond the line's ends poses continue straight.
     """
-    places = np.stack([s_m - _TANGENT_M, s_m, s_m + _TANGENT_M])
+    places = np.stack([s_m - 0.5, s_m, s_m + 0.5])
     ends = frames.to_plane(places[::2].reshape(1, -1), np.zeros((1, 2 * len(s_m))))
     back, on = ends[0].reshape(2, -1, 2)
     position = frames.to_plane(s_m[None], np.full((1, len(s_m)), d_m))[0]
@@ -231,9 +281,7 @@ class States:
         kinds = lane_kinds_of(self.scenario.agents.kinds[row])
         off_lane = nearest_lanes(self.scenario.road_map, both, kinds=kinds).distance_m
         off_road = is_off_road(self.scenario, both)
-        return (off_lane[1:] <= off_lane[0] + _TOLERANCE_M) & (
-            off_road[0] | ~off_road[1:]
-        )
+        return (off_lane[1:] <= off_lane[0] + 1e-6) & (off_road[0] | ~off_road[1:])
 
     def carried(self) -> Scenario:
         """Scenario with whole tracks moved rigidly to the new poses."""

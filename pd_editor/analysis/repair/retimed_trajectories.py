@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     first_overlap,
     overlapping_pairs,
 )
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.motion import (
     COMFORT,
     DEGREE,
     WINDOW_STEPS,
@@ -19,7 +19,7 @@ from pd_editor.analysis.metrics.motion.kinematics import (
     kinematics,
 )
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
-from pd_editor.analysis.repair.repairable import counted, repairable
+from pd_editor.analysis.repair.current_states import counted, repairable
 from pd_editor.analysis.repair.yielding import yielding
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -36,8 +36,6 @@ from pd_editor.scene.thresholds import MOVED_M
 
 SHARES: Final = (0.9, 0.75, 0.6, 0.45)
 """Shares of the limits that are tried in turn, until the motion is within the limits."""
-_SLOWEST_MPS: Final = 1.0
-"""Below this speed the curvature of a recorded path is noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,7 +277,8 @@ def _turning_limit(
     share: float,
 ) -> Float[np.ndarray, "G H"]:
     """Speed at which the path's curvature is comfortable; infinite where straight."""
-    moves = speed_mps > _SLOWEST_MPS
+    # Below this speed the curvature of a recorded path is noise.
+    moves = speed_mps > 1.0
     curvature = np.where(moves, yaw_rate_radps / np.where(moves, speed_mps, 1.0), 0.0)
     bends = curvature > 1e-4
     curvature = np.where(bends, curvature, 1.0)

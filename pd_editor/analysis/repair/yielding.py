@@ -13,17 +13,17 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     boxes_touch,
     overlaps_of_pairs,
     pairs_that_meet,
     turned_boxes_touch,
 )
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.motion import (
     WINDOW_STEPS,
     derivative_operators,
 )
-from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.repair.current_states import counted
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.geometry.oriented_box import Boxes, BoxStates
@@ -34,34 +34,14 @@ MAX_BRAKING_MPS2: Final = 4.5
 """An agent that yields brakes at most so hard, unless its own trajectory does."""
 GAP_M: Final = 1.0
 """Room kept ahead and behind, where there is as much now."""
-_GENTLE_MPS2: Final = 3.0
-"""Clocks that ask for no harder braking come first."""
 _BEGINS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 _BRAKES_S: Final = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-_STAYS_S: Final = (0.5, 1.5, np.inf)
-_RECOVERY_1PS: Final = 0.2
-"""How fast a clock catches up with time again."""
-_TOO_LATE_S: Final = 0.3
-"""Braking moves an agent by 0.2 m until then: a collision so early is not prevented."""
-_MOST_ROUNDS: Final = 8
-_BEYOND_S: Final = 1.5
-"""Agents go on so long after the end, so that none ends right before another one."""
-_STRIDE: Final = 2
-"""Every how many steps clocks are compared with other agents."""
 _COMPARED_TOGETHER: Final = 4
 """Compared steps of another agent that are looked at as one disc first."""
 _STEPS_TOGETHER: Final = 5
 """The same of steps of the own trajectory."""
-_ROWS_TOGETHER: Final = 16
-"""Agents whose clocks are chosen together, which bounds the memory."""
-_SLACK_M: Final = 0.01
-"""For rounding, where paths are compared roughly."""
 LEAST_WAY_M: Final = 0.5
 """Agents with a shorter trajectory cannot yield."""
-_MOST_CHECKED: Final = 16
-"""Clocks of an agent whose braking is looked at closely."""
-_TOLERANCE_MPS2: Final = 0.2
-_ROUNDING_MPS2: Final = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,11 +71,12 @@ def clocks(num_steps: int, step_s: float) -> Clocks:
     time = np.arange(num_steps) * step_s
     rates, slopes, windows = [np.ones(num_steps)], [0.0], [0]
     for window, (begins, brakes) in enumerate(product(_BEGINS_S, _BRAKES_S)):
-        for slowest, stays in product(np.arange(0.0, 0.95, 0.1), _STAYS_S):
+        for slowest, stays in product(np.arange(0.0, 0.95, 0.1), (0.5, 1.5, np.inf)):
             slope = (1 - slowest) / brakes
             down = np.maximum(1 - slope * np.maximum(time - begins, 0), slowest)
             late = np.maximum(time - begins - brakes - stays, 0)
-            rates.append(np.minimum(down + _RECOVERY_1PS * late, 1.0))
+            # How fast a clock catches up with time again.
+            rates.append(np.minimum(down + 0.2 * late, 1.0))
             slopes.append(slope)
             windows.append(window)
     for wait in np.arange(0.5, 6.1, 0.5):
@@ -121,7 +102,8 @@ def clocks(num_steps: int, step_s: float) -> Clocks:
 
 
 def _compared(num_steps: int) -> Int[np.ndarray, "T"]:
-    return np.arange(_STRIDE, num_steps, _STRIDE)
+    # Every how many steps clocks are compared with other agents.
+    return np.arange(2, num_steps, 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,7 +171,7 @@ def _fewest_conflicts(scene: "_Scene") -> tuple[Int[np.ndarray, "A"], int]:
     """The clocks of all agents with which the fewest pairs collide, and their number."""
     plans = _Plans.of(scene)
     best, fewest = plans.clock.copy(), plans.num_conflicts
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(8):
         if not plans.num_conflicts or not plans.advanced(scene):
             break
         if plans.num_conflicts < fewest:
@@ -233,7 +215,9 @@ class _Scene(BoxStates):
         is_valid = agents.is_valid[:, now:]
         position = fill_gaps(agents.position_m[:, now:], is_valid)
         heading = fill_heading_gaps(agents.heading_rad[:, now:], is_valid)
-        num_steps, beyond = position.shape[1], round(_BEYOND_S / step_s)
+        # Agents go on so long after the end, so that none ends right before another
+        # one.
+        num_steps, beyond = position.shape[1], round(1.5 / step_s)
         last = position[:, -1:] - position[:, -2:-1]
         more = position[:, -1:] + np.arange(1, beyond + 1)[:, None] * last
         position = np.concatenate([position, more], axis=1)
@@ -317,7 +301,7 @@ class _Scene(BoxStates):
         own = np.diff(self.speed_mps[row]).min(initial=0.0)
         hardest = -np.diff(speed, axis=1).min(axis=1, initial=0.0) / self.step_s
         limit = max(MAX_BRAKING_MPS2, -own / self.step_s)
-        return hardest <= limit + _TOLERANCE_MPS2
+        return hardest <= limit + 0.2
 
     def is_as_asked(
         self, row: int, clock: Int[np.ndarray, "K"]
@@ -337,7 +321,7 @@ class _Scene(BoxStates):
         fitted = driven @ second.T
         hardest = np.stack([fitted.max(axis=1), -fitted.min(axis=1)], axis=-1)
         allowed = np.maximum(hardest[0], self.asked_mps2[row])
-        return (hardest[1:] <= allowed + _ROUNDING_MPS2).all(axis=-1)
+        return (hardest[1:] <= allowed + 0.01).all(axis=-1)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -391,7 +375,8 @@ class _Plans:
         self.tried[pair, side] = True
         both = scene.pairs[pair]
         row = np.unique(both[np.arange(len(pair)), side])
-        parts = np.array_split(row, -(-len(row) // _ROWS_TOGETHER))
+        # Agents whose clocks are chosen together, which bounds the memory.
+        parts = np.array_split(row, -(-len(row) // 16))
         clock = np.concatenate([self._best_clocks(scene, some) for some in parts])
         changed = clock != self.clock[row]
         row, clock = row[changed], clock[changed]
@@ -406,7 +391,9 @@ class _Plans:
         """Let both of each pair try to yield, unless they cannot or it is too late."""
         both = scene.pairs[pair]
         moves = scene.speed_mps[both, 0] >= STANDING_MPS
-        early = self.first_step[pair] * scene.step_s <= _TOO_LATE_S
+        # Braking moves an agent by 0.2 m until then: a collision so early is not
+        # prevented.
+        early = self.first_step[pair] * scene.step_s <= 0.3
         is_late = (self.first_step[pair] >= 0) & early
         self.tried[pair] = ~scene.may_yield[both] | (moves & is_late[:, None])
 
@@ -459,8 +446,10 @@ class _Plans:
             for (most, fits), table in product(ways, blocked):
                 able = np.flatnonzero(keeps & (braking[index] <= most))
                 free = able[~table[index].take(scene.clocks.cell[able]).any(axis=1)]
-                easy = free[braking[index, free] <= _GENTLE_MPS2]
-                some = np.concatenate([easy[:_MOST_CHECKED], free[:_MOST_CHECKED]])
+                # Clocks that ask for no harder braking come first.
+                easy = free[braking[index, free] <= 3.0]
+                # Clocks of an agent whose braking is looked at closely.
+                some = np.concatenate([easy[:16], free[:16]])
                 some = some[fits(row, some)]
                 if len(some):
                     best[index] = some[0]
@@ -558,7 +547,8 @@ def _cells_that_meet(
     Points of the second path count that are not later: no clock runs ahead of time.
     """
     offset = one.center_m[row_of_one][:, :, None] - two.center_m[row_of_two][:, None]
-    reach = (reach_m[:, None] + _SLACK_M + one.radius_m[row_of_one])[:, :, None]
+    # For rounding, where paths are compared roughly.
+    reach = (reach_m[:, None] + 0.01 + one.radius_m[row_of_one])[:, :, None]
     reach = reach + two.radius_m[row_of_two][:, None]
     near = np.real(offset) ** 2 + np.imag(offset) ** 2 <= reach**2
     near &= two.step[:, 0] <= one.step[:, -1:]

@@ -7,8 +7,8 @@ from typing import Any, Final, Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
-from pd_editor.analysis.metrics.collisions.safety import (
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
+from pd_editor.analysis.metrics.safety import (
     HORIZON_S,
     box_gap_m,
     sweep_times_s,

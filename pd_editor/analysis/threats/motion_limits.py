@@ -6,13 +6,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.motion.kinematics import TURNING_MPS
+from pd_editor.analysis.metrics.motion import TURNING_MPS
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import unit_vector
 
 _SPAN: Final = 3
 """Accelerations are second differences over this number of steps to either side."""
-_REVERSING_MPS: Final = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +104,7 @@ def exertion(
     velocity = (later - earlier) / (2 * span_s)
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
     facing = unit_vector(heading_rad)
-    moves = speed > _REVERSING_MPS
+    moves = speed > 0.5
     forward = np.where(
         moves[..., None], velocity / np.maximum(speed, 1e-6)[..., None], facing
     )

@@ -19,14 +19,6 @@ from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 
-_AWAY_M: Final = 1e6
-_NUM_EXPECTED: Final = 3
-"""Candidates that stand for a trajectory that is not known yet."""
-
-_FAR_M: Final = 1e3
-"""Stands for a gap that was never counted."""
-_FAR_BEYOND: Final = 10.0
-"""Times of the limits from which on the number tells nothing."""
 _COURSES: Final[Mapping[Approach, str]] = {
     "rear": "none of the ways that it could take leads on behind {other}",
     "cut-in": "it would have to come from beside the way of {other}, in the same "
@@ -60,7 +52,8 @@ def expected_tracks(
     if is_kept:
         return (known,)
     found = candidates(scenario, np.array([row]), max_candidates=8)
-    slots = np.flatnonzero(found.is_valid[0])[:_NUM_EXPECTED]
+    # Candidates that stand for a trajectory that is not known yet.
+    slots = np.flatnonzero(found.is_valid[0])[:3]
     size = agents.size_m[row]
     return known, *(Track.of(found, (0, slot), size) for slot in slots)
 
@@ -90,9 +83,7 @@ def tracks_in_the_way(
     for row in np.flatnonzero(counts):
         there = agents.is_valid[row, steps[row], None]
         track = Track.of(agents, (row, steps[row]), agents.size_m[row])
-        found.append(
-            replace(track, position_m=np.where(there, track.position_m, _AWAY_M))
-        )
+        found.append(replace(track, position_m=np.where(there, track.position_m, 1e6)))
     return tuple(found)
 
 
@@ -137,7 +128,8 @@ def threat_in_words(aim: ThreatAim, found: Encounter) -> ThreatWords:
     return ThreatWords(
         asked=f"{goal} ({aim.approach})",
         achieved=_in_words(found, aim.approach),
-        error_m=abs(min(found.counted_gap_m, _FAR_M) - aim.gap_m),
+        # Stands for a gap that was never counted.
+        error_m=abs(min(found.counted_gap_m, 1e3) - aim.gap_m),
         is_met=meets(aim, found),
     )
 
@@ -183,7 +175,8 @@ def obstacle_in_words(
     if np.isinf(times):
         return "it would have to turn round or reverse"
     hard = (
-        f"{np.ceil(10 * times) / 10:.1f}" if times < _FAR_BEYOND else "far more than 10"
+        # Times of the limits from which on the number tells nothing.
+        f"{np.ceil(10 * times) / 10:.1f}" if times < 10.0 else "far more than 10"
     )
     return (
         f"within {duration_s:.1f} s it would have to accelerate, brake or turn {hard} "

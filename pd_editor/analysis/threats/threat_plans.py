@@ -16,8 +16,8 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.analysis.threats.encounter import (
     IN_FRONT,
     Approach,
@@ -33,8 +33,6 @@ from pd_editor.scene.paths.motion_primitives import candidate_positions
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS, STATIONARY_M
 
-DISTANT_GAP_M: Final = 3.0
-"""Asked gap at severity 0; it decreases linearly with the severity."""
 GAP_TOLERANCE_M: Final = 0.5
 """A near-miss whose gap differs by more is not the asked one."""
 _CONTACT_DEPTH_M: Final = 0.25
@@ -43,8 +41,6 @@ _MOST_OF_LIMITS: Final = 0.95
 """Share of the limits that plans use at most."""
 _WITH_CANDIDATE: Final = 1.75
 """Accelerations of a deviation may be so many times the limits: its candidate has others."""
-_FIRST_MEETING_S: Final = 0.8
-_MEETING_STEP_S: Final = 0.3
 HARD_BRAKING_MPS2: Final = 3.0
 """Least braking of a leader that "brakes"."""
 _CLOSING_MPS: Final = (1.5, 3.0, 5.0)
@@ -54,23 +50,12 @@ _FAST_CLOSING_MPS: Final = (*_CLOSING_MPS, 8.0)
 _SETTLE_S: Final = 1.0
 """Time constant with which deviations and speed differences fade after a meeting."""
 _BRAKES_AFTER_CONTACT_MPS2: Final = 6.0
-_NUM_CANDIDATES: Final = 32
 _WAITS: Final = (0.0, 0.35, 0.6)
 """Cut-ins begin at once, or after this share of the time, when there is room."""
 _CROSSING_COS: Final = 0.77
 """Cosine of the least angle between the headings of agents that cross."""
-_MOST_PLANNED: Final = 600
-"""Meetings with the least accelerations that are planned."""
-_MOST_COMPARED: Final = 400
-"""Plans with the least effort whose gaps are computed."""
-_MOST_ON_THE_WAY: Final = 24
-"""Plans that are compared with other agents."""
-_LATE_S: Final = 3.5
-"""Meetings after this time cost more."""
 _GOES_MPS: Final = 1.0
 """Least speed of an agent in front of which another one can cut in, brake or pull out."""
-_LOOKS_AHEAD_M: Final = 60.0
-"""Way of the threatened agent beyond its last step on which others are looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +69,8 @@ class ThreatAim:
     @classmethod
     def of(cls, approach: Approach, severity: float) -> "ThreatAim":
         """What a severity asks for: a gap of 3 m at 0, contact at 1."""
-        return cls(approach=approach, gap_m=DISTANT_GAP_M * (1.0 - severity))
+        # Asked gap at severity 0; it decreases linearly with the severity.
+        return cls(approach=approach, gap_m=3.0 * (1.0 - severity))
 
     @property
     def is_contact(self) -> bool:
@@ -175,8 +161,8 @@ def threat_plans(
     can = share <= (_MOST_OF_LIMITS if model is None else 1.0)
     if aim.approach == "brakes":
         can &= hardest_braking_mps2(tracks, at, attacker.step_s) > HARD_BRAKING_MPS2
-    some = np.flatnonzero(can)
-    some = some[np.argsort(cost[some], kind="stable")][:_MOST_COMPARED]
+    # Of so many, those with the least effort, gaps are computed.
+    some = _cheapest(np.flatnonzero(can), cost, 400)
     tracks, at, cost = tracks.taken(some), at[some], cost[some]
     allowed, off_cost = _on_road(scenario, attacker, tracks, at)
     reaches, least, missed_cost = _outcome(tracks, threatened, aim, at)
@@ -184,9 +170,9 @@ def threat_plans(
     best = np.flatnonzero(reaches & allowed)
     fixed = [*kept, *(one for one in others if _stands(one))]
     best = best[_hits_on_the_way(tracks.taken(best), at[best], fixed) == 0]
-    best = best[np.argsort(cost[best], kind="stable")][:_MOST_ON_THE_WAY]
+    best = _cheapest(best, cost, 24)
     cost[best] += _hits_on_the_way(tracks.taken(best), at[best], others)
-    best = best[np.argsort(cost[best], kind="stable")][:most]
+    best = _cheapest(best, cost, most)
     return ThreatPlans(
         track=tracks.taken(best),
         gap_m=least[best],
@@ -196,6 +182,12 @@ def threat_plans(
         if len(best)
         else _obstacle(meetings.least_demand, share, reaches, allowed),
     )
+
+
+def _cheapest(
+    rows: Int[np.ndarray, "N"], cost: Float[np.ndarray, "P"], most: int
+) -> Int[np.ndarray, "M"]:
+    return rows[np.argsort(cost[rows], kind="stable")][:most]
 
 
 def _no_plans(attacker: "_Attacker", meetings: "_Meetings") -> ThreatPlans:
@@ -227,7 +219,8 @@ def _demand(
         until=at if aim.is_contact else None,
     )
     cost = used.effort + 0.1 * (meetings.offset_m**2).sum(axis=1) / 10.0**2
-    late_s = np.maximum(at * attacker.step_s - _LATE_S, 0)
+    # Meetings after this time cost more.
+    late_s = np.maximum(at * attacker.step_s - 3.5, 0)
     cost += 0.05 * late_s**2
     if model is not None:
         apart = np.linalg.norm(tracks.position_m - model.reference_m, axis=-1)
@@ -329,7 +322,7 @@ class _Attacker:
         position, _, _ = candidate_positions(
             scenario,
             np.array([row]),
-            max_candidates=_NUM_CANDIDATES,
+            max_candidates=32,
             num_steps=num_steps - 1,
             step_s=step_s,
             knows_leaders=False,
@@ -378,9 +371,9 @@ def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
     """Meetings of all candidates at all times that accelerations may reach."""
     num_steps = other.position_m.shape[0]
     step = np.arange(
-        round(_FIRST_MEETING_S / attacker.step_s),
+        round(0.8 / attacker.step_s),
         num_steps,
-        max(round(_MEETING_STEP_S / attacker.step_s), 1),
+        max(round(0.3 / attacker.step_s), 1),
     )
     kinds = {
         "rear": partial(_in_line, end=-1),
@@ -407,7 +400,8 @@ def _meetings(attacker: _Attacker, other: Track, aim: ThreatAim) -> _Meetings:
         hard = np.linalg.norm(hardest, axis=-1) / most
         demand = np.maximum(demand, hard / _WITH_CANDIDATE)
     demand = np.where(candidate & np.isfinite(offset).all(-1), demand, np.inf)
-    easiest = np.sort(demand, axis=None)[:_MOST_PLANNED]
+    # Meetings with the least accelerations that are planned.
+    easiest = np.sort(demand, axis=None)[:600]
     reachable = demand <= min(easiest.max(initial=0.0), 1.0)
     waits = _WAITS if aim.approach in ("cut-in", "brakes") else (0.0,)
     return _Meetings(
@@ -646,7 +640,8 @@ def _starts_well(attacker: _Attacker, other: Track, approach: Approach) -> bool:
     Who cuts in or pulls out is beside the other's path, who brakes directly ahead on it.
     """
     on = unit_vector(other.heading_rad[-1:])
-    beyond = np.arange(2.0, _LOOKS_AHEAD_M, 2.0)[:, None]
+    # Way of the threatened agent beyond its last step on which others are looked for.
+    beyond = np.arange(2.0, 60.0, 2.0)[:, None]
     path = np.concatenate([other.position_m, other.position_m[-1:] + beyond * on])
     forward = np.concatenate(
         [unit_vector(other.heading_rad), np.broadcast_to(on, (len(beyond), 2))]

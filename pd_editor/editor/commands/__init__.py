@@ -30,16 +30,20 @@ from pd_editor.editor.commands.motion import (
     SlowToFrictionLimit,
     YieldToOthers,
 )
-from pd_editor.editor.commands.placement import PlaceAgent
 from pd_editor.editor.commands.poses import (
+    PlaceAgent,
     SetAgentHeading,
     SetAgentPosition,
     SnapToLane,
     TransformAgents,
 )
-from pd_editor.editor.commands.road import SetRoadWarp
+from pd_editor.editor.commands.road import (
+    GiveGreen,
+    RemoveSignals,
+    SampleSignals,
+    SetRoadWarp,
+)
 from pd_editor.editor.commands.roll_out import BeginAt, ContinueScene
-from pd_editor.editor.commands.signals import GiveGreen, RemoveSignals, SampleSignals
 from pd_editor.editor.commands.traffic import (
     RegeneratedEdit,
     ReplaceTraffic,

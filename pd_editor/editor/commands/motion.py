@@ -1,7 +1,6 @@
 """Commands that change the motion of agents from their current states on."""
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -28,9 +27,6 @@ from pd_editor.scene.paths.retiming import with_new_speed, with_speed_at
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
-
-MAX_START_GAP_M: Final = 1.0
-"""Largest distance between an agent and the start of an adopted trajectory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,7 +245,8 @@ class AdoptTrajectory(Command):
                 f" {expected}, the current one and all later ones."
             )
         gap = float(np.hypot(*(self.position_m[0] - agents.position_m[rows[0], now])))
-        if gap > MAX_START_GAP_M:
+        # Largest distance between an agent and the start of an adopted trajectory.
+        if gap > 1.0:
             raise EditError(
                 f"The trajectory starts {gap:.1f} m away from agent {self.agent_id};"
                 " it was made for another state."

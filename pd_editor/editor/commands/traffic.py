@@ -41,8 +41,6 @@ from pd_editor.scene.traffic_sample import MadeUpPast
 NEW_PREFIX: Final = "new"
 """Prefix of the ids of generated agents: ``new-1``, ``new-2``, ..."""
 
-_SAME_HEADING_RAD: Final = 1e-4
-
 
 @dataclass(frozen=True, kw_only=True)
 class RequestSummary:
@@ -415,7 +413,7 @@ def carried_to(sample: TrafficSample, scenario: Scenario) -> TrafficSample:
         agents.heading_rad[rows, now + last] - sample.heading_rad[each, last]
     )
     gap_m = np.hypot(*(start - here).T)
-    if (gap_m < SAME_STATE_M).all() and (np.abs(turn) < _SAME_HEADING_RAD).all():
+    if (gap_m < SAME_STATE_M).all() and (np.abs(turn) < 1e-4).all():
         return sample
     turn = turn[:, None]
     position = start[:, None] + turned(sample.position_m - here[:, None], turn)

@@ -65,8 +65,6 @@ KEPT_S: Final = 86_400.0
 """Time for which a removed scenario can be put back."""
 PATIENCE_S: Final = 30.0
 """Time for which a writer waits for another one."""
-_TRUSTED_NS: Final = 100_000_000
-"""Age at which the time of a folder tells all changes: clocks of disks tick."""
 _MAX_CARD_BYTES: Final = 1 << 20
 _LOCK_NAME: Final = ".lock"
 _REMOVED: Final = ".removed"
@@ -248,7 +246,8 @@ class Library:
             self.unread = tuple(one for one, card in cards.items() if card is None)
             found = [card for card in cards.values() if card is not None]
             found.sort(key=lambda card: (card.saved_at, card.name))
-            self._listed = (stamp, found) if now - stamp > _TRUSTED_NS else None
+            # Age at which the time of a folder tells all changes: clocks of disks tick.
+            self._listed = (stamp, found) if now - stamp > 100_000_000 else None
             return list(found)
 
     def named(self, patterns: Collection[str]) -> tuple[str, ...]:

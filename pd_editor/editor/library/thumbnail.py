@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.road.off_road import drivable_ground
+from pd_editor.analysis.metrics.road import drivable_ground
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.road_map import RoadMap
@@ -18,20 +18,10 @@ from pd_editor.scene.thresholds import MOVED_M
 
 HALF_WIDTH_M: Final = 54.0
 HALF_HEIGHT_M: Final = 36.0
-LEAST_SIZE_M: Final = 1.6
-"""Least rendered size; smaller agents would be a fraction of a pixel."""
-_SIMPLER_M: Final = 0.3
 _ROADSIDE_M: Final = 10.0
-_HELD_QUANTILES: Final = (0.01, 0.99)
-_MOST_SCALE: Final = 3.0
-_WIDE_LINE_M: Final = 1.5
-"""Width of trajectories in small pictures of a given frame, per scale."""
-_NEAR: Final = 0.6
-"""Scale of pictures of single agents."""
 _EVERY_STEPS: Final = 10
 STANDS: Final = ' begin="indefinite"'
 """Text of a picture without which its agents move."""
-_TURNED_DEG: Final = 3.0
 # Colours that differ clearly on light and on dark ground.
 _ROAD: Final = "#8b98a5"
 _FOCAL: Final = "#e06a1b"
@@ -69,10 +59,10 @@ class PictureFrame:
         place = np.concatenate(places)
         on_road = shapely.dwithin(ground, shapely.points(place), _ROADSIDE_M)
         place = place[on_road] if on_road.any() else place
-        low, high = np.quantile(place, _HELD_QUANTILES, axis=0)
+        low, high = np.quantile(place, (0.01, 0.99), axis=0)
         half_m = np.array([HALF_WIDTH_M, HALF_HEIGHT_M])
         wanted = (high - low) / 2 / half_m
-        scale = float(np.clip(wanted.max() * 1.1, 1.0, _MOST_SCALE))
+        scale = float(np.clip(wanted.max() * 1.1, 1.0, 3.0))
         middle = (low + high) / 2
         if on_road.any():
             # Beside the map there is nothing to see.
@@ -102,10 +92,12 @@ def thumbnail(
     agents, now = scenario.agents, scenario.current_step if step is None else step
     marked = agent_ids or (scenario.focal_id,)
     there = np.flatnonzero(agents.is_valid[:, now])
-    line_m = 1.0 if frame is None else _WIDE_LINE_M * frame.scale
+    # Width of trajectories in small pictures of a given frame, per scale.
+    line_m = 1.0 if frame is None else 1.5 * frame.scale
     if frame is None:
         x, y = _middle(scenario, marked, now).tolist()
-        frame = PictureFrame(middle_m=(x, y), scale=_NEAR if agent_ids else 1.0)
+        # Scale of pictures of single agents.
+        frame = PictureFrame(middle_m=(x, y), scale=0.6 if agent_ids else 1.0)
     middle, (half_width, half_height) = np.array(frame.middle_m), frame.half_size_m
     parts = [
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="'
@@ -114,7 +106,8 @@ def thumbnail(
         f'<path fill="{_ROAD}" fill-opacity="0.45" fill-rule="evenodd" '
         f'd="{ground_path(scenario.road_map, frame)}"/>',
     ]
-    size = np.maximum(agents.size_m[there], LEAST_SIZE_M * frame.scale)
+    # Least rendered size; smaller agents would be a fraction of a pixel.
+    size = np.maximum(agents.size_m[there], 1.6 * frame.scale)
     position = agents.position_m[there, now]
     corners = box_corners(position, agents.heading_rad[there, now], size)
     lasts = len(range(now, agents.num_steps, _EVERY_STEPS))
@@ -152,7 +145,7 @@ def _motion(
     moves = np.pad(way - way[0], ((0, missing), (0, 0)), mode="edge")
     turns = np.pad(turned, (0, missing), mode="edge")
     kinds = [("translate", _points(moves).replace(" ", ";"))]
-    if np.abs(turned).max() >= _TURNED_DEG:
+    if np.abs(turned).max() >= 3.0:
         about = _points(begin[None]).replace(",", " ")
         kinds.append(("rotate", ";".join(f"{-one:.0f} {about}" for one in turns)))
     return "".join(
@@ -197,7 +190,7 @@ def ground_path(road_map: RoadMap, frame: PictureFrame) -> str:
     ground = shapely.intersection(drivable_ground(road_map), window)
     rings = [
         ring
-        for part in shapely.get_parts(shapely.simplify(ground, _SIMPLER_M))
+        for part in shapely.get_parts(shapely.simplify(ground, 0.3))
         if isinstance(part, shapely.Polygon)
         for ring in (part.exterior, *part.interiors)
     ]

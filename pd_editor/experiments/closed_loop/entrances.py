@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.road.off_road import (
+from pd_editor.analysis.metrics.road import (
     is_off_road,
     map_ends,
     offsets_from,

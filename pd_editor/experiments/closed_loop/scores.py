@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
-from pd_editor.analysis.metrics.collisions.safety import least_times_s
-from pd_editor.analysis.metrics.motion.kinematics import kinematics
-from pd_editor.analysis.metrics.road.lane_deviation import WRONG_WAY_M
-from pd_editor.analysis.metrics.road.off_road import is_past_lanes, outside_m
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.analysis.metrics.lanes import WRONG_WAY_M
+from pd_editor.analysis.metrics.motion import kinematics
+from pd_editor.analysis.metrics.road import is_past_lanes, outside_m
+from pd_editor.analysis.metrics.safety import least_times_s
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from pd_editor.analysis.manoeuvres import scene_content
-from pd_editor.analysis.metrics.road.off_road import is_past_lanes, outside_m
+from pd_editor.analysis.metrics.road import is_past_lanes, outside_m
 from pd_editor.analysis.repair.yielding import LEAST_WAY_M
 from pd_editor.editor.commands.agents import new_agent_ids
 from pd_editor.editor.commands.roll_out import RolledMotion

@@ -6,8 +6,8 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Bool, Int
 
-from pd_editor.analysis.metrics.road.map_points import map_points, nearest_points
-from pd_editor.analysis.metrics.road.off_lane import OFF_LANE_M
+from pd_editor.analysis.metrics.lanes import OFF_LANE_M
+from pd_editor.analysis.metrics.road import map_points, nearest_points
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.features.scene_features import scene_center

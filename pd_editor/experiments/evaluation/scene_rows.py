@@ -9,11 +9,10 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool
 
-from pd_editor.analysis.metrics.metric_table import METRICS
-from pd_editor.analysis.metrics.road.off_lane import OFF_LANE_M, nearest_edge
+from pd_editor.analysis.metrics.lanes import OFF_LANE_M, nearest_edge
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
-from pd_editor.analysis.metrics.values import MetricValues
+from pd_editor.analysis.metrics.values import METRICS, MetricValues
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method

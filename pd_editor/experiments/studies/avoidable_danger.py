@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     boxes_collide,
     first_collisions,
 )

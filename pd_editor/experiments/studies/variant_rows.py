@@ -11,11 +11,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool
 
-from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
-from pd_editor.analysis.metrics.motion.displacement import ade, best_of_samples
-from pd_editor.analysis.metrics.motion.kinematics import kinematics
-from pd_editor.analysis.metrics.road.lane_deviation import lane_deviation
-from pd_editor.analysis.metrics.road.off_lane import off_lane
+from pd_editor.analysis.metrics.box_overlaps import box_overlap
+from pd_editor.analysis.metrics.lanes import lane_deviation, off_lane
+from pd_editor.analysis.metrics.motion import (
+    ade,
+    best_of_samples,
+    kinematics,
+)
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.editor.scenario_store import scene_part

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
-from pd_editor.analysis.metrics.road.off_road import drivable_ground
+from pd_editor.analysis.metrics.road import drivable_ground
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.initial_state.network.agent_count_prior import (
     AgentCounts,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
-from pd_editor.analysis.repair.separation import GAP_M
+from pd_editor.analysis.repair.state_repairs import GAP_M
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import (

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     first_overlap,
     overlapping_pairs,
 )
-from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.repair.current_states import counted
 from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.pipeline import SquarePlacement

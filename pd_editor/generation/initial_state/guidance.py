@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from pd_editor.analysis.metrics.road.off_lane import BEYOND_ROADS_M
+from pd_editor.analysis.metrics.lanes import BEYOND_ROADS_M
 from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import NoiseSchedule, relative_noise
 from pd_editor.generation.initial_state.network.conditioning import (

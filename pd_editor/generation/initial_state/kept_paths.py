@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.oriented_box import Boxes, BoxStates
 from pd_editor.scene.roles.late_agents import LateAgents

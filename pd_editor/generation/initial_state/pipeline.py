@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.core.random_streams import SceneStreams

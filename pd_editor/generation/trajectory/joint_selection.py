@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_collide
+from pd_editor.analysis.metrics.box_overlaps import boxes_collide
 from pd_editor.scene.geometry.oriented_box import Boxes
 
 _STRIDE: Final = 2

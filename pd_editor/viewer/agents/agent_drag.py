@@ -25,10 +25,6 @@ from pd_editor.viewer.scene.camera import (
 from pd_editor.viewer.tab.ui_context import UiContext
 
 ROTATE_MODIFIER: Final = "shift"
-SAME_PRESS: Final = 1e-4
-"""Share of the picture within which two events belong to the same press."""
-SAME_VIEW: Final = 0.03
-"""Share of the picture by which a view that comes to rest may still move in a drag."""
 
 ScreenPosition = tuple[float, float]
 
@@ -205,7 +201,8 @@ def _is_corner(
     point: ScreenPosition, low: ScreenPosition, high: ScreenPosition
 ) -> bool:
     return all(
-        min(abs(point[axis] - low[axis]), abs(point[axis] - high[axis])) < SAME_PRESS
+        # Share of the picture within which two events belong to the same press.
+        min(abs(point[axis] - low[axis]), abs(point[axis] - high[axis])) < 1e-4
         for axis in (0, 1)
     )
 
@@ -227,7 +224,11 @@ def _is_meant(grab: _HeldAgents, event: DragEvent) -> bool:
     """
     camera = event.camera
     return camera.sees(event.end_m, event.end_screen) and camera.sees(
-        grab.start_m, grab.press, SAME_VIEW
+        # Share of the picture by which a view that comes to rest may still move in a
+        # drag.
+        grab.start_m,
+        grab.press,
+        0.03,
     )
 
 

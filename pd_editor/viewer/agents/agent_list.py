@@ -1,6 +1,6 @@
 """The list of all agents, over the picture's left side."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +10,12 @@ from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.viewer.agents.lock_controls import toggle_lock
-from pd_editor.viewer.overlay.messages import AgentRow, AgentSelectionState, AgentsState
+from pd_editor.viewer.overlay.messages import (
+    AgentRow,
+    AgentSelectionState,
+    AgentsEvent,
+    AgentsState,
+)
 from pd_editor.viewer.tab.ui_context import UiContext
 
 FOCAL: Final = 1
@@ -98,16 +103,16 @@ class AgentList:
             self._overlay.show(AgentsState())
             self._model.point_at(None)
 
-    def _used(self, event: Mapping[str, Any]) -> None:
-        kind = event.get("kind")
+    def _used(self, event: AgentsEvent) -> None:
+        kind = event.kind
         if kind == "open":
             self._model.open_drawer("agents")
         elif kind == "close":
             self._model.open_drawer(None)
-        elif event.get("number") != self._number or not self.is_open:
+        elif event.number != self._number or not self.is_open:
             return
         elif kind == "select":
-            ids = self._named(event.get("rows", ()))
+            ids = self._named(event.rows)
             if len(ids) == 1 and self._model.agent_picked.offer(ids[0]):
                 return
             self._ui.commit_gesture()
@@ -115,16 +120,14 @@ class AgentList:
         elif kind == "lock":
             toggle_lock(self._ui)
         elif kind == "point":
-            ids = self._named([event.get("row")])
+            ids = () if event.row is None else self._named([event.row])
             self._model.point_at(ids[0] if ids else None)
 
-    def _named(self, rows: Any) -> tuple[str, ...]:
+    def _named(self, rows: Iterable[int]) -> tuple[str, ...]:
         """Ids of rows; what is no row is left out."""
         there = self._ui.session.scenario.agents.row_of
         count = len(self._ids)
-        found = [
-            self._ids[row] for row in rows if type(row) is int and 0 <= row < count
-        ]
+        found = [self._ids[row] for row in rows if 0 <= row < count]
         return tuple(agent_id for agent_id in found if agent_id in there)
 
 

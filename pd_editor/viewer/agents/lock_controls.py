@@ -15,7 +15,6 @@ STATE: Final = "State at t = 0"
 BEGINNING: Final = "First seconds"
 TRAJECTORY: Final = "Whole trajectory"
 MIXED: Final = "mixed"
-USUAL_KEPT_S: Final = 2.0
 _FIXED: Final[Mapping[str, Lock | None]] = {
     NOT_LOCKED: None,
     STATE: STATE_LOCK,
@@ -39,7 +38,7 @@ class LockControls:
         )
         self._seconds = gui.add_number(
             "Locked seconds",
-            USUAL_KEPT_S,
+            2.0,
             min=0.1,
             max=MAX_KEPT_S,
             step=0.1,

@@ -1,7 +1,6 @@
 """The mode in which clicks place new agents on the road."""
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from pd_editor.scene.paths.suggested_state import (
     suggested_heading,
     suggested_state,
 )
-from pd_editor.viewer.overlay.messages import PlacingState
-from pd_editor.viewer.scene.picking import number_of, point_of
+from pd_editor.viewer.overlay.messages import PlacingEvent, PlacingState
+from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.mode import Mode
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -104,18 +103,18 @@ class PlacingMode(Mode):
         )
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: PlacingEvent) -> None:
         """Handle a pointer event; late events of another mode are ignored."""
         if not self.is_active:
             return
-        what, point = event.get("kind"), point_of(event.get("point"))
-        if what == "kind":
-            number = event.get("number")
-            if isinstance(number, int) and 1 <= number <= len(KEY_KINDS):
-                self.choose(KEY_KINDS[number - 1])
-        elif what == "point" and point is not None:
+        if event.kind == "kind":
+            if 1 <= event.number <= len(KEY_KINDS):
+                self.choose(KEY_KINDS[event.number - 1])
+        elif (point := point_of(event.point)) is None:
+            return
+        elif event.kind == "point":
             road_map = self._ui.session.scenario.road_map
             self._heading_rad = suggested_heading(road_map, point, self.kind)
             self._show()
-        elif what == "place" and point is not None:
-            self.place(point, number_of(event.get("headingRad")))
+        else:
+            self.place(point, event.heading_rad)

@@ -1,18 +1,16 @@
 """Curve of speed of the selected agent, above the timeline, which can be pulled."""
 
-from collections.abc import Mapping
 from itertools import count
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from pd_editor.analysis.metrics.agent_profile import acceleration_of
-from pd_editor.analysis.metrics.motion.kinematics import COMFORT
+from pd_editor.analysis.metrics.motion import COMFORT
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import Command, PullSpeed, SetAgentSpeed
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.viewer.overlay.messages import SpeedCurveState
+from pd_editor.viewer.overlay.messages import SpeedCurveEvent, SpeedCurveState
 from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -62,8 +60,8 @@ class SpeedCurve:
             )
         )
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        ui, kind = self._ui, event["kind"]
+    def _heard(self, event: SpeedCurveEvent) -> None:
+        ui, kind = self._ui, event.kind
         is_held = ui.gesture is not None and ui.gesture == self._owner
         if kind != "pull":
             if is_held:
@@ -78,10 +76,10 @@ class SpeedCurve:
             raise EditError("No speed is pulled; expected one selected agent.")
         self._owner = self._owner or f"speed curve {next(self._numbers)}"
         axis = ui.session.scenario.time_axis
-        step = int(event.get("step", 0))
+        step = event.step
         if 0 < step <= axis.num_future_steps:
             self._timeline.seek(float(axis.current_step + step))
-        pull = _pull(selection[0], step, step * axis.step_s, event.get("speed", 0.0))
+        pull = _pull(selection[0], step, step * axis.step_s, event.speed)
         try:
             ui.preview(self._owner, pull)
         except EditError:

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.finding import Finding
@@ -30,12 +30,12 @@ from pd_editor.viewer.overlay.messages import (
     BranchPicturesState,
     CardLine,
     StripCard,
+    StripEvent,
 )
 from pd_editor.viewer.scene.original_view import changed_rows
 from pd_editor.viewer.scene.scene_pair import ScenePair
 from pd_editor.viewer.tab.ui_context import UiContext
 
-MOST_CARDS: Final = 40
 _recorded: Final = lru_cache(maxsize=1)(scene_findings)
 """Findings of the opened scenario, which each new branch is compared with."""
 
@@ -121,7 +121,7 @@ class BranchStrip:
     def _branches(self) -> Sequence[Branch]:
         """The opened scenario and the newest others, each after the one that it leaves."""
         opened, *others = self._ui.session.branches
-        there = {one.number: one for one in (opened, *others[-MOST_CARDS:])}
+        there = {one.number: one for one in (opened, *others[-40:])}
         following = defaultdict[int | None, list[Branch]](list)
         for one in there.values():
             left = _left_by(one, there)
@@ -197,8 +197,8 @@ class BranchStrip:
             self._drawn = drawn
             self.show()
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, value = event.get("kind"), event.get("value")
+    def _heard(self, event: StripEvent) -> None:
+        kind, value = event.kind, event.value
         session = self._ui.session
         there = {one.number: one for one in self._branches()} if self.is_open else {}
         if kind == "close":

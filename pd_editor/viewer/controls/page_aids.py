@@ -1,8 +1,8 @@
 """What the page's script looks after: viser's panel, the order of presses, hints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 
@@ -11,7 +11,9 @@ from pd_editor.editor.commands.command import Command, parts_of
 from pd_editor.viewer.overlay.messages import (
     HintsDone,
     HintsState,
+    OrderEvent,
     OrderState,
+    PanelEvent,
     PanelState,
 )
 from pd_editor.viewer.overlay.overlay import Overlay
@@ -56,15 +58,14 @@ class PressOrder:
         overlay.on("order", self._heard)
         self._answer(0)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        self._answer(event["number"])
+    def _heard(self, event: OrderEvent) -> None:
+        self._answer(event.number)
 
     def _answer(self, number: int) -> None:
         keys, labels = self._arming
         self._overlay.show(OrderState(keys=keys, labels=labels, answered=number))
 
 
-MAX_TITLE: Final = 60
 SCENE: Final = "Scene"
 ROAD: Final = "Road"
 AGENTS: Final = "Agents"
@@ -118,15 +119,15 @@ class SidePanel:
         workspace = self._ui.workspace
         workspace.view = replace(workspace.view, panel_tab=tab)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, title = event.get("kind"), event.get("title")
+    def _heard(self, event: PanelEvent) -> None:
+        kind, title = event.kind, event.title
         if kind == "hold":
             self._ui.hold_slider()
         elif kind == "release":
             self._ui.release_slider()
         elif kind == "narrow":
             self._ui.client.gui.main_panel.minimize()
-        elif kind == "tab" and isinstance(title, str):
-            self._keep(title[:MAX_TITLE])
+        else:
+            self._keep(title[:60])
             if title != AGENTS:
                 self._left = None

@@ -1,16 +1,16 @@
 """The row of tools over the picture's top left corner."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.editor.session import EditorSession
 from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.tab_elements import TabElements
 from pd_editor.viewer.guidance.guidance_panel import NEEDS_ONE
-from pd_editor.viewer.overlay.messages import Icon, Tool, ToolbarState
+from pd_editor.viewer.overlay.messages import Icon, Tool, ToolbarEvent, ToolbarState
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -65,13 +65,13 @@ class Toolbar:
         )
         self._overlay.show(ToolbarState(tools=tools))
 
-    def _used(self, event: Mapping[str, Any]) -> None:
-        tool = self._tools.get(event.get("icon", ""))
+    def _used(self, event: ToolbarEvent) -> None:
+        tool = self._tools.get(event.icon)
         if tool is None:
             return
-        if event.get("kind") == "press" and tool.is_enabled():
+        if event.kind == "press" and tool.is_enabled():
             tool.press()
-        elif event.get("kind") == "release" and tool.release is not None:
+        elif event.kind == "release" and tool.release is not None:
             tool.release()
         self.show()
 

@@ -1,14 +1,13 @@
 """The view panel: theme, layers."""
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import viser
 
 from pd_editor.viewer.meshes.road_mesh import Layer
-from pd_editor.viewer.overlay.messages import ThemeState
+from pd_editor.viewer.overlay.messages import ThemeEvent, ThemeState
 from pd_editor.viewer.scene.picture import Picture
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -44,12 +43,11 @@ class ViewPanel:
             ribbons = gui.add_checkbox("Trajectories", True)
             ui.on_change(ribbons, picture.ribbons.set_visible)
 
-    def _theme_asked(self, event: Mapping[str, Any]) -> None:
+    def _theme_asked(self, event: ThemeEvent) -> None:
         """Take the theme that the page asks for: the browser's, or the one kept there."""
-        is_dark = event.get("isDark") is True
-        if is_dark != self._ui.workspace.is_dark:
-            self._theme.value = is_dark
-            self._set_theme(is_dark)
+        if event.is_dark != self._ui.workspace.is_dark:
+            self._theme.value = event.is_dark
+            self._set_theme(event.is_dark)
 
     def _choose_theme(self, is_dark: bool) -> None:
         self._ui.overlay.show(ThemeState(is_dark=is_dark))

@@ -1,6 +1,5 @@
 """What asks for a part of a file that is not opened whole: a moment of a recording, a square of a map."""
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import shapely
@@ -12,7 +11,7 @@ from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scene_limits import MAX_STEPS
 from pd_editor.scene.time_axis import TimeAxis
 from pd_editor.scene.time_cut import FUTURE_S
-from pd_editor.viewer.overlay.messages import MapWindowState
+from pd_editor.viewer.overlay.messages import MapWindowEvent, MapWindowState
 from pd_editor.viewer.tab.panel_style import plain
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -63,10 +62,6 @@ class MomentDialog:
             self._dialog = None
 
 
-_FINEST: Final = 1500
-"""Details smaller than this share of the map's extent are left out."""
-
-
 class MapWindowCard:
     """A card over the picture, open while a part of a map is chosen."""
 
@@ -85,7 +80,8 @@ class MapWindowCard:
         (first,) = densest_windows(lanes, 1)
         road = "".join(
             "M" + "L".join(f"{x:.1f} {-y:.1f}" for x, y in shapely.get_coordinates(one))
-            for one in shapely.simplify(lines, span / _FINEST)
+            # Details smaller than this share of the map's extent are left out.
+            for one in shapely.simplify(lines, span / 1500)
         )
         view = west - margin, -north - margin, east - west, north - south
         state = MapWindowState(
@@ -98,14 +94,13 @@ class MapWindowCard:
         )
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: MapWindowEvent) -> None:
         self._overlay.show(MapWindowState())
-        if event.get("kind") != "open":
+        if event.kind != "open":
             return
-        try:
-            x, y, radius = (round(float(one), 1) for one in event["square"])
-        except (KeyError, TypeError, ValueError):
-            raise InputError("The page named no square of the map.") from None
+        if event.square is None:
+            raise InputError("The page named no square of the map.")
+        x, y, radius = (round(one, 1) for one in event.square)
         window = window_of((x, y), radius)
         assert window is not None, "it is around a place"
         self._ui.commit_gesture()

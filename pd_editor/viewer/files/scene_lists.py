@@ -10,7 +10,7 @@ from typing import Final, Generic, Literal, TypeVar
 
 from pd_editor.analysis.findings.scorecard import MEANS, ROWS, TOTALS
 from pd_editor.analysis.manoeuvres import SceneEvent
-from pd_editor.analysis.metrics.metric_table import METRICS
+from pd_editor.analysis.metrics.values import METRICS
 from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
 from pd_editor.base.plain_text import one_line

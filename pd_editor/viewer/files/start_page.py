@@ -3,7 +3,6 @@
 import logging
 import re
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -21,7 +20,12 @@ from pd_editor.viewer.files.scene_lists import (
     ZipList,
     scenes,
 )
-from pd_editor.viewer.overlay.messages import Choice, ScenePictureState, StartPageState
+from pd_editor.viewer.overlay.messages import (
+    Choice,
+    ScenePictureState,
+    StartPageEvent,
+    StartPageState,
+)
 from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.state.events import Signal
@@ -57,7 +61,6 @@ def toggled(query: str, condition: str) -> str:
 
 PAGE: Final = 60
 """Number of scenarios that are shown at a time."""
-SEARCH_SHOWN_S: Final = 0.25
 _LOG: Final = logging.getLogger(__name__)
 
 
@@ -156,7 +159,7 @@ class StartPage:
         """Show what a search has found, not at each of its turns."""
         search, now = self._workspace.search, time.monotonic()
         is_over = search is None or search.is_complete
-        if is_over or now - self._searched_at > SEARCH_SHOWN_S:
+        if is_over or now - self._searched_at > 0.25:
             self._searched_at = now
             self.show()
 
@@ -232,8 +235,8 @@ class StartPage:
             one.look()
         self.show()
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, value = event["kind"], event.get("value", "")
+    def _heard(self, event: StartPageEvent) -> None:
+        kind, value = event.kind, event.value
         start = self._workspace.start
         if kind == "close":
             self.close()
@@ -244,18 +247,18 @@ class StartPage:
         elif kind == "common":
             self._change(line=toggled(start.line, value), first=0)
         elif kind == "facet":
-            self._set_facet(event.get("name", ""), value)
+            self._set_facet(event.name, value)
         elif kind == "page":
-            self._change(first=max(event.get("first", 0), 0))
-        elif kind == "bulk" and event.get("name") in [
+            self._change(first=max(event.first, 0))
+        elif kind == "bulk" and event.name in [
             one.name for one in self._list.bulk() if one.is_on
         ]:
-            self.acted.emit(event["name"], value)
+            self.acted.emit(event.name, value)
         elif kind == "index" and (run := self._list.run) is not None:
             (run.start if run.fraction is None else run.cancel)()
             self.follow()
         elif kind == "draw":
-            self._wanted = list(event.get("keys", ()))
+            self._wanted = list(event.keys)
             self._draw()
         elif value in self._shown:
             self._act(kind, self._shown[value])

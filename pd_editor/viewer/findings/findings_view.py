@@ -11,7 +11,7 @@ from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.palette import Palette
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.meshes.colors import shown_exactly
-from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up, glb_of
+from pd_editor.viewer.meshes.flat_mesh import FlatMesh, MeshNode, Primitive, facing_up
 from pd_editor.viewer.meshes.ribbons import dotted, path_ribbons
 
 HEIGHT_M: Final = 0.058
@@ -29,9 +29,8 @@ class FindingsView:
 
     def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
         """Draw nothing yet."""
-        self._client = client
         self._palette = palette
-        self._handle: viser.GlbHandle | None = None
+        self._node = MeshNode(client, "/findings")
         self._scenario: Scenario | None = None
         self._findings: tuple[Finding, ...] = ()
 
@@ -49,18 +48,11 @@ class FindingsView:
         self._send()
 
     def _send(self) -> None:
-        if self._scenario is None or not self._findings:
-            if self._handle is not None:
-                self._handle.visible = False
-            return
-        data = glb_of(finding_primitives(self._scenario, self._findings, self._palette))
-        if self._handle is None:
-            self._handle = self._client.scene.add_glb(
-                "/findings", data, cast_shadow=False, receive_shadow=False
+        if self._scenario is not None and self._findings:
+            self._node.draw(
+                finding_primitives(self._scenario, self._findings, self._palette)
             )
-            return
-        self._handle.glb_data = data
-        self._handle.visible = True
+        self._node.set_visible(bool(self._findings))
 
 
 def finding_primitives(

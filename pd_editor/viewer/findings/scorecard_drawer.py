@@ -2,8 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +18,7 @@ from pd_editor.viewer.findings.status_chip import apply_cure
 from pd_editor.viewer.overlay.messages import (
     Chart,
     ChartsState,
+    ScorecardEvent,
     ScorecardState,
     ScoreFinding,
     ScoreLine,
@@ -30,8 +30,6 @@ from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.tab.ui_context import UiContext
 
 _MARKS: Final[dict[Severity, str]] = {"problem": "solid", "notice": "striped"}
-MAX_CHARTED: Final = 3
-"""Number of selected agents with lines in the charts."""
 MAX_LISTED: Final = 6
 """Number of findings that an open row lists."""
 _TONE: Final[dict[Level, Tone]] = {"usual": "good", "unusual": "warn", "extreme": "bad"}
@@ -103,7 +101,8 @@ class ScorecardDrawer:
             self._follow_chosen()
         self._show_rows()
         self._mark()
-        charted = (scenario, session.selection[:MAX_CHARTED])
+        # Number of selected agents with lines in the charts.
+        charted = (scenario, session.selection[:3])
         if self._charted != charted:
             self._charted = charted
             self._overlay.show(_charts(*charted))
@@ -224,17 +223,16 @@ class ScorecardDrawer:
                     self._choose(row.name, one)
                     return
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, name = event.get("kind"), event.get("name")
+    def _heard(self, event: ScorecardEvent) -> None:
+        kind, name = event.kind, event.name
         if not self.is_open:
             return
-        covered = event.get("covered")
-        if isinstance(covered, int | float) and 0 <= covered <= 1:
-            self._covered_share = float(covered)
+        if 0 <= event.covered <= 1:
+            self._covered_share = event.covered
         if kind == "close":
             self._model.open_drawer(None)
         elif kind == "draw":
-            self._draws = bool(event.get("value"))
+            self._draws = event.value
             self.show()
             self._model.marks_changed.emit()
         elif kind == "row" and name == self._open_row:
@@ -243,12 +241,12 @@ class ScorecardDrawer:
             self.show()
             self._model.marks_changed.emit()
         elif kind == "row":
-            findings = self._findings_of(str(name))
+            findings = self._findings_of(name)
             if findings:
-                self._choose(str(name), findings[0])
+                self._choose(name, findings[0])
         elif kind == "finding":
             for one in self._findings_of(self._open_row):
-                if json.dumps(one.key) == event.get("id"):
+                if json.dumps(one.key) == event.id:
                     self._choose(self._open_row, one)
                     return
         elif kind == "cure":

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
 from pd_editor.editor.commands import ContinueScene
@@ -13,6 +13,7 @@ from pd_editor.viewer.overlay.messages import (
     ActiveProblem,
     ProblemGroup,
     ProblemRow,
+    StatusEvent,
     StatusState,
 )
 from pd_editor.viewer.scene.framing import FreePart
@@ -220,12 +221,12 @@ class StatusChip:
                 self.choose(group, problem)
                 return
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, value = event.get("kind"), event.get("value")
+    def _heard(self, event: StatusEvent) -> None:
+        kind, value = event.kind, event.value
         if kind in ("list", "choose"):
-            self._free_share = _share(event.get("free"))
+            self._free_share = event.free if 0 <= event.free <= 1 else 1.0
         if kind == "list":
-            self._is_open = event.get("isOpen") is True
+            self._is_open = event.is_open
         if kind == "choose":
             for name, problems in self._groups().items():
                 for problem in problems:
@@ -252,13 +253,6 @@ def apply_cure(ui: UiContext, cure: Cure) -> None:
         ui.apply(cure.command)
     else:
         ui.model.run_requested.emit(cure.regenerated_ids, True)
-
-
-def _share(value: object) -> float:
-    """A share between 0 and 1; the whole where the page tells none."""
-    if isinstance(value, int | float) and 0.0 <= value <= 1.0:
-        return float(value)
-    return 1.0
 
 
 def _step_to_show(problem: Finding, ui: UiContext) -> int:

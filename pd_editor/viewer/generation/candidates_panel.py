@@ -1,14 +1,13 @@
 """The candidates panel: trajectories that a selected agent could take."""
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import viser
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.kinds.path import FollowPath
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     PathCollision,
     first_collisions,
 )
@@ -22,16 +21,15 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.guiding import Guiding
 from pd_editor.viewer.meshes.colors import inverse_aces, shown_exactly, srgb_to_linear
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
+from pd_editor.viewer.meshes.flat_mesh import MeshNode, Primitive, ribbons
 from pd_editor.viewer.meshes.ribbons import path_heights, path_ribbons
-from pd_editor.viewer.overlay.messages import FanState
+from pd_editor.viewer.overlay.messages import FanEvent, FanState
 from pd_editor.viewer.overlay.overlay import OFFER
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 
 HEIGHT_M: Final = 0.085
-LANE_HEIGHT_M: Final = 0.06
 LANE_WIDTH_M: Final = 0.12
 PATH_WIDTH_M: Final = 0.4
 HIGHLIGHTED_WIDTH_M: Final = 0.8
@@ -47,9 +45,8 @@ class CandidatesView:
 
     def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
         """Draw nothing yet."""
-        self._client = client
         self._palette = palette
-        self._handle: viser.GlbHandle | None = None
+        self._node = MeshNode(client, "/candidates")
         self._road_map: RoadMap | None = None
         self._highlighted: int | None = None
         self.shown: CandidateSet | None = None
@@ -67,20 +64,13 @@ class CandidatesView:
         self.shown, self._road_map = candidates, road_map
         self._highlighted = highlighted
         if candidates is None:
-            if self._handle is not None:
-                self._handle.visible = False
+            self._node.set_visible(False)
             return
         parts = [_fan(candidates, highlighted, self._palette)]
         if road_map is not None:
             parts.insert(0, _reference_lanes(candidates, road_map, self._palette))
-        data = glb_of(parts)
-        if self._handle is None:
-            self._handle = self._client.scene.add_glb(
-                "/candidates", data, cast_shadow=False, receive_shadow=False
-            )
-        else:
-            self._handle.glb_data = data
-            self._handle.visible = True
+        self._node.draw(parts)
+        self._node.set_visible(True)
 
     def set_palette(self, palette: Palette) -> None:
         """Redraw in another theme."""
@@ -114,7 +104,7 @@ def _reference_lanes(
     return Primitive(
         points_m=lines.points_m,
         faces=lines.faces,
-        height_m=LANE_HEIGHT_M,
+        height_m=0.06,
         color=shown_exactly(palette.candidate),
         opacity=0.6,
     )
@@ -307,9 +297,9 @@ class CandidatesPanel:
             priority=OFFER,
         )
 
-    def _pointer_moved(self, event: Mapping[str, Any]) -> None:
+    def _pointer_moved(self, event: FanEvent) -> None:
         """Highlight the possible trajectory under the pointer."""
-        self.point_at(point_of(event.get("point")))
+        self.point_at(point_of(event.point))
 
     def _follow_theme(self) -> None:
         self.view.set_palette(self._model.palette)

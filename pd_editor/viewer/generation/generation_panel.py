@@ -7,8 +7,8 @@ from typing import Any, Final
 import numpy as np
 import viser
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
-from pd_editor.analysis.metrics.road.off_lane import ids_near_lanes
+from pd_editor.analysis.guidance.report import guidance_problems
+from pd_editor.analysis.metrics.lanes import ids_near_lanes
 from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.base.plain_text import one_line
 from pd_editor.editor.commands import RemoveAllAgents
@@ -89,12 +89,8 @@ MODEL_SETTINGS: Final = "Model settings"
 RESAMPLING_SETTINGS: Final = "More settings"
 MAX_STEPS: Final = 50
 MAX_TRIES: Final = 12
-NUM_LIVE_STEPS: Final = 3
-"""Denoising steps of trajectories that are regenerated during an edit."""
-MAX_ORIGIN_CHARACTERS: Final = 44
 MAX_AGENTS_OF_A_KIND: Final = 100
 REGION_HALF_SIDE_M: Final = 62.0
-_SAME: Final = 1e-6
 
 
 class GenerationPanel:
@@ -672,7 +668,8 @@ class GenerationPanel:
         )
         fast = replace(
             usual,
-            num_denoising_steps=NUM_LIVE_STEPS if has_steps else None,
+            # Denoising steps of trajectories that are regenerated during an edit.
+            num_denoising_steps=3 if has_steps else None,
             guidance=guidance_settings(
                 self._lane_weight(offer), 0 if has_tries else None
             ),
@@ -699,7 +696,7 @@ class GenerationPanel:
     def _lane_weight(self, offer: GeneratorSpec) -> float | None:
         """Weight of the guidance; None for the model's default."""
         usual, asked = offer.default_guidance, float(self._guidance.value)
-        return None if usual is None or abs(asked - usual) < _SAME else asked
+        return None if usual is None or abs(asked - usual) < 1e-6 else asked
 
     def _model_chosen(self) -> None:
         self.result.forget()
@@ -709,7 +706,7 @@ class GenerationPanel:
         """Offer what the chosen generator understands."""
         offer = self._generators[self._model.value]
         # One line whatever it is, so that nothing below moves.
-        origin = one_line(offer.origin, MAX_ORIGIN_CHARACTERS)
+        origin = one_line(offer.origin, 44)
         set_property(self._origin, "content", plain(origin))
         # Disabled, not hidden, so that elements below do not move.
         set_property(self._steps, "disabled", offer.default_num_steps is None)

@@ -1,13 +1,12 @@
 """The mode in which a drag on the road draws the region that is resampled."""
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.scene.generation import Region
-from pd_editor.viewer.overlay.messages import RegionState
+from pd_editor.viewer.overlay.messages import RegionEvent, RegionState
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.mode import Mode
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -71,12 +70,12 @@ class RegionDrawing(Mode):
         )
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: RegionEvent) -> None:
         """Handle a pointer event; late events of another mode are ignored."""
-        if event.get("kind") == "clear":
+        if event.kind == "clear":
             self.clear()
             return
-        start, end = point_of(event.get("start")), point_of(event.get("end"))
+        start, end = point_of(event.start), point_of(event.end)
         if not self.is_active or start is None or end is None:
             return
         self.region, self.is_active = square_between(start, end), False

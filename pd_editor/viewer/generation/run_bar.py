@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.editor.edit_findings import generated_agent_ids
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.overlay.messages import RunBarState, RunVerb, Tone
+from pd_editor.viewer.overlay.messages import RunBarEvent, RunBarState, RunVerb, Tone
 from pd_editor.viewer.scene.original_view import changed_rows
 from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.state.view_memory import LiveAgents
@@ -64,9 +64,9 @@ class RunBar:
         )
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: RunBarEvent) -> None:
         """Take a choice, or do what a button does."""
-        kind, value = str(event.get("kind")), event.get("value")
+        kind, value = event.kind, event.value
         if kind == "scope" and value in SCOPES:
             self.scope = str(value)
         elif kind in LIMITS and isinstance(value, int):

@@ -5,7 +5,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.finding import Finding
@@ -33,6 +33,7 @@ from pd_editor.viewer.overlay.messages import (
     SamplePicturesState,
     SamplesState,
     StripCard,
+    StripEvent,
 )
 from pd_editor.viewer.scene.scene_pair import ScenePair
 from pd_editor.viewer.scene.viewpoint import Viewpoint
@@ -299,8 +300,8 @@ class SampleStrip:
         )
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, value = event.get("kind"), event.get("value")
+    def _heard(self, event: StripEvent) -> None:
+        kind, value = event.kind, event.value
         if kind == "close":
             self.close()
         elif kind == "leave":

@@ -1,9 +1,7 @@
 """Marks of guidance terms over the picture; flags, lines and way-points are dragged."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from pd_editor.viewer.guidance.term_marks import (
     round_bodies,
 )
 from pd_editor.viewer.guidance.term_rows import with_point_at
-from pd_editor.viewer.overlay.messages import GuidanceMarksState
+from pd_editor.viewer.overlay.messages import GuidanceMarksEvent, GuidanceMarksState
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -91,29 +89,26 @@ class GuidanceHandles:
         state = GuidanceMarksState(marks=(*arcs, *marks), agents=agents, refusal=said)
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: GuidanceMarksEvent) -> None:
         """Follow one message of a press on a mark."""
-        what, index = event.get("kind"), event.get("index")
-        possible = index if isinstance(index, int) else 0
-        possible = self._encounters.made_of(possible)
+        what, index = event.kind, event.index
+        possible = self._encounters.made_of(index or 0)
         if what == "point":
             self._encounters.point(possible)
             return
         if what == "drop" and possible is not None:
             self._encounters.make(possible)
             return
-        if what == "grab" and isinstance(index, int):
+        if what == "grab" and index is not None:
             self._grab = self._grabbed(index)
             if self._grab is not None:
-                node = event.get("node")
-                self._grab.node = node if isinstance(node, int) else None
-                self._grab.is_new = event.get("isOffer") is True
+                self._grab.node, self._grab.is_new = event.node, event.is_offer
             return
         grab = self._grab
         if grab is None:
             return
-        point = point_of(event.get("point"))
-        grab.is_free = event.get("isFree") is True
+        point = point_of(event.point)
+        grab.is_free = event.is_free
         if what == "drag" and point is not None:
             self._drag(grab, point)
         elif what == "drop":

@@ -3,9 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, approach_obstacles
-from pd_editor.analysis.guidance.report import SLOWED
+from pd_editor.analysis.guidance.report import SLOWED, guidance_problems
 from pd_editor.analysis.threats.encounter import APPROACH_WORDS
 from pd_editor.editor.edit_findings import scene_outcomes, unrun_terms
 from pd_editor.scene.generation import GuidanceReport
@@ -37,8 +36,6 @@ FIGURES: Final = (
     ("Mean acceleration", "Of its absolute value"),
 )
 """Names of the figures of realism, and what they mean."""
-MAX_DRAGGED_TERMS: Final = 2
-"""More terms that change at once, as in a warp, are checked when the edit is over."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +90,9 @@ class GuidanceNotes:
         checked = list(terms)
         if state.is_previewing:
             checked = [term for term in terms if term not in self._terms]
-            if len(checked) > MAX_DRAGGED_TERMS:
+            # More terms that change at once, as in a warp, are checked when the edit is
+            # over.
+            if len(checked) > 2:
                 checked = []
         if not is_pause:
             checked = [term for term in checked if not isinstance(term, Threaten)]

@@ -1,6 +1,6 @@
 """The guidance panel: tools to add terms, and the list of terms."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any, Final
 
@@ -35,6 +35,7 @@ from pd_editor.viewer.guidance.term_rows import (
 )
 from pd_editor.viewer.overlay.messages import (
     GuidanceInput,
+    GuidancePanelEvent,
     GuidancePanelState,
     GuidanceRow,
     GuidanceTool,
@@ -183,19 +184,19 @@ class GuidancePanel:
         self._model.choose_term(index)
         return True
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: GuidancePanelEvent) -> None:
         """Act on an event of the list, and answer it even if it changes nothing."""
-        self._answered = event["count"]
+        self._answered = event.count
         try:
             self._act(event)
         finally:
             self.show()
 
-    def _act(self, event: Mapping[str, Any]) -> None:
+    def _act(self, event: GuidancePanelEvent) -> None:
         """Act on an input of the list; one that was drawn for other terms is ignored."""
-        kind = event.get("kind")
+        kind = event.kind
         if kind == "tool":
-            self._use_tool(str(event.get("tool")))
+            self._use_tool(event.tool)
         elif kind == "take":
             self._take_unguided()
         elif kind == "look":
@@ -203,14 +204,13 @@ class GuidancePanel:
         elif kind == "leave":
             self._encounters.close()
         elif kind == "point":
-            self._encounters.point(event.get("number"))
+            self._encounters.point(event.number)
         elif kind == "make":
-            self._encounters.make(event.get("number"))
-        elif event.get("version") == self._version:
-            index = event.get("index")
-            terms = self._ui.session.scenario.guidance
-            if isinstance(index, int) and 0 <= index < len(terms):
-                self._edit(str(kind), index, terms[index], event)
+            self._encounters.make(event.number)
+        elif event.version == self._version:
+            index, terms = event.index, self._ui.session.scenario.guidance
+            if 0 <= index < len(terms):
+                self._edit(index, terms[index], event)
 
     def _use_tool(self, kind: str) -> None:
         """Begin to draw a term, or add one with usual values."""
@@ -244,15 +244,14 @@ class GuidancePanel:
             session.undo()
         self._ui.apply(command)
 
-    def _edit(
-        self, kind: str, index: int, term: GuidanceTerm, event: Mapping[str, Any]
-    ) -> None:
+    def _edit(self, index: int, term: GuidanceTerm, event: GuidancePanelEvent) -> None:
+        kind = event.kind
         if kind == "choose":
             self._select_agents(term)
             self._model.choose_term(index)
         elif kind == "switch":
-            is_on = event.get("isOn") is True
-            self._ui.apply(ChangeGuidance(index=index, term=replace(term, is_on=is_on)))
+            changed = replace(term, is_on=event.is_on)
+            self._ui.apply(ChangeGuidance(index=index, term=changed))
         elif kind == "remove":
             self._ui.apply(RemoveGuidance(index=index))
         elif kind == "weight":
@@ -260,7 +259,7 @@ class GuidancePanel:
         elif kind == "act":
             self._report_refused(KINDS[term.kind].title, self.remove_point)
         elif kind == "input":
-            name, value = str(event.get("name")), event.get("value")
+            name, value = event.name, event.value
             if name == "point" and isinstance(term, FollowPath):
                 self._select_agents(term)
                 self._model.choose_term(index, chosen_point(term, value))
@@ -278,17 +277,16 @@ class GuidancePanel:
             changed = with_input(term, name, value)
         self._ui.apply(ChangeGuidance(index=index, term=changed))
 
-    def _weigh(self, index: int, term: GuidanceTerm, event: Mapping[str, Any]) -> None:
+    def _weigh(self, index: int, term: GuidanceTerm, event: GuidancePanelEvent) -> None:
         """Set a strength; the moves of a slider until it is released are one edit."""
-        stop = event.get("stop")
-        if not isinstance(stop, int) or not 0 <= stop < len(WEIGHTS):
+        if not 0 <= event.stop < len(WEIGHTS):
             return
         owner = f"guidance strength {index}"
         command: Command = ChangeGuidance(
-            index=index, term=replace(term, weight=WEIGHTS[stop])
+            index=index, term=replace(term, weight=WEIGHTS[event.stop])
         )
         self._ui.preview(owner, command)
-        if event.get("isEnd") is True and self._ui.gesture == owner:
+        if event.is_end and self._ui.gesture == owner:
             self._ui.end_gesture()
 
     def _select_agents(self, term: GuidanceTerm) -> None:

@@ -1,6 +1,6 @@
 """The mode in which a guidance term is drawn on the road or an agent is picked for it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -12,7 +12,12 @@ from pd_editor.editor.commands import AddGuidance, ChangeGuidance
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, ROAD_USER_KINDS
 from pd_editor.scene.guidance_terms import GuidanceTerm, PairGuidance, forms_of
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.overlay.messages import GuidingGhost, GuidingState, rounded_place
+from pd_editor.viewer.overlay.messages import (
+    GuidingEvent,
+    GuidingGhost,
+    GuidingState,
+    rounded_place,
+)
 from pd_editor.viewer.scene.picking import PointerRay, agent_under, point_of
 from pd_editor.viewer.tab.mode import Mode
 from pd_editor.viewer.tab.ui_context import UiContext
@@ -133,20 +138,20 @@ class Guiding(Mode):
         )
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: GuidingEvent) -> None:
         """Handle a pointer event; late events of another mode are ignored."""
-        if self.tool is None or event.get("tool") != self.tool:
+        if self.tool is None or event.tool != self.tool:
             return
-        what, ray = event.get("kind"), PointerRay.of_event(event)
+        what, ray = event.kind, PointerRay.of(event.at, event.ray)
         if what == "point" and ray is not None:
             self._ghost = self._ghost_at(ray)
             self._show()
         elif what == "click" and ray is not None:
             self._finish(lambda: self._clicked(ray))
         elif what == "drawn":
-            points = _points(event.get("points", []))
-            is_clicked = event.get("isClicked") is True
-            self._finish(lambda: self._drawn(points, is_clicked=is_clicked))
+            found = map(point_of, event.points[:MAX_DRAWN_POINTS])
+            points = np.array([one for one in found if one is not None]).reshape(-1, 2)
+            self._finish(lambda: self._drawn(points, is_clicked=event.is_clicked))
 
     def _finish(self, make: Callable[[], GuidanceTerm]) -> None:
         """Put the term and end the mode; a refused one leaves the mode on."""
@@ -252,9 +257,3 @@ def like(term: GuidanceTerm, former: GuidanceTerm) -> GuidanceTerm:
     """A new term with strength and values of the term that it replaces."""
     same = {name: getattr(former, name) for name in forms_of(type(term))}
     return replace(term, weight=former.weight, is_on=True, **same)
-
-
-def _points(value: Any) -> np.ndarray:
-    """The valid points of a drawn line."""
-    found = map(point_of, value[:MAX_DRAWN_POINTS])
-    return np.array([point for point in found if point is not None]).reshape(-1, 2)

@@ -24,8 +24,6 @@ from pd_editor.viewer.overlay.messages import (
     rounded_place,
 )
 
-LEAST_OFFER_M: Final = 4.0
-"""Shortest trajectory whose end is offered as a goal to drag."""
 OFFER: Final = -1
 """Index of the offered goal, which is no term yet."""
 DOT_HINT: Final = "drag to move, Alt: off the lane; click for its speed, time or wait"
@@ -157,7 +155,8 @@ def offered_goal(
     if not is_valid[0] or not is_valid[1:].any():
         return None
     track = scenario.agents.position_m[row, step:][is_valid]
-    if float(np.linalg.norm(track[-1] - track[0])) < LEAST_OFFER_M:
+    # Shortest trajectory whose end is offered as a goal to drag.
+    if float(np.linalg.norm(track[-1] - track[0])) < 4.0:
         return None
     return agent_id, track[-1]
 

@@ -123,7 +123,6 @@ def weight_stop(weight: float) -> int:
 
 
 _ALL: Final = "All"
-_MOST_OTHERS: Final = 20
 _FIELDS: Final = dict(zip(POINT_FORMS, ("speed_mps", "at_s", "waits_for"), strict=True))
 """Fields of a way-point by those of its path."""
 
@@ -248,6 +247,6 @@ def _others(term: FollowPath, point: WayPoint, scenario: Scenario) -> list[str]:
     counts &= agents.speed_mps()[:, now] > STANDING_MPS
     gap = np.linalg.norm(agents.position_m[:, now] - point.point_m, axis=-1)
     near = [agents.ids[row] for row in np.argsort(gap) if counts[row]]
-    near = [one for one in near if one != term.agent_id][:_MOST_OTHERS]
+    near = [one for one in near if one != term.agent_id][:20]
     known = point.waits_for
     return near if known is None or known in near else [known, *near]

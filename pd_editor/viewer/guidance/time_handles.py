@@ -1,9 +1,9 @@
 """Handles of times on the timeline: of goals, way-points and locked beginnings."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Any, Final
+from typing import Final
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowPath
@@ -12,7 +12,11 @@ from pd_editor.editor.commands import ChangeGuidance, Command, SetLocks
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.overlay.messages import TimeHandle, TimeHandlesState
+from pd_editor.viewer.overlay.messages import (
+    TimeHandle,
+    TimeHandlesEvent,
+    TimeHandlesState,
+)
 from pd_editor.viewer.tab.ui_context import UiContext
 
 LOCK: Final = "lock"
@@ -65,10 +69,10 @@ class TimeHandles:
     def _scenario(self) -> Scenario:
         return self._ui.session.scenario
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: TimeHandlesEvent) -> None:
         """Follow a press on a handle; times beyond the trajectories are refused."""
-        what, index, step = event.get("kind"), event.get("index"), event.get("step")
-        if what == "grab" and isinstance(index, int):
+        what, index, step = event.kind, event.index, event.step
+        if what == "grab":
             found = _handles(self._scenario, self._ui.session.selection)
             self._held = found[index] if 0 <= index < len(found) else None
             self._owner = f"time handle {next(self._numbers)}"
@@ -77,7 +81,7 @@ class TimeHandles:
         held = self._held
         if held is None:
             return
-        if isinstance(step, int):
+        if step is not None:
             self._move(held, step)
         if what in ("drop", "cancel"):
             self._held = None

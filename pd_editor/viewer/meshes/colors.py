@@ -26,8 +26,6 @@ _ACES_OUTPUT: Final = np.array(
         [-0.00327, -0.07276, 1.07602],
     ]
 )
-_EXPOSURE_DIVISOR: Final = 0.6
-"""three.js divides exposure by this to match a reference renderer."""
 LIGHT_ON_ROOFS: Final = 1.37
 """Light that a level surface reflects under the editor's lights, read off pictures."""
 
@@ -49,7 +47,8 @@ def inverse_aces(
     c = -(0.000090537 + 0.238081 * y)
     fitted = (-b + np.sqrt(b * b - 4 * a * c)) / (2 * a)
     exposed = fitted @ np.linalg.inv(_ACES_INPUT).T
-    return np.maximum(exposed, 0.0) * _EXPOSURE_DIVISOR
+    # three.js divides exposure by this to match a reference renderer.
+    return np.maximum(exposed, 0.0) * 0.6
 
 
 def shown_exactly(color: Rgb) -> tuple[float, float, float]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mapbox_earcut
 import numpy as np
 import shapely
+import viser
 from jaxtyping import Float, Int
 
 from pd_editor.scene.geometry.lines import Lines
@@ -223,3 +224,32 @@ def _packed(
             binary,
         ]
     )
+
+
+class MeshNode:
+    """A node of one browser's scene for meshes that replace each other; without shadows."""
+
+    def __init__(self, client: viser.ClientHandle, name: str) -> None:
+        """Send nothing yet."""
+        self._scene, self.name = client.scene, name
+        self._handle: viser.GlbHandle | None = None
+
+    @property
+    def is_sent(self) -> bool:
+        """Whether the browser has it."""
+        return self._handle is not None
+
+    def draw(self, meshes: list[Primitive]) -> None:
+        """Send meshes in the place of those before."""
+        data = glb_of(meshes)
+        if self._handle is None:
+            self._handle = self._scene.add_glb(
+                self.name, data, cast_shadow=False, receive_shadow=False
+            )
+        else:
+            self._handle.glb_data = data
+
+    def set_visible(self, is_visible: bool) -> None:
+        """Show or hide what has been sent."""
+        if self._handle is not None:
+            self._handle.visible = is_visible

@@ -7,12 +7,8 @@ from jaxtyping import Bool, Float
 
 from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, facing_up
 
-PATH_HEIGHT_STEP_M: Final = 5e-4
-"""Vertical distance between paths, which prevents flickering."""
 MIN_MOTION_M: Final = 1.0
 """Less motion than this is noise of the recording."""
-MOTION_WINDOW: Final = 5
-"""Points over which positions are averaged before motion is measured."""
 DOT_M: Final = 0.9
 """Length of the dots of a dotted path, and of the gaps between them."""
 
@@ -56,7 +52,8 @@ def path_ribbons(
 
 def path_heights(base_m: float, rank: np.ndarray) -> Float[np.ndarray, "P"]:
     """Heights of paths by their rank from below; no two ranks share one."""
-    return base_m + PATH_HEIGHT_STEP_M * rank
+    # Vertical distance between paths, which prevents flickering.
+    return base_m + 5e-4 * rank
 
 
 def dotted(
@@ -105,7 +102,8 @@ def motion_m(
         axis=1,
     )
     weight, total = weight.cumsum(axis=1), total.cumsum(axis=1)
-    window = min(MOTION_WINDOW, points_m.shape[1])
+    # Points over which positions are averaged before motion is measured.
+    window = min(5, points_m.shape[1])
     count = weight[:, window:] - weight[:, :-window]
     mean = (total[:, window:] - total[:, :-window]) / np.maximum(count, 1.0)[..., None]
     is_known = (count > 0)[..., None]

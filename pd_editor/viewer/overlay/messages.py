@@ -6,7 +6,7 @@ case on the way. Points are in metres of the scene, pixels in those of the pictu
 """
 
 from collections.abc import Iterable
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import msgspec
 
@@ -165,7 +165,7 @@ class TooltipState(Message, frozen=True):
 class TooltipEvent(Message, frozen=True):
     at: Pixel
     ray: Ray
-    ask: int
+    ask: Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 class FanState(Message, frozen=True):
@@ -254,7 +254,7 @@ class PlacingState(Message, frozen=True):
 class PlacingEvent(Message, frozen=True):
     kind: Literal["point", "place", "kind"]
     point: Ground | None = None
-    heading_rad: float | None = None
+    heading_rad: Annotated[float, msgspec.Meta(ge=-7, le=7)] | None = None
     number: int = 0
 
 

@@ -14,13 +14,26 @@ import viser
 from viser import _messages
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.viewer.overlay.messages import EVENTS, STATES, BannerState, Message
+from pd_editor.viewer.overlay.messages import (
+    EVENTS,
+    STATES,
+    BannerEvent,
+    BannerState,
+    Message,
+    PageEvent,
+)
 
 _LOG = logging.getLogger(__name__)
 MAX_EVENT_CHARACTERS: Final = 65_536
 
 _ELEMENTS: Final = {state: element for element, state in STATES.items()}
-Handler = Callable[[Mapping[str, Any]], None]
+Handler = Callable[[Any], None]
+"""Takes the messages of an element, each as what ``EVENTS`` says."""
+
+
+class _Sent(msgspec.Struct, frozen=True):
+    element: str
+    event: msgspec.Raw
 
 
 class Overlay:
@@ -81,21 +94,20 @@ class Overlay:
         if len(text) > MAX_EVENT_CHARACTERS:
             return
         try:
-            message = json.loads(text)
-            handler = self._handlers[message["element"]]
-            event = dict(message["event"])
-            msgspec.convert(event, EVENTS[message["element"]])
-        except (ValueError, KeyError, TypeError, RecursionError):
+            sent = msgspec.json.decode(text, type=_Sent)
+            handler = self._handlers[sent.element]
+            event = msgspec.json.decode(sent.event, type=EVENTS[sent.element])
+        except (msgspec.DecodeError, UnicodeError, KeyError, RecursionError):
             _LOG.info("The page sent an event that no element sends.")
             return
         handler(event)
 
-    def _page_said(self, event: Mapping[str, Any]) -> None:
-        if event.get("kind") == "ready":
+    def _page_said(self, event: PageEvent) -> None:
+        if event.kind == "ready":
             self.is_ready = True
             self.on_ready()
-        elif event.get("kind") == "missing":
-            _LOG.warning("viser's page lacks what the editor needs: %s", event)
+        else:
+            _LOG.warning("viser's page lacks what the editor needs: %s", event.names)
 
 
 @cache
@@ -180,9 +192,9 @@ class Banner:
         buttons = tuple(claim.buttons)
         self._overlay.show(BannerState(owner=owner, text=claim.text, buttons=buttons))
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: BannerEvent) -> None:
         """Run the action of an owner's button."""
-        claim = self._claims.get(str(event.get("owner")))
-        press = None if claim is None else claim.buttons.get(str(event.get("button")))
+        claim = self._claims.get(event.owner or "")
+        press = None if claim is None else claim.buttons.get(event.button)
         if press is not None:
             press()

@@ -9,12 +9,9 @@ import viser
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.viewer.meshes.colors import shown_exactly
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
+from pd_editor.viewer.meshes.flat_mesh import MeshNode, Primitive, ribbons
 from pd_editor.viewer.tab.ui_context import UiContext
 
-GIZMO_SIZE_M: Final = 6.0
-GIZMO_HEIGHT_M: Final = 0.3
-COLOR: Final = (130, 96, 210)
 HEIGHT_M: Final = 0.095
 HALF_WIDTH_M: Final = 9.0
 """Half the length of the line across the road."""
@@ -45,7 +42,7 @@ class AnchorGizmo:
 
     def place(self, pose: RigidMotion) -> None:
         """Show it at a pose."""
-        position = (pose.x_m, pose.y_m, GIZMO_HEIGHT_M)
+        position = (pose.x_m, pose.y_m, 0.3)
         half = pose.rotation_rad / 2
         wxyz = (float(np.cos(half)), 0.0, 0.0, float(np.sin(half)))
         if self._handle is not None:
@@ -54,7 +51,7 @@ class AnchorGizmo:
             return
         self._handle = self._ui.client.scene.add_transform_controls(
             "/warp_anchor",
-            scale=GIZMO_SIZE_M,
+            scale=6.0,
             active_axes=(True, True, False),
             depth_test=False,
             position=position,
@@ -81,28 +78,20 @@ class AnchorView:
 
     def __init__(self, client: viser.ClientHandle) -> None:
         """Draw nothing yet."""
-        self._client = client
-        self._handle: viser.GlbHandle | None = None
+        self._node = MeshNode(client, "/warp_start")
         self._drawn: tuple[RigidMotion, float] | None = None
 
     def show(self, pose: RigidMotion | None, border_m: float) -> None:
         """Mark a pose and the line ``border_m`` ahead of it; None takes it away."""
         if pose is None or not np.isfinite(border_m):
             self._drawn = None
-            if self._handle is not None:
-                self._handle.visible = False
+            self._node.set_visible(False)
             return
         if self._drawn == (pose, border_m):
             return
         self._drawn = (pose, border_m)
-        data = glb_of([_mark(pose, border_m)])
-        if self._handle is None:
-            self._handle = self._client.scene.add_glb(
-                "/warp_start", data, cast_shadow=False, receive_shadow=False
-            )
-        else:
-            self._handle.glb_data = data
-            self._handle.visible = True
+        self._node.draw([_mark(pose, border_m)])
+        self._node.set_visible(True)
 
 
 def _mark(pose: RigidMotion, border_m: float) -> Primitive:
@@ -123,6 +112,6 @@ def _mark(pose: RigidMotion, border_m: float) -> Primitive:
         points_m=pose.apply(lines.points_m),
         faces=lines.faces,
         height_m=HEIGHT_M,
-        color=shown_exactly(COLOR),
+        color=shown_exactly((130, 96, 210)),
         opacity=0.9,
     )

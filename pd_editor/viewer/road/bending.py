@@ -1,13 +1,10 @@
 """The mode in which the road is grabbed and pulled aside."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
-from pd_editor.viewer.overlay.messages import BendingState
+from pd_editor.viewer.overlay.messages import BendingEvent, BendingState
 from pd_editor.viewer.road.road_panel import WARP_TITLE, Grip, RoadPanel
 from pd_editor.viewer.scene.picking import point_of
 from pd_editor.viewer.tab.mode import Mode
@@ -44,21 +41,16 @@ class Bending(Mode):
         state = BendingState(is_active=self.is_active, num_kinds=len(WARP_KINDS))
         self._overlay.show(state)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: BendingEvent) -> None:
         """Handle a pointer event; late events of another mode are ignored."""
-        what, point, post = (
-            event.get("kind"),
-            point_of(event.get("point")),
-            self._ui.post,
-        )
+        what, point, post = event.kind, point_of(event.point), self._ui.post
         if what in ("end", "cancel"):
             post(lambda: self._let_go(is_kept=what == "end"))
         elif not self.is_active:
             return
         elif what == "kind":
-            number = int(event.get("number", 0))
-            if 1 <= number <= len(WARP_KINDS):
-                self.kind = WARP_KINDS[number - 1]
+            if 1 <= event.number <= len(WARP_KINDS):
+                self.kind = WARP_KINDS[event.number - 1]
                 self._changed()
         elif what == "grab" and point is not None:
             post(lambda: self._grab(point))

@@ -63,8 +63,6 @@ DEFAULT_EXPONENT: Final = 3.0
 MAX_SLOWED_NAMED: Final = 3
 LEAST_GAIN_M: Final = 0.3
 """Displacement per power below which a place of the road cannot be pulled."""
-USUAL_GAIN_M: Final = 1.0
-"""Displacement per power of the place that is pulled, when the road bends before it."""
 _NOT_OWN: Final = object()
 """Different from all warps: inputs must be updated."""
 
@@ -436,7 +434,9 @@ class RoadPanel:
             heading = suggested_heading(scenario.road_map, point_m, AgentKind.VEHICLE)
             steps_m = np.arange(0.0, term.border_m + 3 * term.length_m)
             gains_m = term.derivative(steps_m, 0)
-            nearest = int(np.argmax(gains_m >= min(USUAL_GAIN_M, gains_m.max())))
+            # Displacement per power of the place that is pulled, when the road bends
+            # before it.
+            nearest = int(np.argmax(gains_m >= min(1.0, gains_m.max())))
             back_m = -steps_m[nearest] * np.array([np.cos(heading), np.sin(heading)])
             x, y = (point_m + back_m).tolist()
             anchor = RigidMotion(x_m=x, y_m=y, rotation_rad=heading)

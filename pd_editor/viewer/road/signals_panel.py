@@ -1,16 +1,11 @@
 """Signals of the road's junctions: sampled phases, and green by a click."""
 
-from typing import Final
-
 import numpy as np
 
 from pd_editor.editor.commands import GiveGreen, RemoveSignals, SampleSignals
 from pd_editor.scene.junction_phases import junctions, signals_with_green
 from pd_editor.viewer.tab.panel_style import FixedText
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
-
-_NEAR_M: Final = 3.0
-"""A click this near to a stop line is meant for it."""
 
 
 class SignalsPanel:
@@ -43,7 +38,8 @@ class SignalsPanel:
             return False
         gap = np.linalg.norm(scenario.stop_lines_m()[:, 1] - point_m[:2], axis=-1)
         lanes = [lane for one in scenario.signals for lane in one.lane_ids]
-        if gap.min() > _NEAR_M:
+        # A click this near to a stop line is meant for it.
+        if gap.min() > 3.0:
             return False
         clicked = scenario.road_map.lane_of[lanes[int(gap.argmin())]]
         # Movements that part begin at one stop line: that of the lane before them.

@@ -1,7 +1,6 @@
 """Draws the agents: one batch of instances per kind, moved on every frame."""
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import viser
@@ -21,8 +20,6 @@ from pd_editor.viewer.meshes.agent_shapes import (
 from pd_editor.viewer.meshes.colors import lit_from_above
 from pd_editor.viewer.scene.camera import ViewScale, drawn_sizes_m
 from pd_editor.viewer.state.events import Signal
-
-SHADOW_HEIGHT_M: Final = 0.09
 
 BodyHandle = viser.BatchedMeshHandle
 
@@ -95,7 +92,7 @@ class AgentsView:
         for batch in self._batches.values():
             self._move(batch, scenario.agents, poses, quaternions)
         if self._shadows is not None:
-            self._shadows.batched_positions = _lifted(poses.position_m, SHADOW_HEIGHT_M)
+            self._shadows.batched_positions = _lifted(poses.position_m, 0.09)
             self._shadows.batched_wxyzs = quaternions.astype(np.float32)
             # The shadow of an enlarged glyph would be a second, larger one.
             has_shadow = (

@@ -143,7 +143,6 @@ ENLARGED_KINDS: Final = (
 )
 NOTICED_CHANGE: Final = 0.15
 """Sizes are kept until the zoom has changed by this share."""
-_FROM_ABOVE: Final = np.cos(np.radians(20.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,7 +195,7 @@ class ViewScale:
     @property
     def is_from_above(self) -> bool:
         """Whether the picture is all but a map."""
-        return bool(self.ahead[2] < -_FROM_ABOVE)
+        return bool(self.ahead[2] < -np.cos(np.radians(20.0)))
 
     def pixels_per_m(
         self, points_m: Float[np.ndarray, "N 3"]

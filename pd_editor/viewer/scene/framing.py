@@ -27,8 +27,6 @@ LOWEST_OF_MAP_RAD: Final = float(np.radians(50.0))
 """A whole map, seen flatter than this, leaves most of the picture empty."""
 NARROWEST_FREE: Final = 0.45
 """So much of the picture's width is used even if elements cover more than the rest."""
-LOWEST_FREE: Final = 0.5
-"""At least this share of the picture's height is used."""
 MAX_WHOLE_MAP_M: Final = 1000.0
 """Of a larger map, the part with traffic is shown."""
 TALLEST_M: Final = 2.0
@@ -51,7 +49,8 @@ class FreePart:
     @classmethod
     def above(cls, share: float) -> "FreePart":
         """What is free where an element covers a share of the height, at the bottom."""
-        return cls(bottom=max(cls.bottom, 2.0 * min(share, LOWEST_FREE) - 1.0))
+        # At least this share of the picture's height is used.
+        return cls(bottom=max(cls.bottom, 2.0 * min(share, 0.5) - 1.0))
 
     @classmethod
     def right_of(cls, share: float) -> "FreePart":

@@ -14,15 +14,16 @@ from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.signals import SignalState, states_at
 from pd_editor.viewer.meshes.colors import shown_exactly
-from pd_editor.viewer.meshes.flat_mesh import FlatMesh, Primitive, glb_of, ribbons
+from pd_editor.viewer.meshes.flat_mesh import (
+    FlatMesh,
+    MeshNode,
+    Primitive,
+    glb_of,
+    ribbons,
+)
 from pd_editor.viewer.meshes.road_mesh import LAYERS, Layer, RoadPart, road_parts
 
 GROUND_SIZE_M: Final = 6000.0
-GROUND_HEIGHT_M: Final = -0.3
-"""Low enough to stay under the road even where a browser's depth buffer is coarse."""
-GHOST_HEIGHT_M: Final = 0.055
-GHOST_WIDTH_M: Final = 0.14
-GHOST_PIECE_M: Final = 6.0
 
 
 class MapView:
@@ -35,7 +36,7 @@ class MapView:
         self._parts: tuple[RoadPart, ...] = ()
         self._map: RoadMap | None = None
         self._warp: RoadWarp | None = None
-        self._handles: dict[Layer, viser.GlbHandle] = {}
+        self._nodes = {layer: MeshNode(client, f"/map/{layer}") for layer in LAYERS}
         self._visible: dict[Layer, bool] = {
             layer: layer != "centerlines" for layer in LAYERS
         }
@@ -43,17 +44,16 @@ class MapView:
         self._ghost_drawn: tuple[RoadMap, RigidMotion, float, Palette] | None = None
         self._wants_ghost = True
         self._is_compared = False
-        self._ground = client.scene.add_glb(
-            "/ground", self._ground_glb(), cast_shadow=False, receive_shadow=False
-        )
+        self._ground = MeshNode(client, "/ground")
+        self._ground.draw(self._ground_meshes())
 
     @property
     def road_nodes(self) -> tuple[str, ...]:
         """Names of the nodes that another road is sent into."""
         return tuple(
-            handle.name
-            for layer, handle in self._handles.items()
-            if self._visible[layer]
+            node.name
+            for layer, node in self._nodes.items()
+            if node.is_sent and self._visible[layer]
         )
 
     def show(self, scenario: Scenario) -> None:
@@ -73,7 +73,7 @@ class MapView:
     def set_palette(self, palette: Palette) -> None:
         """Redraw in another theme."""
         self._palette = palette
-        self._ground.glb_data = self._ground_glb()
+        self._ground.draw(self._ground_meshes())
         self._send(LAYERS)
         self._make_ghost()
         self._update_ghost_visibility()
@@ -83,8 +83,7 @@ class MapView:
         self._visible[layer] = is_visible
         if is_visible:
             self._send((layer,))
-        if layer in self._handles:
-            self._handles[layer].visible = is_visible
+        self._nodes[layer].set_visible(is_visible)
 
     @property
     def shows_original(self) -> bool:
@@ -109,13 +108,7 @@ class MapView:
             if not self._visible[layer]:
                 continue
             parts = [part for part in self._parts if part.layer == layer]
-            data = glb_of([self._primitive(part) for part in parts[::-1]])
-            if layer in self._handles:
-                self._handles[layer].glb_data = data
-            else:
-                self._handles[layer] = self._client.scene.add_glb(
-                    f"/map/{layer}", data, cast_shadow=False, receive_shadow=False
-                )
+            self._nodes[layer].draw([self._primitive(part) for part in parts[::-1]])
 
     def _primitive(self, part: RoadPart) -> Primitive:
         points = part.mesh.points_m
@@ -140,7 +133,7 @@ class MapView:
         outline = Primitive(
             points_m=lines.points_m,
             faces=lines.faces[ahead.min(axis=1) > reach],
-            height_m=GHOST_HEIGHT_M,
+            height_m=0.055,
             color=_material_color(self._palette.ghost),
             opacity=0.55,
         )
@@ -156,15 +149,17 @@ class MapView:
         if self._ghost is not None:
             self._ghost.visible = self.shows_original
 
-    def _ground_glb(self) -> bytes:
+    def _ground_meshes(self) -> list[Primitive]:
         half = GROUND_SIZE_M / 2
         square = Primitive(
             points_m=half * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]),
             faces=np.array([[0, 1, 2], [0, 2, 3]]),
-            height_m=GROUND_HEIGHT_M,
+            # Low enough to stay under the road even where a browser's depth buffer is
+            # coarse.
+            height_m=-0.3,
             color=_material_color(self._palette.ground),
         )
-        return glb_of([square, *_shader_keepers()])
+        return [square, *_shader_keepers()]
 
 
 def _shader_keepers() -> list[Primitive]:
@@ -196,8 +191,8 @@ def _lane_sides(road_map: RoadMap) -> FlatMesh:
         if not lane.is_intersection
         for side in (lane.left_m, lane.right_m)
     ]
-    lines = Lines.of(sides).without_repeats().densified(GHOST_PIECE_M)
-    return ribbons(lines, GHOST_WIDTH_M)
+    lines = Lines.of(sides).without_repeats().densified(6.0)
+    return ribbons(lines, 0.14)
 
 
 @functools.cache
@@ -205,19 +200,13 @@ def _material_color(color: Rgb) -> tuple[float, float, float]:
     return shown_exactly(color)
 
 
-STOP_LINE_WIDTH_M: Final = 0.8
-SIGNAL_HEIGHT_M: Final = 0.06
-"""Above all parts of the road; stop is on top, then caution, go and unknown."""
-
-
 class SignalsView:
     """Node of one browser for the stop lines of all signals."""
 
     def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
         """Draw nothing yet."""
-        self._client = client
         self._palette = palette
-        self._node: viser.GlbHandle | None = None
+        self._node = MeshNode(client, "/signals")
         self._drawn: tuple[object, ...] = ()
 
     def set_palette(self, palette: Palette) -> None:
@@ -228,29 +217,23 @@ class SignalsView:
         """Draw the states at a fractional step; nothing is sent while none changes."""
         states = [int(one.states[int(step)]) for one in scenario.signals]
         wanted = (scenario.signals, scenario.road_map, self._palette, states)
-        if wanted == self._drawn or not (scenario.signals or self._node):
+        if wanted == self._drawn or not (scenario.signals or self._node.is_sent):
             return
         self._drawn = wanted
         lines = scenario.stop_lines_m()
         codes = np.array([*states_at(scenario.signals, int(step)).values()], int)
-        data = glb_of(
+        self._node.draw(
             [
                 Primitive(
                     points_m=mesh.points_m,
                     faces=mesh.faces,
-                    height_m=SIGNAL_HEIGHT_M - 0.002 * ((state - 1) % len(SignalState)),
+                    # Above all parts of the road; stop is on top, then caution, go and
+                    # unknown.
+                    height_m=0.06 - 0.002 * ((state - 1) % len(SignalState)),
                     color=shown_exactly(color),
                 )
                 for state, color in self._palette.signals.items()
                 if (codes == state).any()
-                for mesh in [
-                    ribbons(Lines.of([*lines[codes == state]]), STOP_LINE_WIDTH_M)
-                ]
+                for mesh in [ribbons(Lines.of([*lines[codes == state]]), 0.8)]
             ]
         )
-        if self._node is None:
-            self._node = self._client.scene.add_glb(
-                "/signals", data, cast_shadow=False, receive_shadow=False
-            )
-        else:
-            self._node.glb_data = data

@@ -17,8 +17,6 @@ from pd_editor.viewer.scene.camera import ViewScale, drawn_sizes_m
 MIN_MARK_PX: Final = 14.0
 """Marks are at least as large, however far away the camera is."""
 RING_MARGIN_M: Final = 0.5
-POINTED_MARGIN_M: Final = 1.4
-"""The ring of an agent pointed at stands outside that of the selection."""
 RING_WIDTH_PX: Final = 3.0
 RIM_WIDTH_PX: Final = 1.0
 RING_WIDTHS: Final = (0.05, 0.08, 0.13, 0.2, 0.3)
@@ -71,7 +69,13 @@ class MarksView:
         """Put all marks where their agents are drawn."""
         lit = () if pointed is None else (pointed,)
         self._place_rings(
-            self._pointed, scenario, poses, lit, RING_HEIGHT_M, POINTED_MARGIN_M
+            # The ring of an agent pointed at stands outside that of the selection.
+            self._pointed,
+            scenario,
+            poses,
+            lit,
+            RING_HEIGHT_M,
+            1.4,
         )
         chosen = [agent for agent in warned if agent not in selection]
         self._place_rings(self._selection, scenario, poses, selection, RING_HEIGHT_M)

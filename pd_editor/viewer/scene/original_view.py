@@ -1,7 +1,6 @@
 """Draws the original scenario as a ghost behind the edited one."""
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import viser
@@ -24,16 +23,14 @@ from pd_editor.viewer.meshes.colors import (
     shown_exactly,
     srgb_to_linear,
 )
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of, ribbons
+from pd_editor.viewer.meshes.flat_mesh import MeshNode, Primitive, ribbons
 from pd_editor.viewer.meshes.ribbons import dotted, path_heights, path_ribbons
-from pd_editor.viewer.overlay.messages import CompareState
+from pd_editor.viewer.overlay.messages import CompareEvent, CompareState
 from pd_editor.viewer.tab.ui_context import UiContext
 
 SAME_M: Final = 0.05
 """Tracks that stay so close to the original's are the same."""
 DASH_WIDTH_M: Final = 0.3
-CONNECTOR_WIDTH_M: Final = 0.1
-MIN_CONNECTOR_M: Final = 1.0
 DASH_HEIGHT_M: Final = 0.16
 """Above ribbons and rings: the ghost is looked at while it is shown."""
 
@@ -46,7 +43,7 @@ class OriginalView:
         self._client = client
         self._palette = palette
         self._is_shown = False
-        self._paths: viser.GlbHandle | None = None
+        self._paths = MeshNode(client, "/original/paths")
         self._boxes: viser.BatchedMeshHandle | None = None
         self._drawn: tuple[AgentTracks, AgentTracks, Palette] | None = None
         self._rows = np.zeros(0, int)
@@ -67,9 +64,9 @@ class OriginalView:
     def set_shown(self, is_shown: bool) -> None:
         """Show the original from the next frame on, or hide it now."""
         self._is_shown = is_shown
-        for node in (self._paths, self._boxes):
-            if node is not None:
-                node.visible = is_shown
+        self._paths.set_visible(is_shown)
+        if self._boxes is not None:
+            self._boxes.visible = is_shown
 
     def show(self, original: Scenario, scenario: Scenario, step: float) -> None:
         """Draw what differs from the original, at a fractional step."""
@@ -82,17 +79,8 @@ class OriginalView:
         if not is_current:
             self._drawn = wanted
             self._rows = changed_rows(original.agents, scenario.agents)
-            self._draw_paths(original, scenario)
+            self._paths.draw(_paths(original, scenario, self._rows, self._palette))
         self._place_boxes(original.agents, poses_at(original.agents, step))
-
-    def _draw_paths(self, original: Scenario, scenario: Scenario) -> None:
-        data = glb_of(_paths(original, scenario, self._rows, self._palette))
-        if self._paths is None:
-            self._paths = self._client.scene.add_glb(
-                "/original/paths", data, cast_shadow=False, receive_shadow=False
-            )
-        else:
-            self._paths.glb_data = data
 
     def _place_boxes(self, agents: AgentTracks, poses: AgentPoses) -> None:
         rows = self._rows[poses.is_present[self._rows]]
@@ -218,7 +206,7 @@ def _paths(
         height_m=path_heights(DASH_HEIGHT_M, np.arange(len(rows))),
     )
     lines = _connectors(original, scenario, rows)
-    lines = ribbons(Lines.of(lines), CONNECTOR_WIDTH_M)
+    lines = ribbons(Lines.of(lines), 0.1)
     connectors = Primitive(
         points_m=lines.points_m,
         faces=lines.faces,
@@ -242,9 +230,7 @@ def _connectors(
         for before, after in pairs
         if _there(old.is_valid, before, step) and _there(new.is_valid, after, step)
     ]
-    return [
-        line for line in lines if np.linalg.norm(line[1] - line[0]) >= MIN_CONNECTOR_M
-    ]
+    return [line for line in lines if np.linalg.norm(line[1] - line[0]) >= 1.0]
 
 
 def _there(is_valid: Bool[np.ndarray, "A T"], row: int, step: int) -> bool:
@@ -316,10 +302,10 @@ class Comparison:
             parts.append(f"{added} added")
         return "Original: " + (", ".join(parts) if parts else "nothing has changed")
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        if event.get("kind") == "hold":
+    def _heard(self, event: CompareEvent) -> None:
+        if event.kind == "hold":
             self.hold()
-        elif event.get("kind") == "release":
+        else:
             self.release()
 
     def _set(self, *, is_held: bool | None = None, is_kept: bool | None = None) -> None:

@@ -1,8 +1,8 @@
 """What is under the pointer: picked, told in a tooltip, and offered in a menu."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,14 +17,24 @@ from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
 from pd_editor.scene.road_map import Lane, RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.meshes.agent_shapes import AgentPoses
-from pd_editor.viewer.overlay.messages import MenuEntry, MenuState, TooltipState
+from pd_editor.viewer.overlay.messages import (
+    Ground,
+    MenuEntry,
+    MenuEvent,
+    MenuState,
+    Pixel,
+    Ray,
+    TooltipEvent,
+    TooltipState,
+)
 from pd_editor.viewer.overlay.overlay import Overlay
 from pd_editor.viewer.scene.camera import ground_point
 from pd_editor.viewer.tab.ui_context import UiContext
 
 REACH: Final = 0.005
 """Share of the distance by which an agent is enlarged for the pointer: some pixels."""
-MAX_COORDINATE_M: Final = 1e7
+FARTHEST_M: Final = 1e7
+"""Points beyond are no places: the pointer is at the horizon."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,25 +47,18 @@ class PointerRay:
     direction: Float[np.ndarray, "3"]
 
     @classmethod
-    def of_event(cls, event: Mapping[str, Any]) -> "PointerRay | None":
-        """Ray of a page's event; None if the event has no valid one."""
-        at, ray = event.get("at"), event.get("ray")
-        if not (isinstance(ray, list) and len(ray) == 2):
+    def of(cls, at_px: Pixel, ray: Ray | None) -> "PointerRay | None":
+        """Ray of a page's event; None if it has none, or none with a direction."""
+        if ray is None or np.abs(ray).max() > FARTHEST_M:
             return None
-        position, origin, beyond = (
-            _numbers(at, 2),
-            _numbers(ray[0], 3),
-            _numbers(ray[1], 3),
-        )
-        if position is None or origin is None or beyond is None:
-            return None
+        origin, beyond = np.array(ray)
         direction = beyond - origin
         length = float(np.linalg.norm(direction))
         if length == 0.0:
             return None
         return cls(
-            x_px=float(position[0]),
-            y_px=float(position[1]),
+            x_px=at_px[0],
+            y_px=at_px[1],
             origin_m=origin,
             direction=direction / length,
         )
@@ -66,29 +69,11 @@ class PointerRay:
         return ground_point(self.origin_m, self.direction)
 
 
-def point_of(value: Any) -> Float[np.ndarray, "2"] | None:
-    """Point of the ground that a page sent; None if it is not valid."""
-    return _numbers(value, 2)
-
-
-def number_of(value: Any) -> float | None:
-    """A finite number that a page sent; None if it is none."""
-    found = _numbers([value], 1)
-    return None if found is None else float(found[0])
-
-
-def _numbers(value: Any, count: int) -> np.ndarray | None:
-    if not isinstance(value, list) or len(value) != count:
+def point_of(point_m: Ground | None) -> Float[np.ndarray, "2"] | None:
+    """Point of the ground that a page sent; None for the sky and the horizon."""
+    if point_m is None or max(map(abs, point_m)) > FARTHEST_M:
         return None
-    # Comparing first: integers of any size, and NaN fails every comparison.
-    if not all(
-        isinstance(item, int | float)
-        and not isinstance(item, bool)
-        and abs(item) <= MAX_COORDINATE_M
-        for item in value
-    ):
-        return None
-    return np.array(value, float)
+    return np.array(point_m)
 
 
 def agent_under(agents: AgentTracks, poses: AgentPoses, ray: PointerRay) -> int | None:
@@ -150,16 +135,10 @@ class Hover:
         self._model = ui.model
         ui.overlay.on("tooltip", self._heard)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: TooltipEvent) -> None:
         """Send the tooltip; none during playback."""
-        ray, ask = PointerRay.of_event(event), number_of(event.get("ask"))
-        playback = self._ui.workspace.playback
-        if (
-            ray is None
-            or ask is None
-            or playback.is_playing
-            or self._model.mode is not None
-        ):
+        ray, playback = PointerRay.of(event.at, event.ray), self._ui.workspace.playback
+        if ray is None or playback.is_playing or self._model.mode is not None:
             return
         poses, agents = self._model.poses, self._ui.session.scenario.agents
         if poses is None:
@@ -171,7 +150,7 @@ class Hover:
                 at=(ray.x_px, ray.y_px),
                 lines=tuple(lines),
                 agent=None if row is None else agents.ids[row],
-                asked=int(ask),
+                asked=event.ask,
             )
             self._ui.overlay.show(state)
 
@@ -265,14 +244,14 @@ class ContextMenu:
         self._number = 0
         overlay.on("menu", self._heard)
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        if event.get("kind") == "open":
-            ray = PointerRay.of_event(event)
+    def _heard(self, event: MenuEvent) -> None:
+        if event.kind == "open":
+            ray = PointerRay.of(event.at, event.ray)
             if ray is not None:
                 self._open(ray)
             return
-        chosen, number = event.get("index"), event.get("menu")
-        if number != self._number or not isinstance(chosen, int):
+        chosen = event.index
+        if event.menu != self._number:
             return
         items, self._items = self._items, ()
         if 0 <= chosen < len(items) and items[chosen].is_enabled:

@@ -12,7 +12,7 @@ from pd_editor.scene.palette import Palette, Rgb, agent_color
 from pd_editor.scene.policy import plans_at
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.meshes.colors import inverse_aces, srgb_to_linear
-from pd_editor.viewer.meshes.flat_mesh import Primitive, glb_of
+from pd_editor.viewer.meshes.flat_mesh import MeshNode, Primitive
 from pd_editor.viewer.meshes.ribbons import (
     MIN_MOTION_M,
     dotted,
@@ -27,7 +27,6 @@ STRIDE: Final = 2
 """Every second step is drawn; at 10 Hz that is still under 6 m at 30 m/s."""
 HEIGHT_M: Final = 0.065
 DOT_WIDTH_M: Final = 0.22
-DOT_OPACITY: Final = 0.6
 
 
 class RibbonsView:
@@ -35,9 +34,8 @@ class RibbonsView:
 
     def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
         """Draw nothing yet."""
-        self._client = client
         self._palette = palette
-        self._handle: viser.GlbHandle | None = None
+        self._node = MeshNode(client, "/ribbons")
         self._drawn: tuple[AgentTracks, str, Palette] | None = None
         self._is_visible = True
         self._is_muted = False
@@ -53,13 +51,7 @@ class RibbonsView:
         if is_current or not self._is_visible:
             return
         self._drawn = wanted
-        data = glb_of(ribbon_primitives(scenario, self._palette))
-        if self._handle is None:
-            self._handle = self._client.scene.add_glb(
-                "/ribbons", data, cast_shadow=False, receive_shadow=False
-            )
-        else:
-            self._handle.glb_data = data
+        self._node.draw(ribbon_primitives(scenario, self._palette))
 
     def set_palette(self, palette: Palette) -> None:
         """Redraw in another theme."""
@@ -73,8 +65,7 @@ class RibbonsView:
         self._apply_visibility()
 
     def _apply_visibility(self) -> None:
-        if self._handle is not None:
-            self._handle.visible = self._is_visible and not self._is_muted
+        self._node.set_visible(self._is_visible and not self._is_muted)
 
     def set_visible(self, is_visible: bool) -> None:
         """Show or hide all ribbons."""
@@ -123,7 +114,7 @@ def ribbon_primitives(scenario: Scenario, palette: Palette) -> list[Primitive]:
                 dots,
                 is_dot,
                 color=color[thin],
-                opacity=np.full(is_dot.shape, DOT_OPACITY),
+                opacity=np.full(is_dot.shape, 0.6),
                 width_m=np.full(is_dot.shape, DOT_WIDTH_M),
                 height_m=height[thin],
             ),
@@ -168,7 +159,7 @@ class PlansView:
     def __init__(self, ui: UiContext) -> None:
         """Draw nothing yet."""
         self._ui = ui
-        self._handle: viser.GlbHandle | None = None
+        self._node = MeshNode(ui.client, "/plans")
         self._palette: Palette | None = None
         self.shown: list[Float[np.ndarray, "F 2"]] = []
         """The plans that are drawn."""
@@ -182,17 +173,9 @@ class PlansView:
         if is_drawn and palette is self._palette:
             return
         self.shown, self._palette = plans, palette
-        if self._handle is not None:
-            self._handle.visible = bool(plans)
-        if not plans:
-            return
-        data = glb_of([_lines(plans, palette)])
-        if self._handle is None:
-            self._handle = self._ui.client.scene.add_glb(
-                "/plans", data, cast_shadow=False, receive_shadow=False
-            )
-        else:
-            self._handle.glb_data = data
+        self._node.set_visible(bool(plans))
+        if plans:
+            self._node.draw([_lines(plans, palette)])
 
     def _plans(self) -> list[Float[np.ndarray, "F 2"]]:
         """The latest plans of the agents that are there."""

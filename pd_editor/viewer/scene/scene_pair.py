@@ -1,7 +1,6 @@
 """Two scenarios side by side in top view, on one clock."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final
 
 import numpy as np
 
@@ -12,12 +11,11 @@ from pd_editor.viewer.overlay.messages import (
     Choice,
     PairAgent,
     PairSide,
+    ScenePairEvent,
     ScenePairState,
 )
 from pd_editor.viewer.tab.ui_context import UiContext
 
-GROUND_SCALE: Final = 4.0
-"""Width of the ground that is sent, relative to the frame: the page can be panned."""
 _OTHER, _FOCAL, _EGO, _PEDESTRIAN = range(4)
 
 
@@ -70,7 +68,9 @@ class ScenePair:
         frame, adopted = self._frame, self._adopted
         assert frame is not None
         self.is_open = True
-        wide = PictureFrame(middle_m=frame.middle_m, scale=frame.scale * GROUND_SCALE)
+        # Width of the ground that is sent, relative to the frame: the page can be
+        # panned.
+        wide = PictureFrame(middle_m=frame.middle_m, scale=frame.scale * 4.0)
         state = ScenePairState(
             is_open=True,
             noun=self._noun,
@@ -100,16 +100,15 @@ class ScenePair:
             self._overlay.show(ScenePairState())
         return was_open
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
-        kind, value, side = (event.get(name) for name in ("kind", "value", "side"))
-        if kind == "close":
+    def _heard(self, event: ScenePairEvent) -> None:
+        if event.kind == "close":
             self.close()
-        elif not isinstance(value, int) or not self.is_open:
+        elif not self.is_open:
             return
-        elif kind == "use":
-            self._use(value)
-        elif kind == "choose" and isinstance(side, int) and side in (0, 1):
-            self._choose(side, value)
+        elif event.kind == "use":
+            self._use(event.value)
+        elif event.side in (0, 1):
+            self._choose(event.side, event.value)
 
 
 def _paths(scenario: Scenario, frame: PictureFrame) -> Iterator[PairAgent]:

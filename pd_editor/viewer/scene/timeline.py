@@ -1,19 +1,22 @@
 """The timeline under the picture: play, scrub, step, speed, loop."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from pd_editor.editor.commands import BeginAt
-from pd_editor.viewer.overlay.messages import PlayheadState, TimelineMark, TimelineState
+from pd_editor.viewer.overlay.messages import (
+    PlayheadState,
+    TimelineEvent,
+    TimelineMark,
+    TimelineState,
+)
 from pd_editor.viewer.overlay.overlay import STATE
 from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.state.playback import Playback
 from pd_editor.viewer.tab.ui_context import UiContext
 
 MAX_MARK_LINES: Final = 4
-MIN_TOLD_S: Final = 0.005
-"""Nearer to t = 0 the picture shows the state that edits act on."""
 
 
 MarkKind = Literal["problem", "notice", "finding"]
@@ -146,7 +149,8 @@ class Timeline:
         """Show in the banner that edits act at another time than the picture's."""
         playback = self._playback
         time_s = (playback.step - playback.axis.current_step) * playback.axis.step_s
-        if playback.is_playing or abs(time_s) < MIN_TOLD_S:
+        # Nearer to t = 0 the picture shows the state that edits act on.
+        if playback.is_playing or abs(time_s) < 0.005:
             self._banner.hide("time")
             return
         self._banner.show(
@@ -159,28 +163,27 @@ class Timeline:
             priority=STATE,
         )
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: TimelineEvent) -> None:
         """Do what the user asked for; numbers of any size are clamped."""
         playback = self._playback
-        kind, value = event.get("kind"), event.get("value")
+        kind, value = event.kind, event.value
         if kind == "play":
             self.toggle_play()
         elif kind == "current":
             self.go_to_current()
-        elif kind == "seek" and isinstance(value, int):
+        elif kind == "seek":
             self.seek(float(_within(playback.axis.current_step + value, playback)))
-        elif kind == "step" and isinstance(value, int):
+        elif kind == "step":
             self.step_by(_within(value, playback))
-        elif kind in ("problem", "notice", "finding") and isinstance(value, int):
-            self.mark_chosen[kind].emit(
-                _within(playback.axis.current_step + value, playback)
-            )
         elif kind == "speed":
             playback.next_speed()
             self.show()
         elif kind == "loop":
             playback.loops = not playback.loops
             self.show()
+        else:
+            step = _within(playback.axis.current_step + value, playback)
+            self.mark_chosen[kind].emit(step)
 
 
 def in_seconds(time_s: float) -> str:

@@ -1,14 +1,18 @@
 """Camera views of a browser tab."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.overlay.messages import CompassState, CurtainState, ViewState
+from pd_editor.viewer.overlay.messages import (
+    CompassState,
+    CurtainState,
+    ViewState,
+)
 from pd_editor.viewer.scene.camera import ground_point, projected, ray_through
 from pd_editor.viewer.scene.framing import (
     LOOK_AHEAD_M,
@@ -32,10 +36,6 @@ from pd_editor.viewer.tab.ui_context import UiContext
 NORTH_RAD: Final = float(np.pi / 2)
 AHEAD_M: Final = 70.0
 """Length of road ahead of a pose that is framed with it."""
-PLACE_HALF_SIDE_M: Final = 24.0
-"""Half side of the area that is shown around a position."""
-UNCOVERED_AT: Final = 0.75
-"""Where an agent is brought that an element covered: a share of the uncovered height."""
 UP: Final = (0.0, 0.0, 1.0)
 TOP_TO_3D: Final = TOP_VIEW_HALF_HEIGHT_M / from_behind(np.zeros(2), 0.0).half_height_m
 """Ratio of the heights that the top view and a 3-D view of the same position show."""
@@ -55,7 +55,7 @@ class Viewpoint:
         self._overlay = ui.overlay
         self._camera = ui.client.camera
         self._num_looks = 0
-        self._overlay.on("compass", self._compass_clicked)
+        self._overlay.on("compass", lambda _click: self.turn())
 
     @property
     def is_top(self) -> bool:
@@ -132,7 +132,9 @@ class Viewpoint:
         lowest = 1.0 - self._model.covered_px / max(self._camera.image_height, 1)
         if not (is_ahead[0] and 0.0 <= x <= 1.0 and lowest < y <= 1.0):
             return
-        ray = ray_through(self._camera, (x, UNCOVERED_AT * lowest))
+        # Where an agent is brought that an element covered: a share of the uncovered
+        # height.
+        ray = ray_through(self._camera, (x, 0.75 * lowest))
         there_m = ground_point(self._camera.position, ray)
         if there_m is None:
             self.frame_agents(ids)
@@ -156,7 +158,8 @@ class Viewpoint:
         self, place_m: tuple[float, float], free: FreePart | None = None
     ) -> None:
         """Show a place and its surroundings, the place in the middle of the free part."""
-        self._fit_square(np.array([*place_m, 0.0]), PLACE_HALF_SIDE_M, free)
+        # Half side of the area that is shown around a position.
+        self._fit_square(np.array([*place_m, 0.0]), 24.0, free)
 
     def _fit_square(
         self, center_m: np.ndarray, half_side_m: float, free: FreePart | None = None
@@ -276,7 +279,3 @@ class Viewpoint:
             points = np.concatenate(self._scenario.road_map.polylines)[:, :2]
             return points.mean(axis=0), NORTH_RAD
         return agents.position_m[row, step], float(agents.heading_rad[row, step])
-
-    def _compass_clicked(self, event: Mapping[str, Any]) -> None:
-        if event.get("kind") == "turn":
-            self.turn()

@@ -33,7 +33,6 @@ MAX_FRAME_BYTES: Final = 8 * 2**20
 """Largest message of a browser; parts of uploads have 1 MiB."""
 SILENCE_S: Final = 60.0
 """Time after which a connection that has never said anything is closed."""
-READY_POLL_S: Final = 0.05
 SECURITY_HEADERS: Final = {
     "Content-Security-Policy": "frame-ancestors 'none'",
     "X-Frame-Options": "DENY",
@@ -141,7 +140,7 @@ class _GuardedWebsockServer(WebsockServer):
             connection: ServerConnection, request: Request
         ) -> Response | None:
             while not self.is_ready:
-                await asyncio.sleep(READY_POLL_S)
+                await asyncio.sleep(0.05)
             refusal = self._admission(request)
             if refusal is not None:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"{refusal}\n")

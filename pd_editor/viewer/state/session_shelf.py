@@ -24,7 +24,6 @@ from pd_editor.viewer.state.index_run import IndexRun
 MAX_LIVE: Final = 4
 """Number of sessions in memory; older ones are restored from their journals."""
 REJECTED_NAME: Final = "rejected.json"
-_MAX_BYTES: Final = 16 << 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -241,7 +240,7 @@ class Rejected:
         if stamp != self._known[0]:
             found: object = None
             with contextlib.suppress(InputError, ValueError):
-                found = json_value(read_regular(self._path, max_bytes=_MAX_BYTES))
+                found = json_value(read_regular(self._path, max_bytes=16 << 20))
             listed = found if isinstance(found, list) else []
             places = frozenset(one for one in listed if isinstance(one, str))
             self._known = stamp, places

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Any
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
@@ -17,8 +17,6 @@ from pd_editor.experiments.studies.whole_study import (
 )
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
-
-CURVE_REFRESH_S: Final = 1.0
 
 
 class StudyRun:
@@ -106,7 +104,7 @@ class StudyRun:
         text = progress_line(progress, elapsed_s, noun, per_item)
         self.words = (f"{text}.",)
         now = time.monotonic()
-        if now - self._curves_at > CURVE_REFRESH_S:
+        if now - self._curves_at > 1.0:
             self._curves_at = now
             self.curves = severity_curves(job.rows())
         self._changed()

@@ -55,10 +55,6 @@ from pd_editor.viewer.state.session_shelf import KeptWork, SessionShelf, is_same
 from pd_editor.viewer.state.study_run import StudyRun
 from pd_editor.viewer.state.view_memory import StartView, ViewMemory
 
-SEARCH_STEP: Final = 1
-"""Number of scenes read between two looks at the clock; files may take a second."""
-SEARCH_TURN_S: Final = 0.008
-"""Duration of a search between two messages or frames."""
 STUDIES_NAME: Final = "studies"
 
 
@@ -81,9 +77,12 @@ class DatasetSearch:
 
     def go_on(self) -> None:
         """Search some more folders."""
-        end = time.monotonic() + SEARCH_TURN_S
+        # Duration of a search between two messages or frames.
+        end = time.monotonic() + 0.008
         while not self.is_complete and time.monotonic() < end:
-            step = self._dataset.search(self.wanted, self.num_seen, SEARCH_STEP)
+            # Number of scenes read between two looks at the clock; files may take a
+            # second.
+            step = self._dataset.search(self.wanted, self.num_seen, 1)
             self.cards += step.cards
             self.num_seen = step.next_start
             self.is_complete = step.is_complete

@@ -1,6 +1,5 @@
 """Modes in which presses on the picture mean something else; at most one is active."""
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from pd_editor.viewer.overlay.overlay import MODE
@@ -42,7 +41,7 @@ class Mode:
         """Show the mode in the page."""
         raise NotImplementedError
 
-    def _heard(self, event: Mapping[str, Any]) -> None:
+    def _heard(self, event: Any) -> None:
         """Handle an event of the page."""
 
     def _changed(self) -> None:

@@ -21,15 +21,8 @@ from pd_editor.viewer.tab.tab_model import TabModel
 _LOG = logging.getLogger(__name__)
 GESTURE_PAUSE_S: Final = 1.0
 """Pause after which an input's gesture is finished (viser reports no end)."""
-LONGEST_REST_S: Final = 60.0
-"""Longest pause of a slider that the pointer holds, if its end is never reported."""
 LAST_VALUE_S: Final = 0.3
 """Time in which the last value of a slider may arrive after the pointer is released."""
-LONGEST_REFINING_S: Final = 8.0
-"""Time after which an edit is committed without its final trajectories."""
-SEND_PAUSE_S: Final = 1e-3
-NOTICE_S: Final = 5.0
-"""Duration of a notice that closes by itself."""
 _NOT_DONE: Final = "Not possible"
 _REFINING: Final = "refining"
 """Owner of a gesture that has ended, and whose final trajectories are awaited."""
@@ -225,7 +218,9 @@ class UiContext:
         Raises:
             EditError: the command is not valid; the state is that at the gesture's start.
         """
-        pause_s = LONGEST_REST_S if self._is_slider_held else GESTURE_PAUSE_S
+        # Longest pause of a slider that the pointer holds, if its end is never
+        # reported.
+        pause_s = 60.0 if self._is_slider_held else GESTURE_PAUSE_S
         self._hold(owner, time.monotonic() + pause_s)
         try:
             self._show_preview(make())
@@ -283,7 +278,8 @@ class UiContext:
         """
         if self.live is not None and self.live.finish():
             self._gesture = _REFINING
-            self._gesture_deadline = time.monotonic() + LONGEST_REFINING_S
+            # Time after which an edit is committed without its final trajectories.
+            self._gesture_deadline = time.monotonic() + 8.0
         else:
             self.commit_gesture()
 
@@ -325,7 +321,7 @@ class UiContext:
     def send_now(self) -> None:
         """Let viser's thread send queued messages; it needs the interpreter lock."""
         self.client.flush()
-        time.sleep(SEND_PAUSE_S)
+        time.sleep(1e-3)
 
     def notify(
         self, title: str, body: str = "", tone: Tone = "info", *, stays: bool = False
@@ -338,7 +334,8 @@ class UiContext:
             title,
             body,
             color=_TONE_COLOR[tone],
-            auto_close_seconds=None if stays else NOTICE_S,
+            # Duration of a notice that closes by itself.
+            auto_close_seconds=None if stays else 5.0,
         )
 
     def report(self, error: Exception) -> None:

@@ -15,9 +15,9 @@ from pd_editor.analysis.findings.scorecard import (
     scorecard,
     usual_ranges,
 )
-from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.analysis.metrics.scene_metrics import agent_values
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
+from pd_editor.analysis.metrics.values import METRICS
 from pd_editor.scene.av2_io.read import read_scenario
 from tests.builders import empty_tracks, scenario_with, straight_drivers
 

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.guidance_kind import Driven
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
 from pd_editor.analysis.guidance.kinds.path import FollowLane
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
 from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine
-from pd_editor.analysis.guidance.report import term_outcomes
+from pd_editor.analysis.guidance.report import guidance_problems, term_outcomes
 from pd_editor.analysis.threats.encounter import Approach, Track
 from pd_editor.analysis.threats.threat_feasibility import expected_tracks
 from pd_editor.scene.agent_kind import AgentKind

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasible_terms
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.kinds.space import KeepGap
 from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine, TargetSpeed
+from pd_editor.analysis.guidance.report import guidance_problems, infeasible_terms
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from tests.builders import scenario_with, straight_drivers

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import torch
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems, infeasible_terms
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap, gaps_ahead
 from pd_editor.analysis.guidance.kinds.speed import StopAtLine
 from pd_editor.analysis.guidance.report import (
     AgentRealism,
+    guidance_problems,
     guidance_reports,
+    infeasible_terms,
     term_outcomes,
 )
 from pd_editor.analysis.metrics.traffic_view import generated_traffic

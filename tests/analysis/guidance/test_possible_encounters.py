@@ -7,13 +7,13 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
 from pd_editor.analysis.guidance.possible_encounters import (
     SEVERITIES,
     endangered_id,
     possible_encounters,
 )
+from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.analysis.threats.encounter import Approach
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.road_map import DrivableArea

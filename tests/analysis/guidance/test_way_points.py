@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowPath
+from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.json_values import from_json, to_json
 from pd_editor.scene.guidance_terms import GuidanceTerm, terms_without

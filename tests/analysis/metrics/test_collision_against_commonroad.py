@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.analysis.metrics.collisions.box_tests import (
+from pd_editor.analysis.metrics.box_overlaps import (
     MIN_OVERLAP_M2,
     boxes_touch,
     overlapping_pairs,

@@ -12,8 +12,7 @@ from pd_editor.analysis.metrics.distribution_distance import (
     jensen_shannon_divergence,
     noise_floor,
 )
-from pd_editor.analysis.metrics.metric_table import METRICS
-from pd_editor.analysis.metrics.values import measured
+from pd_editor.analysis.metrics.values import METRICS, measured
 
 COUNTS = st.lists(st.integers(0, 30), min_size=6, max_size=6).filter(any)
 

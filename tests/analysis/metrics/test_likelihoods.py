@@ -8,12 +8,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.analysis.metrics.collisions.safety import nearest_box_m, signed_gap_m
 from pd_editor.analysis.metrics.likelihoods import (
     LIKELIHOODS,
     likelihood_values,
     meta_metric,
 )
+from pd_editor.analysis.metrics.safety import nearest_box_m, signed_gap_m
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.scene.geometry.oriented_box import Boxes
 from tests.analysis.metrics.traffic_builders import generated, recorded

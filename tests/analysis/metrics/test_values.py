@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.metric_table import METRICS
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.values import (
+    METRICS,
     MetricValues,
     any_step,
     mean_over_steps,

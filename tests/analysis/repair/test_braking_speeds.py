@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 
 from pd_editor.analysis.repair import slow_for_gaps
-from pd_editor.analysis.repair.braking_speeds import _TOUCH_M, STANDING_GAP_M
+from pd_editor.analysis.repair.state_repairs import _TOUCH_M, STANDING_GAP_M
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners

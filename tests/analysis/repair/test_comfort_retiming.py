@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.findings.scorecard import scorecard
-from pd_editor.analysis.metrics.collisions.box_tests import first_overlap
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
 from pd_editor.analysis.repair import retime_for_comfort
 from pd_editor.analysis.repair.retimed_trajectories import harsh_rows
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from benchmarks.repair import shaken
-from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.av2_io.read import read_scenario

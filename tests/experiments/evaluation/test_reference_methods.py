@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.motion.displacement import ade
+from pd_editor.analysis.metrics.motion import ade
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.experiments.evaluation.reference_methods import REFERENCE_METHODS
 from pd_editor.scene.generation import GenerationRequest

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.analysis.metrics.collisions.box_tests import MIN_OVERLAP_M2
+from pd_editor.analysis.metrics.box_overlaps import MIN_OVERLAP_M2
 from pd_editor.base.errors import EditError
 from pd_editor.experiments.studies.avoidable_danger import avoidable_dangers, ego_of
 from pd_editor.scene.av2_io.read import read_scenario

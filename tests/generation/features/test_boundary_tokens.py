@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.analysis.metrics.road.off_road import drivable_ground
+from pd_editor.analysis.metrics.road import drivable_ground
 from pd_editor.generation.features.boundary_tokens import (
     BOUNDARY_LENGTH_M,
     BOUNDARY_SHAPE,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
+from pd_editor.analysis.repair.current_states import counted
 from pd_editor.editor.commands import traffic_command
 from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.fitting import (

@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pd_editor.analysis.metrics.road.off_road import is_off_road
+from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.analysis.repair import slow_for_gaps
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.generation import path_diffuser

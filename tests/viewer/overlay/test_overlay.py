@@ -8,6 +8,7 @@ from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.viewer.overlay.messages import (
     CompareState,
     MapWindowState,
+    PanelEvent,
     PlayheadState,
 )
 from tests.builders import two_agents_that_pass
@@ -28,11 +29,10 @@ def tab(tmp_path):
 
 def test_events_reach_their_element_alone(tab):
     overlay, heard = tab.ui.overlay, []
-    events = [{"kind": "tab", "title": "Road"}, {"kind": "hold"}]
     overlay.on("panel", heard.append)
-    for event in events:
-        tab.hear("panel", **event)
-    assert heard == events
+    tab.hear("panel", kind="tab", title="Road")
+    tab.hear("panel", kind="hold")
+    assert heard == [PanelEvent(kind="tab", title="Road"), PanelEvent(kind="hold")]
 
 
 @pytest.mark.parametrize(

@@ -10,15 +10,14 @@ from pd_editor.viewer.scene.picking import (
     PointerRay,
     agent_under,
     lane_under,
-    number_of,
     point_of,
 )
 from tests.builders import LANE_WIDTH_M, two_agents_that_pass
+from tests.viewer.fake_page import FakePage
 
 
 def ray_to(x, y, z=0.0, origin=(0.0, -30.0, 30.0)):
-    event = {"at": [1, 2], "ray": [list(origin), [x, y, z]]}
-    ray = PointerRay.of_event(event)
+    ray = PointerRay.of((1.0, 2.0), (origin, (x, y, z)))
     assert ray is not None
     return ray
 
@@ -60,21 +59,30 @@ def test_the_lane_under_a_point():
         {"at": [1, 2]},
         {"at": [1, 2], "ray": None},
         {"at": [1, 2], "ray": [[0, 0, 1], [0, 0]]},
-        {"at": [1, 2], "ray": [[0, 0, 1], [0, 0, 1]]},
         {"at": [1, 2], "ray": [[0, 0, 1], [0, 0, math.nan]]},
+        {"at": [1, 2], "ray": [[0, 0, 1], [0, 0, math.inf]]},
         {"at": [1, 2], "ray": [[0, 0, 1], [0, 0, 10**400]]},
         {"at": ["1", 2], "ray": [[0, 0, 1], [0, 0, 0]]},
         {"at": [True, 2], "ray": [[0, 0, 1], [0, 0, 0]]},
         {"at": "12", "ray": "12"},
     ],
 )
-def test_garbage_is_no_ray(event):
-    assert PointerRay.of_event(event) is None
+def test_no_element_hears_of_a_garbage_ray(event):
+    page, heard = FakePage(), []
+    page.on("tooltip", heard.append)
+    page.send("tooltip", {"ask": 1} | event)
+    assert heard == []
+    page.send("tooltip", {"ask": 1, "at": [1, 2], "ray": [[0, 0, 1], [0, 0, 0.5]]})
+    (one,) = heard
+    assert one.ray == ((0.0, 0.0, 1.0), (0.0, 0.0, 0.5))
 
 
-def test_numbers_and_points_of_a_page():
-    assert number_of(1.5) == 1.5
-    assert number_of(None) is None
-    assert number_of(math.inf) is None
-    assert point_of([1, 2.5]).tolist() == [1, 2.5]
-    assert point_of({"x": 1}) is None
+def test_what_the_horizon_has_is_no_place():
+    assert PointerRay.of((1.0, 2.0), ((0.0, 0.0, 1.0), (0.0, 1e8, 0.0))) is None
+    assert point_of((1e8, 0.0)) is point_of(None) is None
+    assert point_of((1.0, 2.5)).tolist() == [1.0, 2.5]
+
+
+def test_a_ray_without_a_direction_is_none():
+    assert PointerRay.of((1.0, 2.0), None) is None
+    assert PointerRay.of((1.0, 2.0), ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))) is None

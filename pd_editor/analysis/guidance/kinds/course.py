@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.guidance_kind import (
+    OBEYED,
     AgentNow,
     Driven,
     Found,
@@ -18,9 +19,8 @@ from pd_editor.analysis.guidance.guidance_kind import (
     Plan,
     Tool,
 )
-from pd_editor.analysis.guidance.limits import OBEYED
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
-from pd_editor.analysis.metrics.road.off_road import is_off_road, outside_m
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
+from pd_editor.analysis.metrics.road import is_off_road, outside_m
 from pd_editor.base.errors import EditError
 from pd_editor.base.plain_text import listed
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
@@ -46,17 +46,6 @@ from pd_editor.scene.thresholds import STANDING_MPS
 
 LANE_REACH_M: Final = 6.0
 """Largest distance of a click to the centre line of the lane it means."""
-_ON_MAP_M: Final = 4.0
-"""Distance to the drivable area up to which a point counts as on the map."""
-_ON_FOOT_M: Final = 20.0
-"""The same for agents that walk: pavements are no part of the drivable area."""
-_BESIDE_PATH_M: Final = 4.0
-"""Distance of a goal from all planned paths at which it counts as unreachable."""
-_SAME_PATH_M: Final = 1.0
-"""Paths that come as near to a goal as the nearest one, up to this, lead there."""
-_SWERVE_M: Final = 1.0
-"""Agents can swerve by so much around one that stands at the side of their way."""
-_LEAST_WIDTH_M: Final = 0.2
 
 
 def check_points(term: GuidanceTerm, points_m: tuple[Point, ...]) -> None:
@@ -154,7 +143,8 @@ def map_reach_m(scenario: Scenario, agent_id: str) -> float:
     """Distance to the drivable area up to which points of an agent count as on the map."""
     (row,) = scenario.agents.rows([agent_id])
     walks = scenario.agents.kinds[row] is AgentKind.PEDESTRIAN
-    return _ON_FOOT_M if walks else _ON_MAP_M
+    # Points so near to the drivable area are on the map; pavements are no part of it.
+    return 20.0 if walks else 4.0
 
 
 def _goal_problems(term: GoalPoint, plan: Plan) -> Found:
@@ -178,7 +168,8 @@ def _reach_problems(term: GoalPoint, plan: Plan) -> Found:
         yield f"{whose} off the road; move it onto the road."
     along, beside = nearest_on(agent.paths_m, goal)
     best = int(beside.argmin())
-    if beside[best] > _BESIDE_PATH_M:
+    # Distance of a goal from all planned paths at which it counts as unreachable.
+    if beside[best] > 4.0:
         yield (
             f"{whose} {beside[best]:.0f} m beside all paths that it could take; move it "
             "onto one of them, or draw a path to it."
@@ -203,7 +194,8 @@ def _blocked_goal_problems(term: GoalPoint, plan: Plan) -> Found:
     (agent,) = plan.agents((term.agent_id,))
     goal = np.array(term.point_m)
     along, beside = nearest_on(agent.paths_m, goal)
-    leads = beside <= beside.min() + _SAME_PATH_M
+    # Paths that come as near to a goal as the nearest one, up to this, lead there.
+    leads = beside <= beside.min() + 1.0
     leaving = {name for one in plan.terms for name in one.guided_ids}
     rows = _blocking_rows(agent, agent.paths_m[leads], goal, along[leads], leaving)
     if not rows:
@@ -244,7 +236,8 @@ def _blocking_rows(
         size_m=agents.size_m[others],
     )
     length, width = agents.size_m[agent.row]
-    size = np.array([length, max(width - 2 * _SWERVE_M, _LEAST_WIDTH_M)])
+    # Agents can swerve by 1 m around one that stands at the side of their way.
+    size = np.array([length, max(width - 2.0, 0.2)])
     found: list[int] = []
     for path, along in zip(paths_m, along_m, strict=True):
         count = max(min(int(along / SPACING_M) + 1, len(path)), 2)

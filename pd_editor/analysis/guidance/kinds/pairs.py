@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from pd_editor.analysis.findings.collisions import later_collisions
 from pd_editor.analysis.guidance.guidance_kind import (
+    MAX_BRAKING_MPS2,
     AgentNow,
     Driven,
     Found,
@@ -19,8 +20,7 @@ from pd_editor.analysis.guidance.guidance_kind import (
     Refusal,
     Tool,
 )
-from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.analysis.metrics.traffic_view import whole_traffic
 from pd_editor.analysis.threats.encounter import (
     APPROACH_WORDS,
@@ -46,8 +46,6 @@ from pd_editor.scene.guidance_terms import (
 from pd_editor.scene.paths.driving_paths import SPACING_M
 from pd_editor.scene.scenario import Scenario
 
-_SAME_PLACE_M: Final = 2.5
-"""Paths that come this close meet."""
 _STRIDE: Final = 2
 
 
@@ -114,7 +112,8 @@ def _meeting_places_m(
     places: list[float] = []
     for path in mine_m:
         gap = path[:, None, None] - theirs_m
-        meets = ((gap**2).sum(-1) < _SAME_PLACE_M**2).any(axis=2)
+        # Paths that come this close meet.
+        meets = ((gap**2).sum(-1) < 2.5**2).any(axis=2)
         first = meets.argmax(axis=0)[meets.any(axis=0)]
         places += (first * _STRIDE * SPACING_M).tolist()
     return np.array(places)

@@ -12,6 +12,7 @@ import shapely.ops
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.guidance_kind import (
+    OBEYED,
     AgentNow,
     Driven,
     Found,
@@ -31,14 +32,13 @@ from pd_editor.analysis.guidance.kinds.course import (
     moved_points,
     rounded,
 )
-from pd_editor.analysis.guidance.limits import OBEYED
 from pd_editor.analysis.guidance.way_points import (
     WayPlan,
     WayPoint,
     way_point_problems,
     way_points_measured,
 )
-from pd_editor.analysis.metrics.road.off_road import outside_m
+from pd_editor.analysis.metrics.road import outside_m
 from pd_editor.analysis.threats.encounter import Track
 from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.base.errors import EditError
@@ -66,27 +66,10 @@ from pd_editor.scene.thresholds import FASTEST_MPS
 MAX_PATH_POINTS: Final = 1_000
 MAX_DRAWN_POINTS: Final = 60
 """A line that is drawn by hand is simplified to so many points."""
-_PATH_TOLERANCE_M: Final = 0.25
-"""Largest distance between a drawn line and its simplified path."""
 _LEAST_PATH_M: Final = 3.0
 _LANE_TOLERANCE_M: Final = 0.2
-_SNAP_M: Final = 1.5
-"""A point that is clicked this near to a lane's centre line is meant to be on it."""
 _ON_LANE_M: Final = 0.05
-_DETOUR: Final = 1.6
-"""Lanes that are longer than the way between two points, by this, do not join them."""
-_FAR_START_M: Final = 15.0
-_GRIP_MPS2: Final = 6.0
-"""Lateral acceleration above which a path cannot be followed at the current speed."""
-_MERGED_S: Final = 2.0
-_STRIDE: Final = 5
 _GRID_M: Final = 0.5
-_LOOKED_AHEAD_M: Final = 2.0
-"""How much further than it drove an agent may have come along its path."""
-_BEHIND_M: Final = 5.0
-"""So much of a path behind the agent is kept: it is joined in its direction."""
-_DONE_M: Final = 1.0
-"""Time after which an agent should be on the path that it follows."""
 
 POINT_FORMS: Final[Mapping[str, Form]] = {
     "speeds_mps": Form("Speed", "speed", unit="m/s", most=FASTEST_MPS, empty="any"),
@@ -216,7 +199,7 @@ class FollowPath(AgentGuidance):
 
         It goes from shortly behind its agent on; None if that has come to the end.
         """
-        points = self._way_points_left(track_m[::-_STRIDE][::-1])
+        points = self._way_points_left(track_m[::-5][::-1])
         if not points:
             return None
         left = (replace(one, at_s=time_left_s(one.at_s, seconds)) for one in points)
@@ -236,12 +219,14 @@ class FollowPath(AgentGuidance):
         curve = point_at(line, grid)
         at = int(np.linalg.norm(curve - track_m[0], axis=-1).argmin())
         for before, place in itertools.pairwise(track_m):
-            reach_m = float(np.linalg.norm(place - before)) + _LOOKED_AHEAD_M
+            # How much further than it drove an agent may have come along its path.
+            reach_m = float(np.linalg.norm(place - before)) + 2.0
             ahead = curve[at : at + int(reach_m / _GRID_M) + 1]
             at += int(np.linalg.norm(ahead - place, axis=-1).argmin())
-        if arc[-1] - grid[at] < _DONE_M:
+        if arc[-1] - grid[at] < 1.0:
             return []
-        begin = float(grid[at]) - _BEHIND_M
+        # So much of a path behind the agent is kept: it is joined in its direction.
+        begin = float(grid[at]) - 5.0
         if begin <= 0:
             return points
         x_m, y_m = point_at(line, np.array([begin]))[0].tolist()
@@ -277,7 +262,8 @@ class FollowPath(AgentGuidance):
             raise EditError(
                 f"The path is too short; it takes at least {_LEAST_PATH_M:g} m of road."
             )
-        tolerance = _PATH_TOLERANCE_M
+        # Largest distance between a drawn line and its simplified path.
+        tolerance = 0.25
         simple = shapely.get_coordinates(line.simplify(tolerance))
         while len(simple) > MAX_DRAWN_POINTS:
             tolerance *= 2
@@ -328,7 +314,8 @@ def snapped(
     found = nearest_lanes(
         scenario.road_map, point_m[None], kinds=lane_kinds(scenario, agent_id)
     )
-    if not found.is_valid[0] or found.distance_m[0] > _SNAP_M:
+    # A point that is clicked this near to a lane's centre line is meant to be on it.
+    if not found.is_valid[0] or found.distance_m[0] > 1.5:
         return point_m
     lane = scenario.road_map.lane_of[int(found.lane_id[0])]
     return point_at(lane.centerline_m, found.along_m)[0]
@@ -353,7 +340,8 @@ def _along_lanes(
         return []
     whole = shapely.LineString(line)
     begin, end = (whole.project(shapely.Point(one)) for one in ends)
-    if not 0 < end - begin < _DETOUR * np.linalg.norm(after_m - before_m):
+    # Lanes that are longer than the way between two points, by this, do not join them.
+    if not 0 < end - begin < 1.6 * np.linalg.norm(after_m - before_m):
         return []
     part = shapely.ops.substring(whole, begin, end).simplify(_LANE_TOLERANCE_M)
     return list(shapely.get_coordinates(part)[1:-1])
@@ -364,7 +352,7 @@ def _line_problems(
 ) -> Found:
     whose = f"The {what} of {agent.name}"
     gap = float(np.linalg.norm(line_m - agent.position_m, axis=-1).min())
-    if gap > _FAR_START_M:
+    if gap > 15.0:
         yield f"{whose} begins {gap:.0f} m away; begin it at the agent."
     followed = path_to_follow(
         line_m, agent.position_m, agent.heading_rad, agent.speed_mps
@@ -385,7 +373,8 @@ def _line_problems(
     braked = np.maximum(
         agent.speed_mps**2 - 2 * 3.0 * SPACING_M * np.arange(len(turn)), 1.0
     )
-    if (braked * turn)[within].max(initial=0.0) > _GRIP_MPS2:
+    # Lateral acceleration above which a path cannot be followed at the current speed.
+    if (braked * turn)[within].max(initial=0.0) > 6.0:
         yield (
             f"{whose} bends too sharply for {agent.speed_mps:.1f} m/s; draw a wider "
             "curve or lower the speed."
@@ -456,7 +445,8 @@ def _line_outcome(
         sample.position_m[row, None]
     )
     counted = along[0] <= length
-    counted[: round(_MERGED_S / driven.step_s)] = False
+    # Time after which an agent should be on the path that it follows.
+    counted[: round(2.0 / driven.step_s)] = False
     error = float(np.abs(beside[0][counted]).mean()) if counted.any() else 0.0
     return Measured(
         asked=f"along {words}",

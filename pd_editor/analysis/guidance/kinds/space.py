@@ -7,6 +7,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.analysis.guidance.guidance_kind import (
+    MAX_BRAKING_MPS2,
+    OBEYED,
+    OPENING_MPS,
     Driven,
     Found,
     GuidanceKind,
@@ -14,9 +17,8 @@ from pd_editor.analysis.guidance.guidance_kind import (
     Plan,
     of_several,
 )
-from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OBEYED, OPENING_MPS
-from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
-from pd_editor.analysis.metrics.road.off_road import way_back_m
+from pd_editor.analysis.metrics.box_overlaps import box_overlap
+from pd_editor.analysis.metrics.road import way_back_m
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_states import AgentStates
@@ -25,7 +27,6 @@ from pd_editor.scene.geometry.oriented_box import BoxStates, box_corners
 from pd_editor.scene.guidance_terms import AgentsGuidance, Form
 from pd_editor.scene.thresholds import STANDING_MPS
 
-_USUAL_GAP_M: Final = 10.0
 FOLLOWS_COS: Final = 0.5
 """A leader's heading differs by less than 60 degrees."""
 ROAD_STRIDE: Final = 3
@@ -185,7 +186,7 @@ GAP: Final = GuidanceKind(
     outcome=_gap_outcome,
     agents=LANE_FOLLOWER_KINDS,
     check=_gap_problems,
-    usual=lambda _, ids: KeepGap(agent_ids=ids, gap_m=_USUAL_GAP_M),
+    usual=lambda _, ids: KeepGap(agent_ids=ids, gap_m=10.0),
 )
 
 

@@ -8,6 +8,9 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.guidance_kind import (
+    LIMIT_BRAKING_MPS2,
+    MAX_BRAKING_MPS2,
+    OBEYED,
     Driven,
     Found,
     GuidanceKind,
@@ -25,13 +28,8 @@ from pd_editor.analysis.guidance.kinds.course import (
     moved_points,
     rounded,
 )
-from pd_editor.analysis.guidance.limits import (
-    LIMIT_BRAKING_MPS2,
-    MAX_BRAKING_MPS2,
-    OBEYED,
-)
 from pd_editor.analysis.guidance.stop_line import cross_line, crossing, overrun_m
-from pd_editor.analysis.metrics.motion.kinematics import kinematics
+from pd_editor.analysis.metrics.motion import kinematics
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
@@ -48,12 +46,6 @@ from pd_editor.scene.paths.driving_paths import SPACING_M
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import FASTEST_MPS, FIRM_ACCELERATION_MPS2, STANDING_MPS
 
-_USUAL_SPEED_MPS: Final = 8.0
-_SHORT_OF_GOAL_M: Final = 0.5
-"""Goals may be so much farther than an agent gets."""
-_LAST_S: Final = 1.0
-"""Time at the end over which a target speed is measured."""
-
 
 def usual_speed_mps(scenario: Scenario, agent_ids: tuple[str, ...]) -> float:
     """Mean speed of the agents now, to half a metre per second."""
@@ -61,7 +53,7 @@ def usual_speed_mps(scenario: Scenario, agent_ids: tuple[str, ...]) -> float:
     rows = agents.rows(agent_ids)
     rows = rows[agents.is_valid[rows, step]]
     if not len(rows):
-        return _USUAL_SPEED_MPS
+        return 8.0
     speed = float(np.hypot(*agents.velocity_mps[rows, step].T).mean())
     return round(2 * speed) / 2
 
@@ -267,7 +259,8 @@ def _speed_outcome(term: TargetSpeed, driven: Driven) -> Measured | None:
         speed = speed[speed.max(axis=1, initial=0.0) > STANDING_MPS]
     if not len(speed):
         return None
-    last = speed[:, -max(round(_LAST_S / driven.step_s), 1) :].mean(axis=1)
+    # Time at the end over which a target speed is measured.
+    last = speed[:, -max(round(1.0 / driven.step_s), 1) :].mean(axis=1)
     worst = last[int(np.abs(last - term.speed_mps).argmax())]
     error = float(abs(worst - term.speed_mps))
     return Measured(
@@ -331,7 +324,8 @@ def _limit_clash(
     braking_s = min(excess / MAX_BRAKING_MPS2, time_s)
     most = term.speed_mps * time_s + excess * braking_s / 2
     distance = float(np.hypot(*(np.array(goal.point_m) - agent.position_m)))
-    if distance > most + _SHORT_OF_GOAL_M:
+    # Goals may be so much farther than an agent gets.
+    if distance > most + 0.5:
         yield (
             f"The goal of {agent.name} is {distance:.0f} m away, and at its speed limit "
             f"of {term.speed_mps:g} m/s it gets at most {most:.0f} m far in "

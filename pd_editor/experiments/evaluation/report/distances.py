@@ -17,8 +17,7 @@ from pd_editor.analysis.metrics.distribution_distance import (
     mean_discrepancy,
     noise_floor,
 )
-from pd_editor.analysis.metrics.metric_table import METRICS
-from pd_editor.analysis.metrics.values import MetricValues, measured
+from pd_editor.analysis.metrics.values import METRICS, MetricValues, measured
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.metrics.collisions.box_collision import (
+from pd_editor.analysis.metrics.box_overlaps import (
     local_density,
     nearest_distance,
 )
@@ -16,12 +16,12 @@ from pd_editor.analysis.metrics.distribution_distance import (
     Histogram,
     histogram_of,
 )
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.lanes import nearest_edge
+from pd_editor.analysis.metrics.motion import (
     Kinematics,
     kinematics,
     motion_values,
 )
-from pd_editor.analysis.metrics.road.off_lane import nearest_edge
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MaskedValues
 from pd_editor.scene.agent_kind import AgentGroup, AgentKind

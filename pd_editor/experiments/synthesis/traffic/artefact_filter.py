@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Int
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.experiments.synthesis.traffic.track_smoothing import TrafficTracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle

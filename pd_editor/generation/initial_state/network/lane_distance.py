@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
-from pd_editor.analysis.metrics.road.off_lane import OFF_LANE_M
+from pd_editor.analysis.metrics.lanes import OFF_LANE_M
 from pd_editor.generation.features.lane_tokens import (
     CROSSWALK_KIND,
     PIECE_LENGTH_M,

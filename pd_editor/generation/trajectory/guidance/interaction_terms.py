@@ -10,15 +10,15 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from pd_editor.analysis.guidance.guidance_kind import MAX_BRAKING_MPS2, OPENING_MPS
 from pd_editor.analysis.guidance.kinds.pairs import YieldTo
 from pd_editor.analysis.guidance.kinds.space import (
     FOLLOWS_COS,
     AvoidCollisions,
     KeepGap,
 )
-from pd_editor.analysis.guidance.limits import MAX_BRAKING_MPS2, OPENING_MPS
-from pd_editor.analysis.metrics.collisions.box_tests import overlapping_pairs
-from pd_editor.analysis.repair.repairable import counted
+from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
+from pd_editor.analysis.repair.current_states import counted
 from pd_editor.analysis.repair.yielding import GAP_M
 from pd_editor.generation.trajectory.guidance.box_conflicts import (
     BoxTracks,

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.motion import (
     WINDOW_STEPS,
     derivative_operators,
 )

@@ -10,12 +10,12 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.analysis.guidance.kinds.course import GoalPoint
-from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath, way_plan
-from pd_editor.analysis.guidance.limits import (
+from pd_editor.analysis.guidance.guidance_kind import (
     LIMIT_BRAKING_MPS2,
     MAX_BRAKING_MPS2,
 )
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
+from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath, way_plan
 from pd_editor.analysis.guidance.pace import Rates
 from pd_editor.analysis.guidance.way_points import WayPlan, WayPoint
 from pd_editor.analysis.threats.encounter import Track

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from pd_editor.analysis.guidance.kinds.space import ROAD_STRIDE, StayOnRoad
-from pd_editor.analysis.metrics.road.off_road import is_off_road, way_back_m
+from pd_editor.analysis.metrics.road import is_off_road, way_back_m
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.trajectory_term import (
     AgentsTerm,

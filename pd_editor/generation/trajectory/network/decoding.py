@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from pd_editor.analysis.metrics.motion.kinematics import MAX_CURVATURE_PER_M
+from pd_editor.analysis.metrics.motion import MAX_CURVATURE_PER_M
 from pd_editor.generation.features.encoded_scene import LATENT_SIZE
 from pd_editor.generation.inputs.trajectory_pca import (
     NUM_ACROSS,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.analysis.metrics.metric_table import METRICS
+from pd_editor.analysis.metrics.values import METRICS
 from pd_editor.experiments.evaluation.evaluation import (
     ROWS_NAME,
     EvaluationPlan,

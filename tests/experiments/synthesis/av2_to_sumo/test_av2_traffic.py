@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.analysis.metrics.collisions.box_tests import boxes_touch
+from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.experiments.synthesis.av2_to_sumo.network_conversion import (
     network_of_map,
     parking_strips,

@@ -11,7 +11,7 @@ from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo
 from pd_editor.analysis.guidance.kinds.path import FollowPath
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
 from pd_editor.analysis.guidance.kinds.speed import StopAtLine
-from pd_editor.analysis.metrics.collisions.box_collision import box_overlap
+from pd_editor.analysis.metrics.box_overlaps import box_overlap
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.generation.path_diffuser import PathDiffuser

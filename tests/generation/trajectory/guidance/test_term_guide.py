@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from pd_editor.analysis.guidance.guidance_kind import OBEYED
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath
 from pd_editor.analysis.guidance.kinds.space import KeepGap, StayOnRoad
@@ -16,9 +17,8 @@ from pd_editor.analysis.guidance.kinds.speed import (
     StopAtLine,
     TargetSpeed,
 )
-from pd_editor.analysis.guidance.limits import OBEYED
 from pd_editor.analysis.guidance.report import term_outcomes
-from pd_editor.analysis.metrics.motion.kinematics import (
+from pd_editor.analysis.metrics.motion import (
     WINDOW_STEPS,
     derivative_operators,
 )

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.analysis.guidance.feasibility import guidance_problems
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
+from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.analysis.threats.encounter import Approach, Track, encounter
 from pd_editor.analysis.threats.motion_limits import exertion, limits_of
 from pd_editor.analysis.threats.threat_feasibility import (

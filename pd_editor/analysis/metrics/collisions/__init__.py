@@ -1,1 +1,0 @@
-"""Collision metrics: box overlap, centre distance, path collisions, time to collision."""

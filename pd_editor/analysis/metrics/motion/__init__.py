@@ -1,1 +1,0 @@
-"""Motion of trajectories: displacement errors, diversity, speed, acceleration, jerk."""

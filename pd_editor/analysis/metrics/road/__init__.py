@@ -1,1 +1,0 @@
-"""Metrics of agents relative to the road: lane deviation, off-lane, off-road."""
