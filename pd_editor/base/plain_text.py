@@ -53,6 +53,11 @@ def listed(names: Sequence[str], most: int = 3) -> str:
     return f"{', '.join(names[:most])}{more}"
 
 
+def number_of(count: int, noun: str, none: str = "0") -> str:
+    """A count with its noun, such as 1 agent, or 2 agents; ``none`` stands for 0."""
+    return f"{count or none} {noun}{'s' * (count != 1)}"
+
+
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
     """What a user may have meant by an unknown name, for the end of a sentence.
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from pd_editor.analysis.manoeuvres import EVENT_KINDS
-from pd_editor.base.plain_text import one_line
+from pd_editor.base.plain_text import number_of, one_line
 from pd_editor.cli.options import Switch
 from pd_editor.experiments.scene_index.query import FoundScene, find_scenes
 from pd_editor.experiments.work_engine.work_engine import WorkFailure
@@ -28,9 +28,8 @@ class Found:
         """A line per event, or per scene without one; or JSON."""
         if self.is_json:
             return json_text.dumps([asdict(one) for one in self.scenes], indent=1)
-        count = len(self.scenes)
         lines = [line for one in self.scenes for line in _lines(one)]
-        return "\n".join([*lines, f"{count} {self.noun}{'s' * (count != 1)}."])
+        return "\n".join([*lines, f"{number_of(len(self.scenes), self.noun)}."])
 
 
 def find(

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from pd_editor.base.errors import InputError
+from pd_editor.base.plain_text import number_of
 from pd_editor.base.regular_file import user_path
 from pd_editor.cli.many_scenes import EngineOptions, all_scenes
 from pd_editor.cli.options import several, shown, taking
@@ -27,8 +28,8 @@ class Indexed:
 
     def __str__(self) -> str:
         """The file, and what was read for it."""
-        scenes = "scene" if self.num_scenes == 1 else "scenes"
-        return f"{self.file}\n{self.num_scenes} {scenes}, {self.num_read} of them read now."
+        scenes = number_of(self.num_scenes, "scene")
+        return f"{self.file}\n{scenes}, {self.num_read} of them read now."
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ import tyro
 
 from pd_editor.analysis.findings.scorecard import ROWS
 from pd_editor.base.errors import ExportError, InputError
-from pd_editor.base.plain_text import aligned, nearest_or_all, one_line
+from pd_editor.base.plain_text import aligned, nearest_or_all, number_of, one_line
 from pd_editor.base.regular_file import state_folder, user_path, write_whole
 from pd_editor.cli.export import ZIP_NAME, opened_session
 from pd_editor.cli.find import Found
@@ -83,8 +83,8 @@ class Listed:
                 (first, more, *row)
                 for (first, *row), more in zip(rows, [self.metric, *told], strict=True)
             ]
-        count = len(self.cards)
-        return "\n".join([*aligned(rows), f"{count} scenario{'s' * (count != 1)}."])
+        count = number_of(len(self.cards), "scenario")
+        return "\n".join([*aligned(rows), f"{count}."])
 
 
 def add(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 from pd_editor.base.errors import EditError, ExportError
+from pd_editor.base.plain_text import number_of
 from pd_editor.base.regular_file import user_path, write_whole
 from pd_editor.cli.export import opened_session
 from pd_editor.cli.many_scenes import all_scenes
@@ -97,7 +98,7 @@ def render(options: RenderOptions) -> Outcome:
         look = replace(look, plans=read_plans(folder, found[0]))
     content = _content(found, target, look, is_pair=is_pair)
     write_whole(target, content)
-    count = f"{len(found)} scene{'s' * (len(found) != 1)}"
+    count = number_of(len(found), "scene")
     return Outcome(
         folders=(target,),
         scenarios=found,

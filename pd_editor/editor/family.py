@@ -15,6 +15,7 @@ import numpy as np
 
 from pd_editor.base.errors import RecipeError
 from pd_editor.base.installed_files import DEMO_PREFIX
+from pd_editor.base.plain_text import number_of
 from pd_editor.editor.carried_edits import carried
 from pd_editor.editor.commands import (
     Command,
@@ -215,7 +216,7 @@ def left_out_in_words(made: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
     """Which edits were left out in variants, with the number of these."""
     count = Counter(chain.from_iterable(made))
     return tuple(
-        f"Left out of {times} variant{'s' * (times != 1)}, for it is of its own scene: {label}."
+        f"Left out of {number_of(times, 'variant')}, for it is of its own scene: {label}."
         for label, times in count.items()
     )
 

@@ -7,6 +7,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 from jaxtyping import Int
 
+from pd_editor.base.plain_text import number_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario
@@ -197,7 +198,7 @@ def capitalised(text: str) -> str:
 def problems_in_words(counts: Mapping[str, int]) -> str:
     """Number of new problems, given by their kinds, and what of guidance is among them."""
     total = sum(counts.values())
-    text = f"{total or 'no'} new problem{'s' if total != 1 else ''}"
+    text = number_of(total, "new problem", "no")
     parts = [
         f"{counts[kind]} guidance {words}"
         for kind, words in (

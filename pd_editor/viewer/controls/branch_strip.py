@@ -10,6 +10,7 @@ from typing import Final
 from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.finding import Finding
 from pd_editor.base.errors import PdEditorError
+from pd_editor.base.plain_text import number_of
 from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.commands.roll_out import begun_like
@@ -139,7 +140,7 @@ class BranchStrip:
         undone = state.num_entries - state.position
         is_adopted = self._is_in_force(number)
         count, own = len(branch.entries), branch.num_own
-        edits = f"{count} edit{'s' * (count != 1)}"
+        edits = number_of(count, "edit")
         generated = parts_of((one.command for one in branch.entries), ReplaceTraffic)
         edits += "".join(f", seed {one.seed}" for one in generated[-1:])
         edits += f"; {own} not in use" if 0 < own < count else ""

@@ -5,6 +5,7 @@ from typing import Final
 
 import viser
 
+from pd_editor.base.plain_text import number_of
 from pd_editor.editor.history import HistoryEntry
 from pd_editor.viewer.tab.panel_style import FixedText, PanelStyle
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
@@ -89,7 +90,7 @@ class HistoryPanel:
         if not count:
             return "No edits yet", ""
         undone = count - position
-        title = f"{_edits(position)} in force" + (
+        title = f"{number_of(position, 'edit')} in force" + (
             f", {undone} undone" if undone else ""
         )
         if count < ROWS:
@@ -117,10 +118,6 @@ class HistoryPanel:
         self._ui.commit_gesture()
         if position is not None:
             self._ui.session.jump_to(position)
-
-
-def _edits(count: int) -> str:
-    return f"{count} edit{'' if count == 1 else 's'}"
 
 
 def _row_text(entries: tuple[HistoryEntry, ...], at: int | None, position: int) -> str:

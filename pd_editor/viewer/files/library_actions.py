@@ -9,13 +9,14 @@ from typing import Any, Final
 
 from pd_editor.analysis.findings.finding import problems_in_words
 from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.base.plain_text import number_of
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.library.library import Library, LibraryCard
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.variant import tags_from_text
 from pd_editor.scene.formats.player import player_page
 from pd_editor.viewer.files.export_panel import ExportPanel
-from pd_editor.viewer.files.scene_lists import Batch, TickedList, scenarios
+from pd_editor.viewer.files.scene_lists import Batch, TickedList
 from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.tab.ui_context import UiContext
 
@@ -100,7 +101,7 @@ class LibraryActions:
         gone = sorted(shown - there)
         if gone:
             self._ui.notify(
-                f"{scenarios(len(gone))} not in the zip",
+                f"{number_of(len(gone), 'scenario')} not in the zip",
                 f"Another tab has removed {', '.join(gone)} from the library.",
                 "warning",
             )
@@ -169,7 +170,7 @@ class LibraryActions:
         scenes.batch, failures = None, batch.failures
         self._changed()
         self._ui.notify(
-            f"{batch.words} {scenarios(batch.num_done - len(failures))}",
+            f"{batch.words} {number_of(batch.num_done - len(failures), 'scenario')}",
             f"{len(failures)} not, first: {failures[0]}" if failures else "",
             "warning" if failures else "success",
         )
@@ -209,7 +210,9 @@ class LibraryActions:
             self._scenes.chosen, lambda variant: variant.tagged(given, taken)
         )
         self._start.look()
-        self._ui.notify(f"{scenarios(count)} {'' if is_added else 'un'}tagged")
+        self._ui.notify(
+            f"{number_of(count, 'scenario')} {'' if is_added else 'un'}tagged"
+        )
 
     def _remove_ticked(self) -> None:
         names = self._scenes.ticked
@@ -229,7 +232,7 @@ class LibraryActions:
         self._changed()
         if failures:
             raise failures[0]
-        self._ui.notify(f"{scenarios(len(names))} put back")
+        self._ui.notify(f"{number_of(len(names), 'scenario')} put back")
 
     def _changed(self) -> None:
         self._start.look()

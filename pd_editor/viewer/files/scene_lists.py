@@ -13,7 +13,7 @@ from pd_editor.analysis.manoeuvres import SceneEvent
 from pd_editor.analysis.metrics.values import METRICS
 from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence
-from pd_editor.base.plain_text import one_line
+from pd_editor.base.plain_text import number_of, one_line
 from pd_editor.editor.library.library import SORTS, Library, LibraryCard
 from pd_editor.editor.library.thumbnail import thumbnail
 from pd_editor.editor.recipe import moment
@@ -235,7 +235,7 @@ class TickedList(SceneList[Item]):
         ticked = len(self.ticked)
         acts = f"{ticked} ticked" if ticked else "buttons are for all of them"
         doing = f"{self.batch.told}; " if self.batch else ""
-        return f"{doing}{scenarios(len(self.items))}; {acts}"
+        return f"{doing}{number_of(len(self.items), 'scenario')}; {acts}"
 
     def tick(self, item: Item) -> None:
         """Tick one, or take its tick away."""
@@ -405,7 +405,9 @@ class DatasetList(SceneList[ScenarioCard]):
             f"{len(search.cards)} of {search.num_seen} scenarios"
             f"{'' if search.is_complete else ', still reading'}.",
             run.words,
-            f"{scenes(count)} not indexed yet, so not found." if lacks else "",
+            f"{number_of(count, 'scene')} not indexed yet, so not found."
+            if lacks
+            else "",
             f"{len(broken)} cannot be read, first:"
             f" {one_line(broken[0], MAX_REASON_CHARACTERS)}"
             if broken
@@ -574,7 +576,7 @@ class LibraryList(TickedList[LibraryCard]):
     def tile(self, item: LibraryCard) -> SceneTile:
         """Its problems, tags, descent, note and edits."""
         row, count = item.row, item.row.num_problems
-        problems = f"{count} problem{'s' * (count != 1)}" if count else ""
+        problems = number_of(count, "problem") if count else ""
         metric = self._metric(item)
         about = " · ".join(filter(None, [metric, problems, *row.tags]))
         edits = "; ".join(row.edits) or "without edits"
@@ -608,7 +610,7 @@ class LibraryList(TickedList[LibraryCard]):
         removed = dict.fromkeys((*self._workspace.removed, *names))
         self._workspace.removed = tuple(removed)
         self._ui.notify(
-            f"{scenarios(len(names))} removed",
+            f"{number_of(len(names), 'scenario')} removed",
             f"Put back {len(removed)}, under the library, brings back what was removed.",
         )
 
@@ -650,7 +652,7 @@ class UnfinishedList(SceneList[KeptWork]):
     def tile(self, item: KeptWork) -> SceneTile:
         """Number and time of its edits."""
         key = _key_of(item)
-        edits = f"{item.num_edits} edit{'s' * (item.num_edits != 1)}"
+        edits = number_of(item.num_edits, "edit")
         last = f"{edits}, last {moment(item.last_time):%d %b %H:%M}"
         named = item.name or short_id(item.scenario_id)
         return SceneTile(
@@ -705,16 +707,6 @@ class RejectedList(SceneList[str]):
     def open(self, item: str) -> None:
         """Open the scene."""
         self._workspace.open_reference(item)
-
-
-def scenarios(count: int) -> str:
-    """A number of scenarios in words."""
-    return f"{count} scenario{'s' * (count != 1)}"
-
-
-def scenes(count: int) -> str:
-    """A number of scenes in words."""
-    return f"{count} scene{'s' * (count != 1)}"
 
 
 def _facet(

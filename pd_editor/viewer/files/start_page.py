@@ -9,6 +9,7 @@ from typing import Any, Final
 import viser
 
 from pd_editor.base.errors import LargeSceneError, PdEditorError
+from pd_editor.base.plain_text import number_of
 from pd_editor.viewer.files.scene_lists import (
     DatasetList,
     DemoList,
@@ -18,7 +19,6 @@ from pd_editor.viewer.files.scene_lists import (
     TickedList,
     UnfinishedList,
     ZipList,
-    scenes,
 )
 from pd_editor.viewer.overlay.messages import (
     Choice,
@@ -178,7 +178,7 @@ class StartPage:
         if is_indexing:
             index = "Cancel the indexing"
         elif source is self.dataset and run is not None and run.num_missing:
-            index = f"Index {scenes(run.num_missing)}"
+            index = f"Index {number_of(run.num_missing, 'scene')}"
         wrong = source.wrong
         self._ui.overlay.show(
             StartPageState(

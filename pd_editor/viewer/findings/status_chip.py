@@ -6,6 +6,7 @@ from functools import partial
 from typing import Final, Literal
 
 from pd_editor.analysis.findings.finding import Finding, FindingKind, Source
+from pd_editor.base.plain_text import number_of
 from pd_editor.editor.commands import ContinueScene
 from pd_editor.editor.cures import Cure, cures
 from pd_editor.viewer.files.export_panel import ExportPanel
@@ -284,7 +285,7 @@ def _id(problem: Finding) -> str:
 def _title(group: Group, findings: tuple[Finding, ...]) -> str:
     count = len(findings)
     others = sum(not one.is_problem for one in findings)
-    notices = f"{others} notice{'s' if others != 1 else ''}"
+    notices = number_of(others, "notice")
     if group == "recorded":
         if count == others:
             return f"{notices if count else 'Nothing'} in the recording"

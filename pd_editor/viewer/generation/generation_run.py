@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from pd_editor.base.errors import GenerationError
+from pd_editor.base.plain_text import number_of
 from pd_editor.editor.background_job import GenerationJob
 from pd_editor.editor.commands import Command, ReplaceTraffic, traffic_command
 from pd_editor.editor.live_regeneration import CLOSE_WAIT_S
@@ -143,12 +144,9 @@ class GenerationInput(RunInput):
         )
         ui.workspace.guided_runs.keep(ui.session.scenario.agents, run)
         assert isinstance(command, ReplaceTraffic)
-        count = len(result.samples[index].ids)
+        count = number_of(len(result.samples[index].ids), "agent")
         # A bar has room for the beginning alone: what a user must know comes first.
-        done = (
-            f"{count} agent{'s' if count != 1 else ''} in {took_s:.1f} s, seed"
-            f" {self.request.seed}."
-        )
+        done = f"{count} in {took_s:.1f} s, seed {self.request.seed}."
         return " ".join((*result.notes, *command.notes, done, *result.measures))
 
 
@@ -302,8 +300,7 @@ class GenerationRun:
         agents = self._ui.session.scenario.agents
         run = GuidedRun(request=request, traffic=traffic, index=0)
         self._ui.workspace.guided_runs.keep(agents, run)
-        count = len(request.agent_ids)
-        done = f"{count} agent{'s' if count != 1 else ''} reacted to the edit."
+        done = f"{number_of(len(request.agent_ids), 'agent')} reacted to the edit."
         self._say(" ".join((*traffic.notes, done, *traffic.measures)))
 
     def _use(self) -> Literal["here", "back"] | None:

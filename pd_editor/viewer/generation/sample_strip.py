@@ -20,6 +20,7 @@ from pd_editor.analysis.findings.sample_ranking import (
     with_fullness,
 )
 from pd_editor.base.errors import PdEditorError
+from pd_editor.base.plain_text import number_of
 from pd_editor.editor.commands import Command, ReplaceTraffic
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.roll_out import begun_like
@@ -351,10 +352,10 @@ def finding_lines(findings: Collection[Finding]) -> tuple[CardLine, CardLine]:
     """The number of problems, and their kinds."""
     problems = [one for one in findings if one.is_problem]
     count, notices = len(problems), len(findings) - len(problems)
-    words = f"{count or 'No new'} problem{'s' if count != 1 else ''}"
+    words = number_of(count, "problem", "No new")
     parts = _kinds_in_words(problems)[:2]
     if not parts:
-        parts = [f"{notices or 'No'} notice{'s' if notices != 1 else ''}"]
+        parts = [number_of(notices, "notice", "No")]
     tone = "bad" if count else ""
     return CardLine(text=words, tone=tone), CardLine(text=", ".join(parts))
 

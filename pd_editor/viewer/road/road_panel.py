@@ -11,7 +11,7 @@ import viser
 from jaxtyping import Float
 
 from pd_editor.base.errors import EditError
-from pd_editor.base.plain_text import listed
+from pd_editor.base.plain_text import listed, number_of
 from pd_editor.editor.commands import SetRoadWarp, SlowToFrictionLimit
 from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.commands.edit_limits import check_anchor
@@ -641,8 +641,7 @@ def slowed_in_words(slowed: Sequence[SlowedAgent], *, most: int) -> tuple[str, s
     ]
     if len(slowed) > most:
         named.append(f"{len(slowed) - most} more")
-    count = f"{len(slowed)} agent{'' if len(slowed) == 1 else 's'}"
-    return f"{count} slowed:", "; ".join(named)
+    return f"{number_of(len(slowed), 'agent')} slowed:", "; ".join(named)
 
 
 def once_slowed_in_words(agent_ids: tuple[str, ...]) -> str:

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from pd_editor.base.errors import InputError, RecipeError
 from pd_editor.base.installed_files import ALL_DEMOS, DEMO_PREFIX, demo_names
+from pd_editor.base.plain_text import number_of
 from pd_editor.base.regular_file import user_path
 from pd_editor.editor.commands import BeginAt, Command, ContinueScene
 from pd_editor.editor.library.library import Library, LibraryCard, card_of, take_in
@@ -370,7 +371,7 @@ class Workspace:
         if self.session.entries and is_same_base(scenario, self.session.base):
             self.tell(
                 f"{short_id(scenario.scenario_id)} is open already",
-                f"It has {_edits(self.session.state.position)}; go back in the History "
+                f"It has {number_of(self.session.state.position, 'edit')}; go back in the History "
                 "tab to begin anew.",
             )
             return
@@ -390,14 +391,14 @@ class Workspace:
             name = short_id(left.base.scenario_id)
             count = left.state.position
             self.tell(
-                f"{_edits(count)} of {name} {'is' if count == 1 else 'are'} kept",
+                f"{number_of(count, 'edit')} of {name} {'is' if count == 1 else 'are'} kept",
                 "Open it again to continue.",
             )
         self.shelf.put(left)
         if self.session.entries:
             self.tell(
                 f"Back to {short_id(self.session.base.scenario_id)}",
-                f"It goes on with its {_edits(self.session.state.position)}."
+                f"It goes on with its {number_of(self.session.state.position, 'edit')}."
                 + self.session.lost_edits,
             )
 
@@ -695,10 +696,6 @@ def _from_upload(
         return scenario if recipe is None else made_by(scenario, recipe)
 
     return cut_when_read(read, cut), recipe
-
-
-def _edits(count: int) -> str:
-    return f"{count} edit{'s' if count != 1 else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)
