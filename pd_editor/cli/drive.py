@@ -16,9 +16,8 @@ from pd_editor.cli.options import (
     NameOption,
     PartOptions,
     Switch,
+    WishOptions,
     command_line,
-    guidance_terms_of,
-    lock_commands,
     several,
     shown,
 )
@@ -30,7 +29,6 @@ from pd_editor.cli.output import (
     write_plans,
     write_session,
 )
-from pd_editor.editor.commands import AddGuidance, Command, SampleSignals
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.experiments.closed_loop.policies import policy_of
@@ -50,7 +48,7 @@ from pd_editor.scene.scenario import EGO_ID, Scenario
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveOptions(PartOptions, ManyOptions):
+class DriveOptions(WishOptions, PartOptions, ManyOptions):
     """Options of ``pd-editor drive``.
 
     Args:
@@ -64,7 +62,6 @@ class DriveOptions(PartOptions, ManyOptions):
         lock: What is kept of single agents, as for generate.
         sample_signals: Give each junction a plausible phase, which changes in turn.
         enter: Nobody enters for those that leave the map.
-        seed: Random seed.
         model: What generates the traffic.
         name: Name of the result, to which the policy's is added.
     """
@@ -88,28 +85,9 @@ class DriveOptions(PartOptions, ManyOptions):
     ] = ()
     seconds: Annotated[float, shown("S")] = 30.0
     replan: Annotated[float, shown("S")] = 1.0
-    guide: Annotated[str | tuple[str, ...], shown("TERM [TERM ...]", "(optional)")] = ()
-    lock: Annotated[str | tuple[str, ...], shown("ID=WHAT [...]", "(optional)")] = ()
-    sample_signals: Switch = False
     enter: Switch = True
-    seed: int = 0
     model: Annotated[str, shown("NAME")] = SHIPPED_MODEL
     name: NameOption = ""
-
-    def edits(self) -> tuple[Command, ...]:
-        """What is edited before the roll-out.
-
-        Raises:
-            GenerationError: a lock cannot be read.
-            InputError: a guidance term cannot be read.
-        """
-        guide = (self.guide,) if isinstance(self.guide, str) else self.guide
-        terms = guidance_terms_of(guide)
-        return (
-            *([SampleSignals(seed=self.seed)] if self.sample_signals else []),
-            *(AddGuidance(term=term) for term in terms),
-            *lock_commands(several(self.lock)),
-        )
 
 
 def _with_report(outcome: Outcome, options: DriveOptions) -> Outcome:
@@ -155,7 +133,7 @@ def drive(scenario: str, options: DriveOptions) -> Outcome:
     run = _Run(
         opened=opened,
         request=RollOutRequest(
-            scenario=edited_session(opened, options.edits()).scenario,
+            scenario=edited_session(opened, options.wishes()).scenario,
             duration_s=float(options.seconds),
             replan_s=float(options.replan),
             keeps_density=options.enter,
@@ -209,7 +187,7 @@ class _Run:
             "model": options.model,
             "scene": request.scenario.provenance.content_sha256,
         }
-        if edits := options.edits():
+        if edits := options.wishes():
             known["edits"] = [repr(one) for one in edits]
         done = _finished(record, known)
         if done is not None and not (options.overwrite or done.has_failed):

@@ -18,11 +18,10 @@ from pd_editor.cli.options import (
     NameOption,
     Number,
     Switch,
+    WishOptions,
     agents_within,
     driven_agents,
-    guidance_terms_of,
     kept_remarks,
-    lock_commands,
     several,
     shown,
     wanted_kinds,
@@ -39,7 +38,6 @@ from pd_editor.cli.output import (
 from pd_editor.editor.commands import (
     AddGuidance,
     Command,
-    SampleSignals,
     SetAgentActivity,
     SetFocalAgent,
     traffic_command,
@@ -79,7 +77,7 @@ _Ids = Annotated[str | tuple[str, ...], shown("ID [ID ...]", "(optional)")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class GenerateOptions(PartsOptions, ManyOptions):
+class GenerateOptions(WishOptions, PartsOptions, ManyOptions):
     """Options of ``pd-editor generate``.
 
     Args:
@@ -94,20 +92,16 @@ class GenerateOptions(PartsOptions, ManyOptions):
         no_past: Give agents whose states are sampled no made-up past; loaders that look for agents at the last observed steps then see a single state of them.
         region: Square in metres of the scene or of the city: agents in it alone are regenerated, resampled or replaced, and states are sampled in it.
         only_kinds: Kinds of the agents that are regenerated, resampled or replaced; the others are kept.
-        lock: What is kept of single agents, as ID=WHAT: state, trajectory, or the first seconds of it, such as AV=2.5.
         parked: Ids of standing agents that are parked; fewer of them start.
         waiting: Ids of standing agents that wait in traffic.
-        sample_signals: Give each junction a plausible phase, by which agents wait or go; it takes the place of the scene's signals.
         quality: Quality of sampled states: fast, or high with more denoising steps.
         samples: Number of samples; several are listed in a table with their numbers, which DIR/<name>-samples.csv keeps.
         rank: Order of the table: realism (fewest problems), collisions (fewest), off-road (least), interaction (closest) or movement (most).
         pick: Write only so many samples, the most diverse ones.
         steps: Denoising steps of trajectories; the shipped model has 5. For states the model has its own number.
-        guide: What agents should do, as KIND:FIELD=VALUE,... such as goal-point:agent=12,point=3.5/10 (metres of the scene), target-speed:agents=12+13,speed=8, stop-at-line:agent=12,line=3/1+3/5, or a JSON file with a list of terms. DIR/<name>-guidance.csv tells what was achieved.
         keep_to_lanes: Strength of the guidance towards the lanes, from 0 for none to 1.
         tries: Trajectories sampled per agent, of which the least colliding combination is used; agents that would still collide yield. 0: no collision is avoided; with --keep-to-lanes 0 as well: the raw model.
         no_yielding: Do not slow agents that would collide.
-        seed: Random seed; the same seed gives the same files.
         model: path-diffuser, lane-follower (trajectories only), the folder of a trained model, or a generator or predictor of your own as package.module:attribute.
         device: Where a model computes; auto takes a GPU if there is one.
         focal: Id of the agent that becomes the focal one.
@@ -133,22 +127,18 @@ class GenerateOptions(PartsOptions, ManyOptions):
     only_kinds: Annotated[
         str | tuple[str, ...], shown("KIND [KIND ...]", "(default: all)")
     ] = ()
-    lock: Annotated[str | tuple[str, ...], shown("ID=WHAT [...]", "(optional)")] = ()
     parked: _Ids = ()
     waiting: _Ids = ()
-    sample_signals: Switch = False
     quality: Quality = "fast"
     samples: Number = 1
     rank: Annotated[Ranking, shown("METRIC")] = "realism"
     pick: Annotated[int | None, shown("K", "(default: all)")] = None
     steps: Annotated[int | None, shown("N", "(default: the model's own)")] = None
-    guide: Annotated[str | tuple[str, ...], shown("TERM [TERM ...]", "(optional)")] = ()
     keep_to_lanes: Annotated[
         float | None, shown("W", f"(default: {DEFAULT_WEIGHT})")
     ] = None
     tries: Annotated[int | None, shown("N", f"(default: {NUM_TRIES})")] = None
     no_yielding: Switch = False
-    seed: Number = 0
     model: Annotated[str, shown("NAME")] = DEFAULT_GENERATOR
     device: DeviceName = "auto"
     focal: FocalOption = ""
@@ -166,14 +156,10 @@ class GenerateOptions(PartsOptions, ManyOptions):
             GenerationError: an agent is parked and waits, or a lock cannot be read.
             InputError: a guidance term cannot be read.
         """
-        guide = (self.guide,) if isinstance(self.guide, str) else self.guide
-        terms = guidance_terms_of(guide)
         return (
             *([SetFocalAgent(agent_id=self.focal)] if self.focal else []),
             *_activities(several(self.parked), several(self.waiting)),
-            *([SampleSignals(seed=self.seed)] if self.sample_signals else []),
-            *(AddGuidance(term=term) for term in terms),
-            *lock_commands(several(self.lock)),
+            *self.wishes(),
         )
 
 

@@ -23,7 +23,7 @@ from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import GenerationError, InputError, PdEditorError
 from pd_editor.base.plain_text import one_line
 from pd_editor.base.regular_file import read_regular
-from pd_editor.editor.commands import SetLocks
+from pd_editor.editor.commands import AddGuidance, Command, SampleSignals, SetLocks
 from pd_editor.editor.commands.json_values import from_json
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.generation import Region
@@ -421,6 +421,37 @@ def wanted_kinds(names: Sequence[str]) -> frozenset[AgentKind]:
                 f"{', '.join(sorted(known))}."
             )
     return frozenset(known[name] for name in names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WishOptions:
+    """What generated traffic is to obey.
+
+    Args:
+        guide: What agents should do, as KIND:FIELD=VALUE,... such as goal-point:agent=12,point=3.5/10 (metres of the scene), target-speed:agents=12+13,speed=8, stop-at-line:agent=12,line=3/1+3/5, or a JSON file with a list of terms. DIR/<name>-guidance.csv tells what was achieved.
+        lock: What is kept of single agents, as ID=WHAT: state, trajectory, or the first seconds of it, such as AV=2.5.
+        sample_signals: Give each junction a plausible phase, by which agents wait or go; it takes the place of the scene's signals.
+        seed: Random seed; the same seed gives the same files.
+    """
+
+    guide: Annotated[str | tuple[str, ...], shown("TERM [TERM ...]", "(optional)")] = ()
+    lock: Annotated[str | tuple[str, ...], shown("ID=WHAT [...]", "(optional)")] = ()
+    sample_signals: Switch = False
+    seed: Number = 0
+
+    def wishes(self) -> tuple[Command, ...]:
+        """What is edited before anything is generated.
+
+        Raises:
+            GenerationError: a lock cannot be read.
+            InputError: a guidance term cannot be read.
+        """
+        guide = (self.guide,) if isinstance(self.guide, str) else self.guide
+        return (
+            *([SampleSignals(seed=self.seed)] if self.sample_signals else []),
+            *(AddGuidance(term=term) for term in guidance_terms_of(guide)),
+            *lock_commands(several(self.lock)),
+        )
 
 
 def agents_within(
