@@ -10,13 +10,13 @@ from pd_editor.viewer.agents.pointer import Pointer, Selecting
 from pd_editor.viewer.agents.speed_curve import SpeedCurve
 from pd_editor.viewer.controls.branch_strip import BranchStrip
 from pd_editor.viewer.controls.history_panel import HistoryPanel
-from pd_editor.viewer.controls.key_sheet import KeySheet
 from pd_editor.viewer.controls.page_aids import (
     AGENTS,
     ROAD,
     SCENE,
     STUDY,
     Hints,
+    KeySheet,
     SidePanel,
 )
 from pd_editor.viewer.controls.view_panel import ViewPanel

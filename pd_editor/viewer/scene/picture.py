@@ -5,10 +5,9 @@ import viser
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.agents_view import AgentsView
 from pd_editor.viewer.scene.camera import ViewScale
-from pd_editor.viewer.scene.labels_view import LabelsView, LocksView
 from pd_editor.viewer.scene.legend import Legend
 from pd_editor.viewer.scene.map_view import MapView, SignalsView
-from pd_editor.viewer.scene.marks_view import MarksView
+from pd_editor.viewer.scene.marks_view import LabelsView, LocksView, MarksView
 from pd_editor.viewer.scene.original_view import Comparison
 from pd_editor.viewer.scene.ribbons_view import RibbonsView
 from pd_editor.viewer.tab.ui_context import UiContext

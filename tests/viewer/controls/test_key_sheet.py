@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from pd_editor.viewer.controls.key_sheet import _of_hotkeys, key_name
+from pd_editor.viewer.controls.page_aids import _of_hotkeys, key_name
 from pd_editor.viewer.tab.ui_context import Hotkey
 from tests.viewer.fake_browser import FakeTab
 
