@@ -2,10 +2,9 @@
 
 import logging
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
 from contextlib import closing
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.scene.generation import GenerationProgress
@@ -18,7 +17,7 @@ class Cancelled(Exception):
     """Ends a cancelled job from within a callback."""
 
 
-class BackgroundJob(ABC, Generic[_Result]):
+class BackgroundJob(Generic[_Result]):
     """Work in a thread: exactly one of result and error, and none after ``cancel``.
 
     Callbacks are called from the job's thread.
@@ -27,11 +26,20 @@ class BackgroundJob(ABC, Generic[_Result]):
     def __init__(
         self,
         name: str,
+        work: Callable[["BackgroundJob[Any]"], _Result | None],
         on_done: Callable[[_Result], None],
         on_error: Callable[[PdEditorError], None],
+        *,
+        subject: str = "The work",
+        fault: type[PdEditorError] = PdEditorError,
     ) -> None:
-        """Prepare the work; ``start`` starts it."""
-        self._name = name
+        """Prepare the work, which is given the job; ``start`` starts it.
+
+        It returns None once it is cancelled. ``subject`` begins the sentence, and
+        ``fault`` is the kind, of the error that its own code's faults become.
+        """
+        self._name, self._work = name, work
+        self._subject, self._fault = subject, fault
         self._on_done = on_done
         self._on_error = on_error
         self._cancelled = threading.Event()
@@ -45,8 +53,12 @@ class BackgroundJob(ABC, Generic[_Result]):
         """Stop after the step in progress, without result or error."""
         self._cancelled.set()
 
+    def is_cancelled(self) -> bool:
+        """Whether the work is to end."""
+        return self._cancelled.is_set()
+
     def check_cancelled(self) -> None:
-        """End the work if it was cancelled; to be called within ``_result``."""
+        """End the work if it was cancelled; to be called by the work."""
         if self._cancelled.is_set():
             raise Cancelled
 
@@ -59,25 +71,21 @@ class BackgroundJob(ABC, Generic[_Result]):
         """Wait until the thread ends."""
         self._thread.join(timeout_s)
 
-    @abstractmethod
-    def _result(self) -> _Result | None:
-        """Do the work; None if cancelled."""
-
-    @abstractmethod
-    def _fault(self) -> PdEditorError:
-        """Error for the user after a fault of the work's own code."""
-
     def run(self) -> None:
         """Do the work in this thread."""
         try:
-            result = self._result()
+            result = self._work(self)
         except Cancelled:
             pass
         except PdEditorError as error:
             self._fail(error)
         except Exception:
             _logger.exception("%s failed", self._name)
-            self._fail(self._fault())
+            self._fail(
+                self._fault(
+                    f"{self._subject} failed by a fault of its own; the log has details."
+                )
+            )
         else:
             if result is not None and not self._cancelled.is_set():
                 self._on_done(result)
@@ -103,23 +111,23 @@ class GenerationJob(BackgroundJob[_Result]):
         on_error: Callable[[PdEditorError], None],
     ) -> None:
         """Prepare the run of a generator of some name; ``start`` starts it."""
-        super().__init__(f"generate-{name}", on_done, on_error)
-        self._generator = name
-        self._steps = steps
-        self._on_progress = on_progress
 
-    def _result(self) -> _Result | None:
-        with closing(self._steps()) as steps:
-            while not self._cancelled.is_set():
-                try:
-                    progress = next(steps)
-                except StopIteration as stop:
-                    return stop.value
-                if not self._cancelled.is_set():
-                    self._on_progress(progress)
-        return None
+        def work(job: BackgroundJob[Any]) -> _Result | None:
+            with closing(steps()) as left:
+                while not job.is_cancelled():
+                    try:
+                        progress = next(left)
+                    except StopIteration as stop:
+                        return stop.value
+                    if not job.is_cancelled():
+                        on_progress(progress)
+            return None
 
-    def _fault(self) -> PdEditorError:
-        return GenerationError(
-            f"{self._generator} failed by a fault of its own; the log has details."
+        super().__init__(
+            f"generate-{name}",
+            work,
+            on_done,
+            on_error,
+            subject=name,
+            fault=GenerationError,
         )

@@ -9,7 +9,7 @@ from typing import Final
 
 import pyarrow as pa
 
-from pd_editor.base.errors import ExportError, GenerationError, PdEditorError
+from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
 from pd_editor.experiments.evaluation.results_folder import RowsFolder
@@ -270,16 +270,21 @@ class StudyJob(BackgroundJob[Study]):
         ``on_progress`` is called with what is worked on, such as "work items", how far
         that is, and the seconds since it began.
         """
-        self._run_study = lambda: run_whole_study(
-            plan,
-            extras,
-            found,
-            folder,
-            engine,
-            progress_of=self._progress_of,
-            on_rows=self._keep,
+        super().__init__(
+            "study",
+            lambda _job: run_whole_study(
+                plan,
+                extras,
+                found,
+                folder,
+                engine,
+                progress_of=self._progress_of,
+                on_rows=self._keep,
+            ),
+            on_done,
+            on_error,
+            subject="The study",
         )
-        super().__init__("study", on_done, on_error)
         self._on_progress = on_progress
         self._rows: list[pa.Table] = []
 
@@ -303,11 +308,3 @@ class StudyJob(BackgroundJob[Study]):
 
     def _keep(self, rows: pa.Table) -> None:
         self._rows.append(rows)
-
-    def _result(self) -> Study | None:
-        return self._run_study()
-
-    def _fault(self) -> PdEditorError:
-        return ExportError(
-            "The study failed by a fault of its own; the log has details."
-        )

@@ -1,6 +1,5 @@
 """The strip of branches over the picture: preview, switch, compare and delete them."""
 
-import threading
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,8 +8,8 @@ from typing import Final
 
 from pd_editor.analysis.findings.check import scene_findings
 from pd_editor.analysis.findings.finding import Finding
-from pd_editor.base.errors import PdEditorError
 from pd_editor.base.plain_text import number_of
+from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.commands import ReplaceTraffic
 from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.commands.roll_out import begun_like
@@ -180,18 +179,13 @@ class BranchStrip:
         if asked == self._asked:
             return
         self._asked = asked
-        base, known = self._base, dict(self._drawn)
-
-        def compute() -> None:
-            try:
-                drawn = _drawn(branches, base, known)
-            except PdEditorError as error:
-                reported = error
-                self._ui.post(lambda: self._ui.report(reported))
-                return
-            self._ui.post(lambda: self._computed(asked, drawn))
-
-        threading.Thread(target=compute, name="branch-cards", daemon=True).start()
+        base, known, post = self._base, dict(self._drawn), self._ui.post
+        BackgroundJob(
+            "branch-cards",
+            lambda _job: _drawn(branches, base, known),
+            lambda drawn: post(lambda: self._computed(asked, drawn)),
+            lambda error: post(lambda: self._ui.report(error)),
+        ).start()
 
     def _computed(self, asked: tuple[Scenario, ...], drawn: dict[int, _Drawn]) -> None:
         if asked == self._asked:

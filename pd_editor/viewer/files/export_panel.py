@@ -3,7 +3,6 @@
 import datetime
 import re
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,7 +33,7 @@ class PictureDownload:
     def __init__(self, ui: UiContext) -> None:
         """Draw for a tab."""
         self._ui = ui
-        self._job: _Drawing | None = None
+        self._job: BackgroundJob[bytes] | None = None
         self._notice: viser.NotificationHandle | None = None
 
     def start(
@@ -53,7 +52,22 @@ class PictureDownload:
         title = f"Drawing {scenario.scenario_id}.{ending}, {whom}"
         self._notice = self._ui.notify(title, stays=True)
         look = replace(look, follow=follow)
-        self._job = _Drawing(self, self._ui.post, scenario, ending, look)
+        post, name = self._ui.post, f"{scenario.scenario_id}.{ending}"
+
+        def draw(job: BackgroundJob[Any]) -> bytes:
+            def drawn(done: int, count: int) -> None:
+                job.check_cancelled()
+                post(partial(self._tell, done, count), merge_key="frames")
+
+            return picture(scenario, ending, look, drawn)
+
+        self._job = BackgroundJob(
+            f"draw-{ending}",
+            draw,
+            lambda content: post(partial(self._send, name, content)),
+            lambda error: post(partial(self._fail, error)),
+            subject="The picture",
+        )
         self._job.start()
 
     def close(self) -> None:
@@ -61,17 +75,17 @@ class PictureDownload:
         if self._job is not None:
             self._job.cancel()
 
-    def tell(self, done: int, count: int) -> None:
+    def _tell(self, done: int, count: int) -> None:
         """Show how far it is."""
         if self._notice is not None:
             self._notice.body = f"{done} of {count} frames"
 
-    def send(self, name: str, content: bytes) -> None:
+    def _send(self, name: str, content: bytes) -> None:
         """Send what is drawn."""
         self._end()
         self._ui.client.send_file_download(name, content, save_immediately=True)
 
-    def fail(self, error: PdEditorError) -> None:
+    def _fail(self, error: PdEditorError) -> None:
         """Tell why there is none."""
         self._end()
         self._ui.report(error)
@@ -80,37 +94,6 @@ class PictureDownload:
         if self._notice is not None:
             self._notice.remove()
             self._notice = None
-
-
-class _Drawing(BackgroundJob[bytes]):
-    """Draws a picture; all that it tells goes to the tab's own thread."""
-
-    def __init__(
-        self,
-        to: PictureDownload,
-        post: Callable[..., None],
-        scenario: Scenario,
-        ending: str,
-        look: FilmLook | FigureLook,
-    ) -> None:
-        name = f"{scenario.scenario_id}.{ending}"
-        super().__init__(
-            f"draw-{ending}",
-            lambda content: post(partial(to.send, name, content)),
-            lambda error: post(partial(to.fail, error)),
-        )
-        self._tell = lambda *now: post(partial(to.tell, *now), merge_key="frames")
-        self._draw = partial(picture, scenario, ending, look)
-
-    def _result(self) -> bytes:
-        return self._draw(self._drawn)
-
-    def _drawn(self, done: int, count: int) -> None:
-        self.check_cancelled()
-        self._tell(done, count)
-
-    def _fault(self) -> PdEditorError:
-        return ExportError("The picture failed by a fault of its own; see the log.")
 
 
 OTHER_WAYS: Final = "Film, figure, player, folder, edits"

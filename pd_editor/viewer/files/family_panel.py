@@ -10,7 +10,7 @@ from typing import Final
 
 import viser
 
-from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.installed_files import demo_names
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.family import (
@@ -278,7 +278,11 @@ class _FamilyJob(BackgroundJob[int]):
         make: Callable[[MemberPlan], Member],
     ) -> None:
         super().__init__(
-            "family", self._done, lambda error: ui.post(partial(panel.end, str(error)))
+            "family",
+            lambda _job: self._all_made(),
+            self._done,
+            lambda error: ui.post(partial(panel.end, str(error))),
+            subject="The family",
         )
         self._ui, self._panel = ui, panel
         self._plans, self._make = plans, make
@@ -287,7 +291,7 @@ class _FamilyJob(BackgroundJob[int]):
         self._made: list[MadeVariant] = []
         self._left_out: tuple[str, ...] = ()
 
-    def _result(self) -> int:
+    def _all_made(self) -> int:
         made: list[tuple[str, ...]] = []
         for number, plan in enumerate(self._plans, start=1):
             self.check_cancelled()
@@ -320,6 +324,3 @@ class _FamilyJob(BackgroundJob[int]):
             words += f" {len(self._failures)} failed: {self._failures[0]}"
         words = " ".join([words, *self._left_out])
         self._ui.post(partial(self._panel.end, words))
-
-    def _fault(self) -> PdEditorError:
-        return ExportError("The family failed by a fault of its own; see the log.")

@@ -23,24 +23,6 @@ from pd_editor.viewer.tab.ui_context import UiContext
 ZIP_NAME: Final = "scenarios.zip"
 
 
-class _Step(BackgroundJob[str]):
-    """Work on one of several scenarios."""
-
-    def __init__(
-        self, batch: Batch, ended: Callable[[PdEditorError | None], None]
-    ) -> None:
-        """Prepare it; ``ended`` hears why it has failed, if it has."""
-        super().__init__(batch.words, lambda _name: ended(None), ended)
-        self._do, self._one = batch.do, batch.left[0]
-
-    def _result(self) -> str:
-        self._do(self._one)
-        return self._one
-
-    def _fault(self) -> PdEditorError:
-        return PdEditorError("a fault of the editor; the log has details.")
-
-
 class LibraryActions:
     """Acts on what the library's list shows, or on what of it is ticked."""
 
@@ -147,12 +129,20 @@ class LibraryActions:
 
     def _go_on(self, scenes: TickedList[Any], batch: Batch) -> None:
         """Work on the next one in a thread, so that the page goes on meanwhile."""
-        if batch.left:
-            self._start.look()
-            done = partial(self._done, scenes, batch)
-            _Step(batch, lambda error: self._ui.post(partial(done, error))).start()
-        else:
+        if not batch.left:
             self._end(scenes, batch)
+            return
+        self._start.look()
+        one = batch.left[0]
+
+        def work(_job: BackgroundJob[Any]) -> str:
+            batch.do(one)
+            return one
+
+        def ended(error: PdEditorError | None) -> None:
+            self._ui.post(partial(self._done, scenes, batch, error))
+
+        BackgroundJob(batch.words, work, lambda _one: ended(None), ended).start()
 
     def _done(
         self, scenes: TickedList[Any], batch: Batch, error: PdEditorError | None

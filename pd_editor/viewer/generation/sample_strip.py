@@ -1,7 +1,6 @@
 """The strip of samples over the picture: compare the samples of a run and choose one."""
 
 import base64
-import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -19,8 +18,8 @@ from pd_editor.analysis.findings.sample_ranking import (
     spread_pick,
     with_fullness,
 )
-from pd_editor.base.errors import PdEditorError
 from pd_editor.base.plain_text import number_of
+from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.commands import Command, ReplaceTraffic
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.roll_out import begun_like
@@ -165,17 +164,13 @@ class SampleStrip:
         """Show the samples of a new run as soon as their cards are computed."""
         self.forget()
         self._samples = samples
-
-        def compute() -> None:
-            try:
-                cards = SampleCards.of(samples)
-            except PdEditorError as error:
-                reported = error
-                self._ui.post(lambda: self._ui.report(reported))
-                return
-            self._ui.post(lambda: self._computed(samples, cards))
-
-        threading.Thread(target=compute, name="sample-cards", daemon=True).start()
+        post = self._ui.post
+        BackgroundJob(
+            "sample-cards",
+            lambda _job: SampleCards.of(samples),
+            lambda cards: post(lambda: self._computed(samples, cards)),
+            lambda error: post(lambda: self._ui.report(error)),
+        ).start()
 
     def follow(self, adopted: int | None, *, is_valid: bool) -> None:
         """Follow the session; samples that are not valid are hidden."""

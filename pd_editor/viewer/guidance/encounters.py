@@ -41,18 +41,14 @@ class EncounterSearch(BackgroundJob[tuple[PossibleEncounter, ...]]):
         on_error: Callable[[PdEditorError], None],
     ) -> None:
         """Prepare the search; ``start`` starts it."""
-        super().__init__("possible encounters", on_done, on_error)
-        self.scenario = scenario
-        self._agent_id = agent_id
-
-    def _result(self) -> tuple[PossibleEncounter, ...] | None:
-        is_stopped = self._cancelled.is_set
-        return possible_encounters(self.scenario, self._agent_id, is_stopped)
-
-    def _fault(self) -> PdEditorError:
-        return EditError(
-            "What could happen was not found by a fault of its own; the log has details."
+        super().__init__(
+            "possible encounters",
+            lambda job: possible_encounters(scenario, agent_id, job.is_cancelled),
+            on_done,
+            on_error,
+            subject="The search for what could happen",
         )
+        self.scenario = scenario
 
 
 class Encounters:

@@ -36,7 +36,9 @@ class MapView:
         self._parts: tuple[RoadPart, ...] = ()
         self._map: RoadMap | None = None
         self._warp: RoadWarp | None = None
-        self._nodes = {layer: MeshNode(client, f"/map/{layer}") for layer in LAYERS}
+        self._nodes: dict[Layer, MeshNode] = {
+            layer: MeshNode(client, f"/map/{layer}") for layer in LAYERS
+        }
         self._visible: dict[Layer, bool] = {
             layer: layer != "centerlines" for layer in LAYERS
         }

@@ -7,7 +7,6 @@ from pathlib import Path
 from threading import RLock
 from typing import Final
 
-from pd_editor.base.errors import ExportError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.library.library import Library
 from pd_editor.experiments.scene_index.index_file import (
@@ -121,7 +120,13 @@ class _IndexJob(BackgroundJob[Mapping[str, WorkFailure]]):
         self, run: IndexRun, former: "_IndexJob | None", engine: WorkEngine | None
     ) -> None:
         """Prepare it; it waits for a former one, whose file it reads."""
-        super().__init__("index", self._done, lambda error: run.end(self, str(error)))
+        super().__init__(
+            "index",
+            lambda _job: self._indexed(),
+            self._done,
+            lambda error: run.end(self, str(error)),
+            subject="The indexing",
+        )
         self._index_run, self._former, self._engine = run, former, engine
         self._began = self._shown = 0.0
 
@@ -130,7 +135,7 @@ class _IndexJob(BackgroundJob[Mapping[str, WorkFailure]]):
         """Time since it began to read."""
         return time.monotonic() - self._began
 
-    def _result(self) -> Mapping[str, WorkFailure]:
+    def _indexed(self) -> Mapping[str, WorkFailure]:
         if self._former is not None:
             self._former.wait()
             self._former = None
@@ -152,8 +157,3 @@ class _IndexJob(BackgroundJob[Mapping[str, WorkFailure]]):
     def _done(self, failures: Mapping[str, WorkFailure]) -> None:
         told = f"{len(failures)} cannot be read." if failures else ""
         self._index_run.end(self, None if self._engine is None else told)
-
-    def _fault(self) -> PdEditorError:
-        return ExportError(
-            "The indexing failed by a fault of its own; the log has details."
-        )
