@@ -203,6 +203,7 @@ def main() -> None:
     parser.add_argument("--model", default=SHIPPED_MODEL)
     parser.add_argument("--goals-at", type=float, default=15.0, help="s")
     options = parser.parse_args()
+    options.goals_at = min(options.goals_at, options.seconds)
     root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
     generator = make_generator(options.model)
     parts: list[list[dict[str, float]]] = [[] for _ in range(THIRDS + 1)]
