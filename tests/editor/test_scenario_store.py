@@ -133,7 +133,7 @@ def test_an_upload_has_no_folder_to_protect(tmp_path: Path):
 
 def test_a_road_that_traffic_names_is_no_scene_of_its_own():
     """Traffic and its road were refused as two scenes if they had two names."""
-    session = edited_session()
+    session = EditorSession(two_agents_that_pass())
     recipe = named(session.recipe(), "road")
     files = exported_files(session.scenario, recipe, format_name="opendrive")
     both = {"road.xodr": files["road.xodr"], "traffic.xosc": files["road.xosc"]}
@@ -152,7 +152,7 @@ def test_a_road_that_traffic_names_is_no_scene_of_its_own():
 
 def test_one_name_in_two_formats_is_two_scenes():
     """One was lost without a word, beside a scene of another name."""
-    session = edited_session()
+    session = EditorSession(two_agents_that_pass())
     recipe = named(session.recipe(), "road")
     road = exported_files(session.scenario, recipe, format_name="opendrive")[
         "road.xodr"
