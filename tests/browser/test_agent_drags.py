@@ -7,7 +7,7 @@ import pytest
 
 from tests.browser.view_page import camera_rests
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture
@@ -154,7 +154,6 @@ def test_a_drag_of_an_agent_draws_no_selection_box_and_one_of_the_road_does(edit
         editor.settle()
 
 
-@pytest.mark.slow
 def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
     """(D36) Only the camera that the browser showed counts."""
     session = editor.session
@@ -174,7 +173,6 @@ def test_a_drag_right_after_the_view_key_moves_by_what_was_dragged(editor):
     assert len(session.entries) <= 1
 
 
-@pytest.mark.slow
 def test_what_a_drag_does_to_the_future_is_told(editor):
     """The chip tells later problems after the mouse is let go, in either view."""
     session, watch = editor.session, editor.tab().ui.model.findings
@@ -197,7 +195,6 @@ def test_what_a_drag_does_to_the_future_is_told(editor):
     told.first.wait_for()
 
 
-@pytest.mark.slow
 def test_the_offered_goal_of_a_slow_agent_leaves_its_drag_alone(editor):
     """(W11) Its flag stood on the agent, so that a drag set a goal.
 

@@ -6,7 +6,7 @@ from playwright.sync_api import expect
 
 from pd_editor.base.installed_files import demo_names
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from pd_editor.scene.exporters.bundle import write_files, zip_files
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import open_tabs
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture
@@ -99,7 +99,6 @@ def test_a_reload_waits_for_the_end_of_what_the_former_page_does(open_editor):
     assert editor.session is session
 
 
-@pytest.mark.slow
 def test_a_reload_finds_its_session_and_a_second_tab_gets_its_own(open_editor):
     editor = open_editor()
     focal = editor.session.scenario.focal_id

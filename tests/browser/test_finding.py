@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from pd_editor.base.installed_files import demo_folder
 from pd_editor.experiments.scene_index.index_file import INDEX_NAME
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 DEMOS = ("crosswalk", "downtown", "merge", "roundabout", "winding-street")
 
 

@@ -6,7 +6,7 @@ import pytest
 from pd_editor.editor.commands import RegeneratedEdit, SetRoadWarp, TransformAgents
 from pd_editor.scene.scenario import Scenario
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture
@@ -117,7 +117,6 @@ def test_traffic_reacts_while_an_agent_is_dragged_and_one_undo_takes_all_back(ed
     editor.until(lambda: editor.workspace.view.is_live, "live is on again")
 
 
-@pytest.mark.slow
 def test_traffic_reacts_while_a_warp_slider_is_dragged(editor):
     session = editor.session
     before, seen = session.scenario, Seen(session)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_editor):
@@ -28,7 +28,6 @@ def test_the_overlay_covers_the_picture_and_agrees_on_where_things_are(open_edit
     assert np.allclose(ground, [x, y], atol=0.05)
 
 
-@pytest.mark.slow
 def test_a_reload_leaves_one_overlay(open_editor):
     editor = open_editor()
     editor.reload()
@@ -36,7 +35,6 @@ def test_a_reload_leaves_one_overlay(open_editor):
     expect(editor.page.locator("#pd-overlay")).to_have_count(1)
 
 
-@pytest.mark.slow
 def test_the_theme_is_the_browsers_until_one_is_chosen_and_kept(browser, open_editor):
     """It was light in a dark browser, and a choice was lost with the session."""
     with browser.new_context(color_scheme="dark") as context:
@@ -61,7 +59,6 @@ def test_the_theme_is_the_browsers_until_one_is_chosen_and_kept(browser, open_ed
         editor.until(lambda: not editor.workspace.is_dark, "the theme that was kept")
 
 
-@pytest.mark.slow
 def test_all_commands_can_be_searched_from_a_text_field(open_editor):
     """Ctrl+K did nothing there, and what was typed next went into the field."""
     editor = open_editor()

@@ -15,7 +15,7 @@ from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.overlay.messages import StatusState
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 TABS = ("Scene", "Road", "Agents", "Generate", "Study", "History", "View")
 
 
@@ -155,7 +155,6 @@ def test_a_row_selects_frames_and_goes_to_its_time_and_is_cured(editor):
     editor.until(lambda: len(watch.new) == count, "the problems again")
 
 
-@pytest.mark.slow
 def test_a_click_beside_a_tick_seeks_and_one_on_it_chooses(editor):
     """A tick took presses within 30 px, so that scrubbing chose problems and flew there."""
     page, session, playback = editor.page, editor.session, editor.workspace.playback
@@ -226,7 +225,6 @@ def test_what_cannot_help_is_not_offered(editor):
     )
 
 
-@pytest.mark.slow
 def test_nothing_in_a_panel_moves(editor):
     """(D4) Problems that come, a run and its report leave every control in place."""
     session = editor.session
@@ -350,7 +348,6 @@ def test_escape_closes_the_list_with_the_focus_elsewhere(editor):
     editor.until(lambda: not session.selection, "no selection")
 
 
-@pytest.mark.slow
 def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     """What a row leads to is in sight beside the list; keys walk, and nothing moves."""
     page, session, tab = editor.page, editor.session, editor.tab()

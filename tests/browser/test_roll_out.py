@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 
 from pd_editor.experiments.closed_loop.policies import IdmOnRoute
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 
 from pd_editor.generation.path_diffuser import PathDiffuser
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 TABS = ("Scene", "Road", "Agents", "Generate", "Study", "History", "View")
 

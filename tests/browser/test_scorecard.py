@@ -6,7 +6,7 @@ from playwright.sync_api import expect
 
 from pd_editor.editor.commands import AdoptTrajectory, TransformAgents
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture

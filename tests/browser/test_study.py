@@ -9,7 +9,7 @@ from pd_editor.viewer.study_panel import ROADS_AND_FOLDER
 from tests.browser.editor_page import EditorPage
 from tests.experiments.evaluation.small_dataset import write_dataset
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def small_study(open_editor, tmp_path: Path) -> tuple[EditorPage, Path]:
@@ -76,7 +76,6 @@ def test_a_study_is_set_up_run_and_its_worst_scene_opened(open_editor, tmp_path:
     editor.screenshot("study_refused")
 
 
-@pytest.mark.slow
 def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Path):
     editor, out = small_study(open_editor, tmp_path)
     editor.press("Run the study")
@@ -97,7 +96,6 @@ def test_a_cancelled_study_ends_at_once_and_is_resumed(open_editor, tmp_path: Pa
     assert (out / "report.html").exists()
 
 
-@pytest.mark.slow
 def test_a_study_and_its_settings_outlive_a_reload_of_the_page(
     open_editor, tmp_path: Path
 ):

@@ -13,7 +13,7 @@ from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.viewer.files.export_panel import OTHER_WAYS
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def bend(editor, power: float = 6.0) -> None:
@@ -51,7 +51,6 @@ def downloaded(editor, button: str) -> tuple[str, zipfile.ZipFile]:
     return download.value.suggested_filename, zipfile.ZipFile(path)
 
 
-@pytest.mark.slow
 def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     """(D6): names are proposed, the library survives a reload, S stars."""
     editor = open_editor()
@@ -115,7 +114,6 @@ def _label(row: dict[str, str]) -> str:
     return f"{title} {row['note']}".strip()
 
 
-@pytest.mark.slow
 def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_path):
     """(D5, D6): the second went over the first; a reopened one forgot what it is."""
     editor = open_editor()

@@ -58,6 +58,7 @@ def test_a_run_writes_rows_and_reports(shell: Shell, data: Path, tmp_path: Path)
     assert "--warps none ripple-road:6 --samples 2 --seed 0" in text
 
 
+@pytest.mark.slow
 def test_states_can_be_drawn_too(shell: Shell, data: Path, tmp_path: Path):
     out = tmp_path / "out"
     options = ("--states", "sampled", "--samples", 1, "--limit", 1, "--workers", 1)
@@ -227,6 +228,7 @@ def test_progress_in_words():
     assert line(10) == "10 of 10 scenes on roads, 10 a minute"
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_real_scenes(shell: Shell, av2_root: Path, tmp_path: Path):
     data = (av2_root / "train", av2_root / "val")

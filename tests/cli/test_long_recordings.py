@@ -46,6 +46,7 @@ def test_long_recordings_are_cut_and_replayed(
         assert (Path(again.lines[0]) / path.name).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["study", "evaluate"])
 def test_studies_and_evaluations_take_what_models_sample_of_them(
     command: str, shell: Shell, tmp_path: Path
@@ -62,6 +63,7 @@ def test_studies_and_evaluations_take_what_models_sample_of_them(
     assert "lasts" not in (out / "report.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["study", "evaluate"])
 def test_they_take_a_moment_of_recordings_of_minutes(
     command: str, shell: Shell, minutes: Path, tmp_path: Path

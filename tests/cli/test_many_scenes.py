@@ -14,6 +14,7 @@ BEND = {"kind": "smooth-turn", "power": 4}
 WARP = ("--kind", "smooth-turn", "--power", 4)
 
 
+@pytest.mark.slow
 def test_a_call_for_all_gives_what_a_call_for_each_gives(tmp_path: Path):
     for demo in demo_names():
         bent = pd_editor.warp(demo, **BEND, out=tmp_path / "one/bent")

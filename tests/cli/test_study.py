@@ -118,6 +118,7 @@ def test_a_scene_that_cannot_be_made_again_is_told(
     assert "Agent 5 would move at 250 m/s" in result.out
 
 
+@pytest.mark.slow
 def test_files_of_other_formats_are_studied_and_evaluated(
     shell: Shell, tmp_path: Path, format_files: Path
 ):

@@ -30,6 +30,7 @@ def drives(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_command_makes_scenarios(tmp_path: Path):
     """With SUMO, in processes, once."""
     out = tmp_path / "out"
