@@ -65,7 +65,7 @@ def driving(scenario: Scenario, step: int) -> Float[np.ndarray, "A 4"]:
 
 def recorded(split: str) -> Iterator[Float[np.ndarray, "A 4"]]:
     """Of the recordings of a split."""
-    for folder in sorted((Path(os.environ["PD_EDITOR_AV2"]) / split).iterdir()):
+    for folder in sorted((Path(os.environ["PD_EDITOR_AV2"]) / split).glob("*/")):
         scenario = read_scenario(folder)
         yield from (driving(scenario, step) for step in RECORDED_STEPS)
 

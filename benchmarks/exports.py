@@ -215,7 +215,7 @@ def main() -> None:
         del CHECKS[name]
         LOADERS.pop(name, None)
     root = Path(os.environ["PD_EDITOR_AV2"])
-    sources = [one for split in ("train", "val") for one in (root / split).iterdir()]
+    sources = [one for split in ("train", "val") for one in (root / split).glob("*/")]
     options.out.mkdir(parents=True, exist_ok=True)
     kept = options.out / "answers.jsonl"
     lines = kept.read_text().splitlines() if kept.exists() else []

@@ -159,7 +159,7 @@ def main() -> None:
     options = parser.parse_args()
     av2 = Path(os.environ["PD_EDITOR_AV2"])
     print(f"{'':38}{'agents':>8}{'off road, %':>16}{'new collisions, %':>18}")
-    recorded = [counts(open_scenario(one)) for one in sorted((av2 / "val").iterdir())]
+    recorded = [counts(open_scenario(one)) for one in sorted((av2 / "val").glob("*/"))]
     print(row("recorded (val)", np.sum(recorded, axis=0)))
     generator = PathDiffuser(options.model)
     lines: list[list[Image.Image]] = []

@@ -50,7 +50,9 @@ def main() -> None:
     options = parser.parse_args()
     log = Method(name=GROUND_TRUTH, make_generator=make_generator)
     found: dict[float, list[list[float]]] = {width: [] for width in WIDTHS_S}
-    for folder in sorted((Path(os.environ["PD_EDITOR_AV2"]) / options.split).iterdir()):
+    for folder in sorted(
+        (Path(os.environ["PD_EDITOR_AV2"]) / options.split).glob("*/")
+    ):
         scene = scene_part(folder, COMPARED)
         request = DRIVING.request(scene, scene, num_samples=1, seed=0)
         (view,) = log.traffic(request).samples

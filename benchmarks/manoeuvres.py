@@ -69,7 +69,7 @@ def main() -> None:
     counts = {name: [0, 0, 0] for name in (*GROUPS, MADE)}
     events: dict[str, tuple[SceneEvent, ...]] = {}
     seconds = read = 0.0
-    for folder in sorted(root.iterdir()):
+    for folder in sorted(root.glob("*/")):
         if folder.is_dir():
             began = time.process_time()
             scenario = open_scenario(folder)

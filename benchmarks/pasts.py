@@ -115,7 +115,7 @@ def main() -> None:
     folders = [
         folder
         for split in options.splits
-        for folder in sorted(one for one in (root / split).iterdir() if one.is_dir())
+        for folder in sorted((root / split).glob("*/"))
     ][: options.limit]
     print(f"| {len(folders)} scenes | {' | '.join(COLUMNS)} |")
     print("|" + " --- |" * (len(COLUMNS) + 1))

@@ -27,7 +27,7 @@ def drawn(scenario: Scenario, ending: str) -> bytes:
 def main() -> None:
     """Measure."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 8
-    folders = sorted((Path(os.environ["PD_EDITOR_AV2"]) / "val").iterdir())[:count]
+    folders = sorted((Path(os.environ["PD_EDITOR_AV2"]) / "val").glob("*/"))[:count]
     scenarios = [open_scenario(one) for one in folders]
     picture(scenarios[0], "svg", LOOKS["svg"])  # Its imports are not measured.
     counts = [len(one.agents) for one in scenarios]

@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     options = parser.parse_args()
     root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
-    scenarios = [read_scenario(one) for one in sorted(root.iterdir())]
+    scenarios = [read_scenario(one) for one in sorted(root.glob("*/"))]
     print(" " * 22 + "".join(f"{one.name:>16}" for one in PLACEMENT_RULES))
 
     def line(name: str, total: np.ndarray) -> None:

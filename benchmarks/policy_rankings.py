@@ -85,7 +85,7 @@ def main() -> None:
     parser.add_argument("--policies", nargs="+", default=POLICIES)
     options = parser.parse_args()
     root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
-    scenes = tuple(sorted(root.iterdir())[: options.scenes])
+    scenes = tuple(sorted(root.glob("*/"))[: options.scenes])
     opened = [open_scenario(one) for one in scenes]
     record_s = min(one.time_axis.num_future_steps * 0.1 for one in opened)
     runs = {

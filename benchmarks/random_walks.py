@@ -48,7 +48,7 @@ def main() -> None:
     if state_file.exists():
         state = json.loads(state_file.read_text())
     root = Path(os.environ["PD_EDITOR_AV2"])
-    scenes = sorted(path for path in (root / "train").iterdir() if path.is_dir())
+    scenes = sorted((root / "train").glob("*/"))
     scenes = scenes[:NUM_SCENES]
     started = time.monotonic()
     while state["commands"] < wanted and time.monotonic() - started < seconds:

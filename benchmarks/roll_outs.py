@@ -210,7 +210,7 @@ def main() -> None:
     joints, times, windows, answered, logged = [], [], [], 0, 0
     missed: list[list[float]] = [[], []]
     obeyed = np.zeros(4, int)
-    for folder in sorted(root.iterdir())[: options.scenes]:
+    for folder in sorted(root.glob("*/"))[: options.scenes]:
         scenario = open_scenario(folder)
         if options.signals and junctions(scenario.road_map):
             scenario = SampleSignals(seed=0).apply(scenario)

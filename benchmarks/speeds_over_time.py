@@ -113,7 +113,7 @@ def main() -> None:
     told("sensor logs", logs, 15.0)
     generator = make_generator(SHIPPED_MODEL)
     found: list[tuple[bool, np.ndarray, np.ndarray]] = []
-    for folder in sorted((root / options.split).iterdir())[: options.scenes]:
+    for folder in sorted((root / options.split).glob("*/"))[: options.scenes]:
         request = RollOutRequest(
             scenario=open_scenario(folder), duration_s=options.seconds
         )

@@ -80,7 +80,7 @@ def generator() -> PathDiffuser:
 @cache
 def busy_scenes() -> tuple[Scenario, ...]:
     """Scenes of ``val`` with about 32 agents or more."""
-    scenes = map(read_scenario, sorted((root() / "val").iterdir()))
+    scenes = map(read_scenario, sorted((root() / "val").glob("*/")))
     return tuple(one for one in scenes if len(drivable_agent_ids(one)) >= 25)
 
 

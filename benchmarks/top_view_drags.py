@@ -180,7 +180,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
-    folders = sorted((Path(os.environ["PD_EDITOR_AV2"]) / "val").iterdir())
+    folders = sorted((Path(os.environ["PD_EDITOR_AV2"]) / "val").glob("*/"))
     outcomes: list[Outcome] = []
     for folder in folders:
         missing = options.drags - len(outcomes)
