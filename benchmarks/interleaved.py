@@ -161,9 +161,7 @@ def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
     from pd_editor.generation.features.encoded_scene import packed
     from pd_editor.generation.features.scene_features import scene_features
     from pd_editor.generation.generators import SHIPPED_MODEL
-    from pd_editor.generation.initial_state.network.denoiser import (
-        InitialStateDenoiser,
-    )
+    from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
     from pd_editor.generation.initial_state.sampler import sample_initial_states
     from pd_editor.generation.inputs.scene_batch import batch_of
     from pd_editor.generation.path_diffuser import PathDiffuser

@@ -32,11 +32,7 @@ from pd_editor.base.errors import PdEditorError
 from pd_editor.base.installed_files import demo_names
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.editor.unfinished_work import (
-    UnfinishedWork,
-    find_unfinished,
-    restore,
-)
+from pd_editor.editor.unfinished_work import UnfinishedWork, find_unfinished, restore
 from tests.viewer.fake_browser import CAMERA
 
 LONGEST_S = 5.0

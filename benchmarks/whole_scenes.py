@@ -18,10 +18,7 @@ import shapely
 from jaxtyping import Bool, Float
 
 import pd_editor
-from pd_editor.analysis.metrics.box_overlaps import (
-    box_overlap,
-    init_five_circles,
-)
+from pd_editor.analysis.metrics.box_overlaps import box_overlap, init_five_circles
 from pd_editor.analysis.metrics.lanes import ids_near_lanes
 from pd_editor.analysis.metrics.road import askew, is_off_road, surroundings
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic

@@ -12,10 +12,7 @@ import numpy as np
 import torch
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
-from pd_editor.analysis.metrics.box_overlaps import (
-    first_overlap,
-    overlapping_pairs,
-)
+from pd_editor.analysis.metrics.box_overlaps import first_overlap, overlapping_pairs
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.editor.commands import ReplaceTraffic, RequestSummary
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator

@@ -10,11 +10,7 @@ from pd_editor.base.errors import PdEditorError
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario
 from reproduction.paper_tables import AttentionScores
-from reproduction.systems import (
-    STATES,
-    Trained,
-    in_table_order,
-)
+from reproduction.systems import STATES, Trained, in_table_order
 
 if TYPE_CHECKING:
     from pd_editor.generation.inputs.scene_batch import SceneTensors
@@ -59,9 +55,7 @@ def attention_scores(
     from pd_editor.generation.checkpoints.model_folder import load_model
     from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
     from pd_editor.generation.stages import STAGE_KINDS
-    from reproduction.attention_probe import (
-        attention_variance,
-    )
+    from reproduction.attention_probe import attention_variance
 
     batches = []
     for folder in scenes[:MAX_SCENES]:

@@ -5,11 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from pd_editor.experiments.report import ReportTable
-from reproduction.measures import (
-    MeasuredValue,
-    RowTable,
-    TableLine,
-)
+from reproduction.measures import MeasuredValue, RowTable, TableLine
 from reproduction.paper_tables import (
     CORRECTED_COMPARISON,
     CORRECTED_REALISM,

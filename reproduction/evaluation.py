@@ -26,10 +26,7 @@ from pd_editor.scene.generation import ScenarioGenerator
 from reproduction.attention_scores import attention_scores
 from reproduction.measures import RowTable
 from reproduction.paper_report import paper_report
-from reproduction.paper_tables import (
-    STATE_COLUMNS,
-    TRAJECTORY_COLUMNS,
-)
+from reproduction.paper_tables import STATE_COLUMNS, TRAJECTORY_COLUMNS
 from reproduction.pictures import PaperPicture, PictureBook
 from reproduction.plans import PaperPlan, Part, paper_plan
 from reproduction.systems import Trained, trained_systems

@@ -14,11 +14,7 @@ from reproduction.paper_tables import (
     state_tables,
     trajectory_tables,
 )
-from reproduction.systems import (
-    Trained,
-    in_table_order,
-    label_of,
-)
+from reproduction.systems import Trained, in_table_order, label_of
 
 _MOST_FAILURES = 20
 

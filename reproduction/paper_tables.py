@@ -8,11 +8,7 @@ from typing import Final
 from pd_editor.analysis.metrics.distribution_distance import histogram_of
 from pd_editor.analysis.metrics.values import Source
 from pd_editor.experiments.report import ReportTable
-from reproduction.measures import (
-    MeasuredValue,
-    RowTable,
-    TableLine,
-)
+from reproduction.measures import MeasuredValue, RowTable, TableLine
 from reproduction.systems import in_table_order, label_of
 
 NONE: Final = "-"

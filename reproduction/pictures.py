@@ -27,13 +27,7 @@ from pd_editor.scene.generation import (
 from pd_editor.scene.paths.motion_primitives import candidates
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
-from reproduction.systems import (
-    STATES,
-    TRAJECTORIES,
-    Trained,
-    in_table_order,
-    label_of,
-)
+from reproduction.systems import STATES, TRAJECTORIES, Trained, in_table_order, label_of
 from reproduction.top_view import (
     COLORS,
     draw_paths,

@@ -11,12 +11,7 @@ from pd_editor.experiments.evaluation.method import Method
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.scene.generation import ScenarioGenerator
-from reproduction.systems import (
-    REFERENCES,
-    STATES,
-    TRAJECTORIES,
-    Trained,
-)
+from reproduction.systems import REFERENCES, STATES, TRAJECTORIES, Trained
 
 Mode = Literal["", "unguided", "guided"]
 PLAIN_ROADS: Final = (RoadCondition(),)

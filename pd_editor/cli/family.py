@@ -12,12 +12,7 @@ from pd_editor.base.errors import ExportError, PdEditorError
 from pd_editor.base.plain_text import csv_file
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.many_scenes import Scenes, all_scenes
-from pd_editor.cli.options import (
-    Number,
-    ResultOptions,
-    shown,
-    taking,
-)
+from pd_editor.cli.options import Number, ResultOptions, shown, taking
 from pd_editor.cli.output import Outcome, ProgressLine, refuse_existing
 from pd_editor.cli.replay import RecipeOptions, open_base, read_recipe
 from pd_editor.editor.family import (
@@ -31,11 +26,7 @@ from pd_editor.editor.family import (
 from pd_editor.editor.library.index_table import index_row
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import check_free, export_into
-from pd_editor.editor.varied_numbers import (
-    VariedNumber,
-    varied_numbers,
-    varied_values,
-)
+from pd_editor.editor.varied_numbers import VariedNumber, varied_numbers, varied_values
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.formats.player import player_page
 from pd_editor.scene.generation import ScenarioGenerator

@@ -31,10 +31,7 @@ from pd_editor.editor.library.index_table import INDEX_NAME
 from pd_editor.editor.library.library import SORTS, Library, LibraryCard, take_in
 from pd_editor.editor.recipe import moment
 from pd_editor.editor.variant import Variant
-from pd_editor.experiments.scene_index.index_file import (
-    IndexWriter,
-    index_place,
-)
+from pd_editor.experiments.scene_index.index_file import IndexWriter, index_place
 from pd_editor.experiments.scene_index.query import find_scenes
 from pd_editor.experiments.work_engine.engine_choice import EngineChoice
 from pd_editor.experiments.work_engine.work_engine import (

@@ -6,14 +6,7 @@ from typing import Annotated
 
 from pd_editor.base.errors import InputError
 from pd_editor.cli.evaluate import TrialOptions, checked_methods, within
-from pd_editor.cli.options import (
-    FolderOption,
-    Folders,
-    Number,
-    several,
-    shown,
-    taking,
-)
+from pd_editor.cli.options import FolderOption, Folders, Number, several, shown, taking
 from pd_editor.cli.output import work_shown
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING
 from pd_editor.experiments.evaluation.road_condition import (

@@ -9,13 +9,7 @@ from pd_editor.analysis.guidance.possible_encounters import (
 )
 from pd_editor.analysis.guidance.report import guidance_problems
 from pd_editor.base.errors import EditError
-from pd_editor.cli.options import (
-    PartOptions,
-    ScenarioArgument,
-    shown,
-    taking,
-    text_of,
-)
+from pd_editor.cli.options import PartOptions, ScenarioArgument, shown, taking, text_of
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.scene.guidance_terms import PairGuidance
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids

@@ -34,11 +34,7 @@ from pd_editor.editor.varied_numbers import (
     values_in_words,
     varied,
 )
-from pd_editor.scene.generation import (
-    GenerationRequest,
-    ScenarioGenerator,
-    run_to_end,
-)
+from pd_editor.scene.generation import GenerationRequest, ScenarioGenerator, run_to_end
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 

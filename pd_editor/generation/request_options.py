@@ -7,10 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
-from pd_editor.analysis.metrics.lanes import (
-    BEYOND_ROADS_M,
-    ids_near_lanes,
-)
+from pd_editor.analysis.metrics.lanes import BEYOND_ROADS_M, ids_near_lanes
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.checkpoints.model_folder import TrainedStage
 from pd_editor.generation.defaults import NUM_TRIES

@@ -8,14 +8,7 @@ import hashlib
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import (
-    Final,
-    Literal,
-    Protocol,
-    TypeVar,
-    get_args,
-    runtime_checkable,
-)
+from typing import Final, Literal, Protocol, TypeVar, get_args, runtime_checkable
 
 import numpy as np
 import shapely

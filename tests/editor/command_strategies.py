@@ -56,12 +56,7 @@ from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
-from tests.builders import (
-    scenario_with,
-    straight_drivers,
-    straight_lane,
-    two_lane_road,
-)
+from tests.builders import scenario_with, straight_drivers, straight_lane, two_lane_road
 
 ABSENT_ID = "105"
 """The agent of ``busy_scenario`` that has no state at the current step."""

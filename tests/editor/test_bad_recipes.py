@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 
 from pd_editor.base.errors import EditError, RecipeError
-from pd_editor.editor.commands import (
-    AdoptTrajectory,
-    ReplaceTraffic,
-    command_from_json,
-)
+from pd_editor.editor.commands import AdoptTrajectory, ReplaceTraffic, command_from_json
 from pd_editor.editor.commands.agents import DuplicateAgents
 from pd_editor.editor.commands.json_values import to_json
 from pd_editor.editor.commands.poses import PlaceAgent

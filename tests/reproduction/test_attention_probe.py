@@ -2,10 +2,7 @@ import pytest
 import torch
 
 from pd_editor.generation.core.attention import DifferentialAttention, Mask
-from reproduction.attention_probe import (
-    AttentionProbe,
-    attention_variance,
-)
+from reproduction.attention_probe import AttentionProbe, attention_variance
 from tests.generation.initial_state.scenes import (
     scene_batch,
     small_model,

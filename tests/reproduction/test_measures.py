@@ -5,11 +5,7 @@ from pd_editor.analysis.metrics.distribution_distance import histogram_of
 from pd_editor.experiments.evaluation.method import Method
 from pd_editor.generation.lane_follower import LaneFollower
 from reproduction.claims import claims_table
-from reproduction.measures import (
-    MeasuredValue,
-    RowTable,
-    TableLine,
-)
+from reproduction.measures import MeasuredValue, RowTable, TableLine
 from reproduction.paper_tables import (
     STATE_COLUMNS,
     TRAJECTORY_COLUMNS,

@@ -7,11 +7,7 @@ from pd_editor.base.errors import InputError
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
 from pd_editor.experiments.evaluation.road_condition import road_conditions
 from reproduction.plans import paper_plan
-from reproduction.systems import (
-    in_table_order,
-    label_of,
-    trained_systems,
-)
+from reproduction.systems import in_table_order, label_of, trained_systems
 
 
 def write_model(folder: Path, *own: str, stages=("init", "traj"), warps=0.0) -> None:

@@ -5,11 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.scene.av2_io.read import read_scenario
-from pd_editor.scene.road_layers import (
-    STRIPE_M,
-    _direction,
-    crosswalk_stripes,
-)
+from pd_editor.scene.road_layers import STRIPE_M, _direction, crosswalk_stripes
 from pd_editor.scene.road_map import Crosswalk, DrivableArea, RoadMap
 
 

@@ -26,11 +26,7 @@ from pd_editor.analysis.metrics.box_overlaps import (
     overlaps_of_pairs,
     pairs_that_meet,
 )
-from pd_editor.analysis.metrics.safety import (
-    CRITICAL_S,
-    box_gap_m,
-    least_times_s,
-)
+from pd_editor.analysis.metrics.safety import CRITICAL_S, box_gap_m, least_times_s
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_states import AgentStates

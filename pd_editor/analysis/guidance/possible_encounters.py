@@ -160,7 +160,7 @@ def _yields(
             for line, at in ((way, place), (theirs, step))
         )
         moved = np.linalg.norm(theirs[step] - theirs[0]) > _MEETS_M
-        # Ways that differ less in direction lead on together: nobody waits there.
+        # Paths whose headings differ less merge: there no agent yields.
         along = 0.94 * np.linalg.norm(mine) * np.linalg.norm(other)
         if moved and mine @ other < along:
             if not any(yield_problems(term, Plan(scenario=scenario))):

@@ -6,11 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.motion import (
-    DEGREE,
-    WINDOW_STEPS,
-    derivative_operators,
-)
+from pd_editor.analysis.metrics.motion import DEGREE, WINDOW_STEPS, derivative_operators
 from pd_editor.analysis.metrics.safety import box_gap_m
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector

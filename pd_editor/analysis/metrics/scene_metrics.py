@@ -14,11 +14,7 @@ from pd_editor.analysis.metrics.box_overlaps import (
     local_density,
     nearest_distance,
 )
-from pd_editor.analysis.metrics.lanes import (
-    lane_deviation,
-    nearest_edge,
-    off_lane,
-)
+from pd_editor.analysis.metrics.lanes import lane_deviation, nearest_edge, off_lane
 from pd_editor.analysis.metrics.likelihoods import likelihood_values
 from pd_editor.analysis.metrics.motion import (
     ade,

@@ -13,11 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.metrics.box_overlaps import overlaps_of_pairs
-from pd_editor.analysis.metrics.motion import (
-    COMFORT,
-    MAX_CURVATURE_PER_M,
-    TURNING_MPS,
-)
+from pd_editor.analysis.metrics.motion import COMFORT, MAX_CURVATURE_PER_M, TURNING_MPS
 from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, Activity
 from pd_editor.scene.agent_states import MOTION, STEPPED

@@ -7,10 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.metrics.box_overlaps import (
-    first_overlap,
-    overlapping_pairs,
-)
+from pd_editor.analysis.metrics.box_overlaps import first_overlap, overlapping_pairs
 from pd_editor.analysis.metrics.motion import (
     COMFORT,
     DEGREE,

@@ -19,10 +19,7 @@ from pd_editor.analysis.metrics.box_overlaps import (
     pairs_that_meet,
     turned_boxes_touch,
 )
-from pd_editor.analysis.metrics.motion import (
-    WINDOW_STEPS,
-    derivative_operators,
-)
+from pd_editor.analysis.metrics.motion import WINDOW_STEPS, derivative_operators
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle

@@ -8,11 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pd_editor.analysis.metrics.box_overlaps import boxes_touch
-from pd_editor.analysis.metrics.safety import (
-    HORIZON_S,
-    box_gap_m,
-    sweep_times_s,
-)
+from pd_editor.analysis.metrics.safety import HORIZON_S, box_gap_m, sweep_times_s
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import Boxes
 

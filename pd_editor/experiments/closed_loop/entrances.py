@@ -8,11 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.road import (
-    is_off_road,
-    map_ends,
-    offsets_from,
-)
+from pd_editor.analysis.metrics.road import is_off_road, map_ends, offsets_from
 from pd_editor.experiments.closed_loop.world import World
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,

@@ -13,9 +13,7 @@ from jaxtyping import Float
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked, is_reference, object_of_reference
 from pd_editor.base.plain_text import nearest_or_all
-from pd_editor.generation.generators.plugins import (
-    object_of_folder,
-)
+from pd_editor.generation.generators.plugins import object_of_folder
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length

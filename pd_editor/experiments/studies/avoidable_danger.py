@@ -12,10 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Int
 
-from pd_editor.analysis.metrics.box_overlaps import (
-    boxes_collide,
-    first_collisions,
-)
+from pd_editor.analysis.metrics.box_overlaps import boxes_collide, first_collisions
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.editor.scenario_store import scene_part

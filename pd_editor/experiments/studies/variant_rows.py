@@ -13,11 +13,7 @@ from jaxtyping import Bool
 
 from pd_editor.analysis.metrics.box_overlaps import box_overlap
 from pd_editor.analysis.metrics.lanes import lane_deviation, off_lane
-from pd_editor.analysis.metrics.motion import (
-    ade,
-    best_of_samples,
-    kinematics,
-)
+from pd_editor.analysis.metrics.motion import ade, best_of_samples, kinematics
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.editor.scenario_store import scene_part

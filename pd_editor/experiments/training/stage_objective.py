@@ -30,10 +30,7 @@ from pd_editor.generation.initial_state.prediction_error import measured_clean_v
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.generation.stages import INITIAL_STATES, TRAJECTORIES
-from pd_editor.generation.trajectory.loss import (
-    TrajectoryLossConfig,
-    trajectory_loss,
-)
+from pd_editor.generation.trajectory.loss import TrajectoryLossConfig, trajectory_loss
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 
 _MOST_MEASURED: Final = 64

@@ -78,8 +78,11 @@ class TracedStep:
             traced: Any = torch.jit.trace(of_tensors, tuple(tensors), check_trace=False)
         form.clear()  # Torch keeps the function.
         # Sizes are of this call; what is left is found once rather than in each call.
-        for simpler in _SIMPLER:
-            getattr(torch._C, f"_jit_pass_{simpler}")(traced.graph)
+        for name in _SIMPLER:
+            # Not every version of torch has each of them.
+            simplify = getattr(torch._C, f"_jit_pass_{name}", None)
+            if simplify is not None:
+                simplify(traced.graph)
         return traced
 
 

@@ -5,10 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pd_editor.analysis.metrics.box_overlaps import (
-    first_overlap,
-    overlapping_pairs,
-)
+from pd_editor.analysis.metrics.box_overlaps import first_overlap, overlapping_pairs
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.kept_paths import KeptPaths

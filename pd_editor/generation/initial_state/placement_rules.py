@@ -11,11 +11,7 @@ from jaxtyping import Bool, Float
 from pd_editor.analysis.guidance.guidance_kind import LIMIT_BRAKING_MPS2
 from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.analysis.metrics.lanes import usable_lanes
-from pd_editor.analysis.metrics.road import (
-    ASKEW_TO_LANE_DEG,
-    is_off_road,
-    nearest_lane,
-)
+from pd_editor.analysis.metrics.road import ASKEW_TO_LANE_DEG, is_off_road, nearest_lane
 from pd_editor.analysis.repair.state_repairs import STANDING_GAP_M, gaps_ahead_m
 from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.initial_state.kept_paths import KeptPaths

@@ -32,11 +32,7 @@ from pd_editor.scene.formats.recorded_map import (
     map_of,
     read_as,
 )
-from pd_editor.scene.formats.scene_format import (
-    IDS_NAME,
-    SceneFormat,
-    WrittenScene,
-)
+from pd_editor.scene.formats.scene_format import IDS_NAME, SceneFormat, WrittenScene
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 

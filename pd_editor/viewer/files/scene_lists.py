@@ -22,11 +22,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
 from pd_editor.editor.variant import short_id
 from pd_editor.experiments.scene_index.index_file import SceneIndex
-from pd_editor.experiments.scene_index.query import (
-    FoundScene,
-    find_places,
-    find_scenes,
-)
+from pd_editor.experiments.scene_index.query import FoundScene, find_places, find_scenes
 from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
 from pd_editor.viewer.overlay.messages import BulkButton, Choice, SceneFacet, SceneTile
 from pd_editor.viewer.scene.timeline import in_seconds

@@ -7,10 +7,7 @@ import viser
 from jaxtyping import Float
 
 from pd_editor.analysis.guidance.kinds.path import FollowPath
-from pd_editor.analysis.metrics.box_overlaps import (
-    PathCollision,
-    first_collisions,
-)
+from pd_editor.analysis.metrics.box_overlaps import PathCollision, first_collisions
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.scene.geometry.lines import Lines

@@ -18,11 +18,7 @@ from pd_editor.viewer.guidance.guiding import replaced_index
 from pd_editor.viewer.guidance.term_marks import arc_mark
 from pd_editor.viewer.guidance.term_rows import agents_of
 from pd_editor.viewer.meshes.agent_shapes import AgentPoses
-from pd_editor.viewer.overlay.messages import (
-    EncounterLine,
-    EncounterList,
-    GuidanceMark,
-)
+from pd_editor.viewer.overlay.messages import EncounterLine, EncounterList, GuidanceMark
 from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
 

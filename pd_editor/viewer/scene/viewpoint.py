@@ -8,11 +8,7 @@ import numpy as np
 
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.scenario import Scenario
-from pd_editor.viewer.overlay.messages import (
-    CompassState,
-    CurtainState,
-    ViewState,
-)
+from pd_editor.viewer.overlay.messages import CompassState, CurtainState, ViewState
 from pd_editor.viewer.scene.camera import ground_point, projected, ray_through
 from pd_editor.viewer.scene.framing import (
     LOOK_AHEAD_M,

@@ -9,11 +9,7 @@ from typing import Final
 
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.library.library import Library
-from pd_editor.experiments.scene_index.index_file import (
-    SCHEMA,
-    IndexWriter,
-    SceneIndex,
-)
+from pd_editor.experiments.scene_index.index_file import SCHEMA, IndexWriter, SceneIndex
 from pd_editor.experiments.work_engine.local_processes import (
     LocalProcesses,
     available_cores,

@@ -4,10 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.analysis.metrics.box_overlaps import (
-    box_overlap,
-    init_five_circles,
-)
+from pd_editor.analysis.metrics.box_overlaps import box_overlap, init_five_circles
 from pd_editor.scene.agent_kind import AgentKind
 from tests.analysis.metrics.traffic_builders import recorded
 

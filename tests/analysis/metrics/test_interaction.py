@@ -1,9 +1,6 @@
 import numpy as np
 
-from pd_editor.analysis.metrics.box_overlaps import (
-    local_density,
-    nearest_distance,
-)
+from pd_editor.analysis.metrics.box_overlaps import local_density, nearest_distance
 from pd_editor.analysis.metrics.motion import diversity_values
 from pd_editor.scene.agent_kind import AgentKind
 from tests.analysis.metrics.traffic_builders import generated, recorded

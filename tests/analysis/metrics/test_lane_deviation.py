@@ -8,11 +8,7 @@ from pd_editor.analysis.metrics.lanes import (
     off_lane,
     path_length_m,
 )
-from pd_editor.analysis.metrics.road import (
-    map_points,
-    nearest_points,
-    paths_within,
-)
+from pd_editor.analysis.metrics.road import map_points, nearest_points, paths_within
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.read import read_scenario

@@ -5,11 +5,7 @@ import pytest
 import shapely
 
 from pd_editor.analysis.metrics.lanes import ids_near_lanes
-from pd_editor.analysis.metrics.road import (
-    drivable_ground,
-    is_off_road,
-    outside_m,
-)
+from pd_editor.analysis.metrics.road import drivable_ground, is_off_road, outside_m
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario

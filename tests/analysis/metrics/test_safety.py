@@ -2,15 +2,8 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.analysis.metrics.box_overlaps import (
-    MIN_OVERLAP_M2,
-    boxes_touch,
-)
-from pd_editor.analysis.metrics.safety import (
-    box_gap_m,
-    safety_values,
-    sweep_times_s,
-)
+from pd_editor.analysis.metrics.box_overlaps import MIN_OVERLAP_M2, boxes_touch
+from pd_editor.analysis.metrics.safety import box_gap_m, safety_values, sweep_times_s
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.read import read_scenario

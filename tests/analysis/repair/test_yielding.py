@@ -5,14 +5,8 @@ import pytest
 from hypothesis import given, settings
 
 from benchmarks.repair import at_constant_velocity
-from pd_editor.analysis.metrics.box_overlaps import (
-    first_overlap,
-    overlapping_pairs,
-)
-from pd_editor.analysis.metrics.motion import (
-    WINDOW_STEPS,
-    derivative_operators,
-)
+from pd_editor.analysis.metrics.box_overlaps import first_overlap, overlapping_pairs
+from pd_editor.analysis.metrics.motion import WINDOW_STEPS, derivative_operators
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.analysis.repair.yielding import (
     MAX_BRAKING_MPS2,

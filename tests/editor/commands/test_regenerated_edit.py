@@ -19,10 +19,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.editor.commands.traffic import carried_to
-from pd_editor.editor.edit_findings import (
-    carried_agent_ids,
-    generated_agent_ids,
-)
+from pd_editor.editor.edit_findings import carried_agent_ids, generated_agent_ids
 from pd_editor.editor.recipe import Recipe, regenerate, replay
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.geometry.rigid_motion import RigidMotion

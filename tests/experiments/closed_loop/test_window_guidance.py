@@ -9,11 +9,7 @@ from hypothesis import strategies as st
 
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowPath
-from pd_editor.analysis.guidance.kinds.speed import (
-    SpeedLimit,
-    StopAtLine,
-    TargetSpeed,
-)
+from pd_editor.analysis.guidance.kinds.speed import SpeedLimit, StopAtLine, TargetSpeed
 from pd_editor.base.errors import GenerationError
 from pd_editor.editor.commands import AddGuidance, SetLocks
 from pd_editor.editor.scenario_store import open_scenario

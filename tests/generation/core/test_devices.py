@@ -1,11 +1,7 @@
 import torch
 from torch import nn
 
-from pd_editor.generation.core.devices import (
-    constant,
-    is_known,
-    lay_out_weights,
-)
+from pd_editor.generation.core.devices import constant, is_known, lay_out_weights
 
 
 def test_weights_laid_out_anew_have_the_same_values() -> None:

@@ -12,10 +12,7 @@ from pd_editor.generation.trajectory.loss import (
 )
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors
-from pd_editor.generation.trajectory.sampler import (
-    TrajectoryNoise,
-    sample_trajectories,
-)
+from pd_editor.generation.trajectory.sampler import TrajectoryNoise, sample_trajectories
 from tests.generation.trajectory.scenes import scene_batch, small_model
 
 

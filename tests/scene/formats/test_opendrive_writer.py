@@ -27,12 +27,7 @@ from pd_editor.scene.perturbation.warp_scenario import (
     warp_scenario,
 )
 from pd_editor.scene.road_map import RoadMap
-from pd_editor.scene.road_warp import (
-    DEFAULT_LENGTH_M,
-    WARP_KINDS,
-    RoadWarp,
-    WarpTerm,
-)
+from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import Signal
 from tests.builders import straight_lane, two_agents_that_pass

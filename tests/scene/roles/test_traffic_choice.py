@@ -7,10 +7,7 @@ from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.speed import TargetSpeed
 from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.roles.traffic_choice import (
-    drivable_agent_ids,
-    steered_agent_ids,
-)
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids, steered_agent_ids
 from tests.builders import scenario_with, straight_drivers
 
 KINDS = tuple(AgentKind)

@@ -6,11 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pd_editor import open_scenario
-from pd_editor.editor.commands import (
-    SetAgentKind,
-    SetAgentPosition,
-    SetAgentSpeed,
-)
+from pd_editor.editor.commands import SetAgentKind, SetAgentPosition, SetAgentSpeed
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene.agent_kind import Activity, AgentKind
 from pd_editor.scene.scenario import EGO_ID

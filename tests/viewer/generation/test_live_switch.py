@@ -27,11 +27,7 @@ from pd_editor.viewer.generation.run_bar import (
     nearest_to_edit,
     retimed_ids,
 )
-from tests.builders import (
-    scenario_with,
-    straight_drivers,
-    two_agents_that_pass,
-)
+from tests.builders import scenario_with, straight_drivers, two_agents_that_pass
 from tests.editor.fake_generators import DriftGenerator
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 

@@ -5,10 +5,7 @@ import pytest
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.scene.generation import Region
-from pd_editor.viewer.generation.generation_panel import (
-    AROUND_TRAFFIC,
-    IN_REGION,
-)
+from pd_editor.viewer.generation.generation_panel import AROUND_TRAFFIC, IN_REGION
 from pd_editor.viewer.generation.region_drawing import square_between
 from tests.viewer.fake_browser import FakeTab
 

@@ -4,11 +4,7 @@ import numpy as np
 
 from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, TransformAgents
 from pd_editor.scene.palette import LIGHT
-from pd_editor.viewer.scene.original_view import (
-    _paths,
-    changed_rows,
-    difference_notes,
-)
+from pd_editor.viewer.scene.original_view import _paths, changed_rows, difference_notes
 from tests.builders import two_agents_that_pass
 
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.viewer.meshes.agent_shapes import poses_at
-from pd_editor.viewer.scene.picking import (
-    PointerRay,
-    agent_under,
-    lane_under,
-    point_of,
-)
+from pd_editor.viewer.scene.picking import PointerRay, agent_under, lane_under, point_of
 from tests.builders import LANE_WIDTH_M, two_agents_that_pass
 from tests.viewer.fake_page import FakePage
 

@@ -10,11 +10,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.likelihoods import (
-    LIKELIHOODS,
-    NUM_SAMPLES,
-    meta_metric,
-)
+from pd_editor.analysis.metrics.likelihoods import LIKELIHOODS, NUM_SAMPLES, meta_metric
 from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
 from pd_editor.experiments.evaluation.road_condition import PLAIN
 from pd_editor.experiments.evaluation.scene_bootstrap import (

@@ -8,20 +8,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.metrics.box_overlaps import (
-    local_density,
-    nearest_distance,
-)
-from pd_editor.analysis.metrics.distribution_distance import (
-    Histogram,
-    histogram_of,
-)
+from pd_editor.analysis.metrics.box_overlaps import local_density, nearest_distance
+from pd_editor.analysis.metrics.distribution_distance import Histogram, histogram_of
 from pd_editor.analysis.metrics.lanes import nearest_edge
-from pd_editor.analysis.metrics.motion import (
-    Kinematics,
-    kinematics,
-    motion_values,
-)
+from pd_editor.analysis.metrics.motion import Kinematics, kinematics, motion_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MaskedValues
 from pd_editor.scene.agent_kind import AgentGroup, AgentKind

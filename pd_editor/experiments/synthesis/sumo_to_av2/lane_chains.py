@@ -11,11 +11,7 @@ from jaxtyping import Float
 from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet
 from pd_editor.scene.geometry.angles import left_of
 from pd_editor.scene.geometry.polyline import arc_length, resample, without_repeats
-from pd_editor.scene.geometry.wide_line import (
-    WideLine,
-    wide_line,
-    with_end_normals,
-)
+from pd_editor.scene.geometry.wide_line import WideLine, wide_line, with_end_normals
 from pd_editor.scene.road_map import LaneKind
 
 

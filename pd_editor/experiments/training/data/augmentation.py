@@ -24,12 +24,7 @@ from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_map import RoadMap
-from pd_editor.scene.road_warp import (
-    DEFAULT_LENGTH_M,
-    WARP_KINDS,
-    RoadWarp,
-    WarpTerm,
-)
+from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -18,10 +18,7 @@ from pd_editor.analysis.guidance.kinds.speed import (
     TargetSpeed,
 )
 from pd_editor.analysis.guidance.report import term_outcomes
-from pd_editor.analysis.metrics.motion import (
-    WINDOW_STEPS,
-    derivative_operators,
-)
+from pd_editor.analysis.metrics.motion import WINDOW_STEPS, derivative_operators
 from pd_editor.base.errors import ModelError
 from pd_editor.base.installed_files import models_folder
 from pd_editor.editor.scenario_store import open_scenario
