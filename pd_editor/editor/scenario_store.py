@@ -39,6 +39,7 @@ from pd_editor.scene.av2_io.upload import (
 from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
+from pd_editor.scene.formats.packed_file import closed_folder
 from pd_editor.scene.formats.registry import (
     foreign_scenes_among,
     format_of,
@@ -393,7 +394,7 @@ def _foreign_upload(scenes: Mapping[str, Mapping[str, bytes]]) -> Scenario | Non
             f"{second[:60]}; expected one."
         )
     (part,) = scenes.values()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, closed_folder():
         paths = [Path(folder, name) for name in part]
         for path, data in zip(paths, part.values(), strict=True):
             path.write_bytes(data)

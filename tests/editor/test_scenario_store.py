@@ -150,6 +150,22 @@ def test_a_road_that_traffic_names_is_no_scene_of_its_own():
         scenario_and_recipe({"x.zip": content})
 
 
+def test_an_upload_names_no_file_of_the_server(tmp_path: Path):
+    """A scenario could name the road of anybody, and show it."""
+    session = EditorSession(two_agents_that_pass())
+    recipe = named(session.recipe(), "road")
+    files = exported_files(session.scenario, recipe, format_name="opendrive")
+    road = {"road.xodr": files["road.xodr"]}
+    write_files(road, tmp_path / "others", forbidden=None)
+    there = "../" * 20 + str(tmp_path / "others" / "road.xodr")[1:]
+    asking = files["road.xosc"].replace(b"road.xodr", there.encode())
+    with pytest.raises(InputError, match="neither there nor beside it"):
+        scenario_and_recipe({"road.xosc": asking})
+    # On the user's own machine a road is where the scenario says.
+    write_files({"road.xosc": asking}, tmp_path / "own", forbidden=None)
+    assert open_scenario(tmp_path / "own" / "road.xosc").road_map.lanes
+
+
 def test_one_name_in_two_formats_is_two_scenes():
     """One was lost without a word, beside a scene of another name."""
     session = EditorSession(two_agents_that_pass())

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,7 @@ from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.commonroad_writer import unbroken_parts
 from pd_editor.scene.formats.file_scene import FileTrack, headings_on_the_way
+from pd_editor.scene.formats.packed_file import named_by
 from pd_editor.scene.formats.parameters import insert_catalogs, set_parameters
 from pd_editor.scene.formats.xml_file import Place, added, as_file, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
@@ -131,13 +132,13 @@ def road_network_of(root: Place) -> Path:
         FormatError: it is not there.
     """
     file = root.child("RoadNetwork").child("LogicFile")
-    told = PurePosixPath(file.attribute("filepath").replace("\\", "/"))
-    names = (told, told.name, f"{told.name}.xodr") if told.name else ()
-    places = [root.path.parent / one for one in names]
-    for one in places[told.is_absolute() :]:
+    told = file.attribute("filepath")
+    places = named_by(root.path, told)
+    town = [one.with_name(f"{one.name}.xodr") for one in places[-1:]]
+    for one in (*places, *town):
         if one.is_file():
             return one
-    raise file.error(f"names {str(told)[:80]!r}, which is neither there nor beside it.")
+    raise file.error(f"names {told[:80]!r}, which is neither there nor beside it.")
 
 
 def motion_of(root: Place, data: bytes, locate: Locate) -> Motion:

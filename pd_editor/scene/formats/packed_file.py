@@ -6,7 +6,8 @@ import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from contextvars import ContextVar
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Final
 
@@ -18,6 +19,7 @@ _HEAD_BYTES: Final = 1 << 16
 """Comments of tools may be long."""
 _MAGIC: Final = b"\x1f\x8b"
 PACKED: Final = ".gz"
+_IS_CLOSED: Final = ContextVar("is_closed", default=False)
 
 
 def unpacked_name(name: str) -> str:
@@ -46,6 +48,29 @@ def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
         return b""
     # Of a text in UTF-16, every other byte is 0; comments hold options, as <osm-files>.
     return re.sub(rb"(?s)<!--.*?-->", b"", head.lower().replace(b"\0", b""))
+
+
+@contextmanager
+def closed_folder() -> Iterator[None]:
+    """While it lasts, only what lies beside a file can be named in it, as in uploads."""
+    before = _IS_CLOSED.set(True)
+    try:
+        yield
+    finally:
+        _IS_CLOSED.reset(before)
+
+
+def named_by(file: Path, name: str) -> tuple[Path, ...]:
+    """Where that may lie which a file names: where it says, then beside the file.
+
+    Absolute names are those of another machine.
+    """
+    told = PurePosixPath(name.strip().replace("\\", "/"))
+    if _IS_CLOSED.get() and told.name == "..":
+        return ()
+    is_elsewhere = told.is_absolute() or _IS_CLOSED.get()
+    names = (told, told.name)[is_elsewhere:] if told.name else ()
+    return tuple(file.absolute().parent / one for one in names)
 
 
 @contextmanager

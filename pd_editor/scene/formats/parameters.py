@@ -5,13 +5,12 @@ import operator
 import re
 from collections.abc import Callable, Mapping
 from copy import deepcopy
-from pathlib import PurePosixPath
 from typing import Any, Final
 
 import numpy as np
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
-from pd_editor.scene.formats.packed_file import head_of
+from pd_editor.scene.formats.packed_file import head_of, named_by
 from pd_editor.scene.formats.xml_file import Place, parse_xml
 
 _MOST_CHARACTERS: Final = 500
@@ -89,11 +88,9 @@ def insert_catalogs(root: Place) -> bytes:
     names = {one.get("catalogName") or "" for one in wanted}
     beside = root.path.absolute().parent
     folders = [
-        beside / part
+        folder
         for one in root.children("CatalogLocations/*/Directory")
-        for told in (PurePosixPath(one.get("path").replace("\\", "/")),)
-        for part in (told, told.name)
-        if told.name and not told.is_absolute()
+        for folder in named_by(root.path, one.get("path"))
     ]
     files = [
         file for one in folders if one.is_dir() for file in sorted(one.glob("*.xosc"))

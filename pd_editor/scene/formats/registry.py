@@ -60,7 +60,7 @@ _ALONE: Final = {
     "<commonroadsolution": "a CommonRoad solution, without roads; open its scenario.",
     "<openscenario": "OpenSCENARIO without a road network; expected a <LogicFile> in its "
     "<RoadNetwork> that names an .xodr file, which lies beside it.",
-    ".sumocfg": "a SUMO configuration without a <net-file>; expected one that names a network.",
+    ".sumocfg": "a SUMO configuration without its network; expected its <net-file> with it.",
     "dataset_summary.pkl": "the summary of a ScenarioNet data set; open its scenes.",
     "dataset_mapping.pkl": "the mapping of a ScenarioNet data set; open its scenes.",
     ".pbf": "an OpenStreetMap extract, without lanes; osmium cat IN.pbf -o IN.osm and "

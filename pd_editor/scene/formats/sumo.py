@@ -19,7 +19,12 @@ from pd_editor.scene.formats.file_scene import (
 )
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
 from pd_editor.scene.formats.missing_links import with_missing_links
-from pd_editor.scene.formats.packed_file import head_of, stem_of, unpacked_name
+from pd_editor.scene.formats.packed_file import (
+    head_of,
+    named_by,
+    stem_of,
+    unpacked_name,
+)
 from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.sumo_net import (
@@ -133,13 +138,13 @@ def _files(path: Path) -> tuple[Path, dict[str, list[Path]]]:
     if _is_config(path):
         config = parse_xml(path, None)[0]
         for part, tag in _FILES.items():
-            names = [
-                name.strip()
+            places = [
+                named_by(path, name)
                 for one in config.children(f".//{tag}")
                 for name in one.get("value").split(",")
             ]
-            files = [path.parent / name for name in names if name]
-            named[part] = [one for one in files if one.is_file()]
+            found = (next(filter(Path.is_file, one), None) for one in places)
+            named[part] = [one for one in found if one is not None]
         if not named["net"]:
             raise config.error("names no net-file that is there; expected a network.")
         (path,) = named["net"][:1]

@@ -218,7 +218,7 @@ def test_a_truncated_pickle_is_unreadable_and_holds_nothing_forbidden(tmp_path: 
         ("a.trips.xml", "<routes/>", "SUMO's routes"),
         ("a.trips.xml", "<trips>", "SUMO's routes"),
         ("a.add.xml", "<additional>", "SUMO additional file"),
-        ("a.sumocfg", "<configuration>", "SUMO configuration without a <net-file>"),
+        ("a.sumocfg", "<configuration>", "SUMO configuration without its network"),
         ("dataset_summary.pkl", "x", "the summary of a ScenarioNet data set"),
         ("a.xosc", "<OpenSCENARIO>", "without a road network; expected a <LogicFile>"),
         ("a.osm.pbf", "x", "netconvert --osm-files"),

@@ -12,7 +12,8 @@ import sumolib
 from pd_editor.base.errors import FormatError
 from pd_editor.editor.scenario_store import foreign_scenes, open_scenario
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.formats.registry import format_of
+from pd_editor.scene.formats.packed_file import closed_folder
+from pd_editor.scene.formats.registry import format_of, read_scene
 from pd_editor.scene.road_map import LaneKind
 from pd_editor.scene.scenario import Scenario
 from tests.scene.formats.test_sumo_net import NET
@@ -72,8 +73,15 @@ def test_a_configuration_opens_what_it_names(tmp_path: Path):
     assert scene.scenario_id == "run"
     assert sorted(scene.agents.ids) == ["bus.0", "p", "van.0"]
     assert scene.agents.size_m[scene.agents.row_of["van.0"]].tolist() == [6.0, 2.1]
+    strange = tmp_path / "upload" / "run.sumocfg"
+    strange.parent.mkdir()
+    strange.write_text(config.read_text().replace("road.net", "../road.net"))
+    open_scenario(strange)
+    refusal = r"run\.sumocfg, line 1: .* no net-file that"
+    with closed_folder(), pytest.raises(FormatError, match=refusal):
+        read_scene(strange)
     path.unlink()
-    with pytest.raises(FormatError, match=r"run\.sumocfg, line 1: .* no net-file that"):
+    with pytest.raises(FormatError, match=refusal):
         open_scenario(config)
 
 
