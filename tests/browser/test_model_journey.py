@@ -1,5 +1,7 @@
 """From a bare road to traffic with the shipped model, in a real browser."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from pd_editor.analysis.metrics.road import map_points, nearest_points
 from pd_editor.generation.generators import GENERATORS, SHIPPED_MODEL
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.viewer.generation.generation_panel import REDRAW_SELECTION
+from pd_editor.viewer.generation.generation_run import GenerationInput
+from tests.browser.editor_page import PATIENCE_S
 
 pytestmark = pytest.mark.browser
 
@@ -101,17 +105,20 @@ def test_only_the_selected_agent_is_drawn_anew(editor):
     assert after.ids == before.ids
 
 
-def test_playback_goes_on_while_the_model_draws(editor):
+def test_playback_goes_on_while_the_model_draws(editor, monkeypatch):
     editor.open_tab("Generate")
-    editor.set_number("Samples", 8)
-    playback = editor.workspace.playback
+    playback, draw, seen = editor.workspace.playback, GenerationInput.steps, set()
+
+    def drawn_while_three_steps_pass(run, generator):
+        end = time.monotonic() + PATIENCE_S
+        while len(seen) < 3 and time.monotonic() < end:
+            seen.add(int(playback.step))
+            time.sleep(0.02)
+        return (yield from draw(run, generator))
+
+    monkeypatch.setattr(GenerationInput, "steps", drawn_while_three_steps_pass)
     playback.play()
     editor.run("Regenerate", "everybody")
-    panel = editor.tab().elements.generation
-    seen = set()
-    while panel.result.is_running:
-        seen.add(int(playback.step))
-        editor.page.wait_for_timeout(20)
     editor.until(lambda: len(editor.session.entries) == 1, "other futures")
     assert playback.is_playing
-    assert len(seen) > 1
+    assert len(seen) == 3
