@@ -51,6 +51,7 @@ from pd_editor.scene.formats.registry import (
     unread_file,
     writer,
 )
+from pd_editor.scene.formats.sumo import CONFIGS
 from pd_editor.scene.map_window import window_of
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.roles.focal_agent import with_focal_category
@@ -325,7 +326,11 @@ def _foreign_scenes(files: Mapping[str, bytes]) -> dict[str, dict[str, bytes]]:
         folders: dict[Path, Path] = {}
         for place, data in files_in_upload(
             files,
-            lambda name: name == RECIPE_NAME or has_foreign_ending(name),
+            lambda name: (
+                name == RECIPE_NAME
+                or has_foreign_ending(name)
+                or name.lower().endswith(CONFIGS)
+            ),
             MAX_UNPACKED_BYTES,
         ):
             origin = Path(place).parent
@@ -337,6 +342,11 @@ def _foreign_scenes(files: Mapping[str, bytes]) -> dict[str, dict[str, bytes]]:
             path.write_bytes(data)
             inside[path] = data
         scenes = dict.fromkeys(foreign_scenes_among(inside))
+        # Of several in a folder none is more than what they name.
+        configs = [one for one in inside if one.name.lower().endswith(CONFIGS)]
+        number = Counter(one.parent for one in configs)
+        named_in = (one for one in configs if number[one.parent] == 1)
+        scenes |= dict.fromkeys(one for one in named_in if format_of(one))
         named = {one: name_of_scene(one) for one in inside}
     by_folder: dict[Path, dict[str, Path]] = {}
     alike: dict[tuple[Path, str], list[Path]] = {}

@@ -84,9 +84,12 @@ def read(path: Path) -> Scenario:
             )
         tracks.append(ego)
         notes.append(
-            f"AV is the start of planning problem {ego_id}, which has no trajectory."
+            f"AV is the start of planning problem {ego_id} (of {len(problems)}), which "
+            "has no trajectory."
         )
-    ways = root.element.xpath("lanelet[userBidirectional != 'pedestrian']")
+    ways = root.element.xpath(
+        "lanelet[userBidirectional[.='vehicle' or .='car' or .='bus' or .='truck']]"
+    )
     if ways:
         notes.append(f"{len(ways)} lanelets are for both ways, of which one is read.")
     if signs := len(root.children("trafficSign")):
@@ -254,7 +257,8 @@ def _obstacles(root: Place, step_s: float) -> tuple[list[FileTrack], list[str]]:
     states = [
         state
         for tag in ("obstacle", "dynamicObstacle")
-        for state in root.children(f"{tag}/trajectory/state")
+        for part in ("trajectory/state", "occupancySet/occupancy")
+        for state in root.children(f"{tag}/{part}")
     ]
     last_s = max((step_s * _value(one, "time") for one in states), default=step_s)
     for place in root.children("*"):
@@ -275,18 +279,10 @@ def _obstacles(root: Place, step_s: float) -> tuple[list[FileTrack], list[str]]:
 def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
     is_static = place.element.tag == "staticObstacle" or place.text("role") == "static"
     size, turn, offset = _shape(place)
-    states = [place.child("initialState"), *place.children("trajectory/state")]
-    time = np.array([step_s * _value(one, "time") for one in states])
-    position = np.array([_position(one) for one in states])
-    told = np.array([_value(one, "orientation", np.nan) for one in states])
+    time, x, y, told, speed = np.array(list(_states(place, step_s))).T
+    position = np.stack([x, y], axis=-1)
     heading = headings_on_the_way(time, position, told)
-    speed = np.array([_value(one, "velocity", 0.0) for one in states])
-    velocity = unit_vector(heading) * speed[:, None]
-    has_speeds = all(
-        one.element.find(name) is not None
-        for one in states
-        for name in ("velocity", "orientation")
-    )
+    velocity = unit_vector(told) * speed[:, None]
     if is_static and (last_s - time[0]) / step_s > MAX_STEPS * _FINEST:
         raise place.error("would have too many states; expected fewer or longer steps.")
     if is_static:
@@ -306,9 +302,26 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
         time_s=time,
         position_m=position,
         heading_rad=heading + turn,
-        velocity_mps=velocity if is_static or has_speeds else None,
+        velocity_mps=velocity,
         longest_gap_s=1.5 * step_s,
     )
+
+
+def _states(place: Place, step_s: float) -> Iterator[tuple[float, ...]]:
+    """Time, x, y, heading and speed of an obstacle's states, the last two maybe NaN.
+
+    Of a prediction by occupancies these are its boxes; states without a place are left out.
+    """
+    first = place.child("initialState")
+    for one in (first, *place.children("trajectory/state[position]")):
+        told = (_value(one, name, np.nan) for name in ("orientation", "velocity"))
+        yield step_s * _value(one, "time"), *_position(one), *told
+    begin = _value(first, "time")
+    for one in place.children("occupancySet/occupancy"):
+        for shape in one.children("shape/rectangle[orientation][center]"):
+            box, number = _box(shape), _value(one, "time")
+            if box is not None and number > begin:
+                yield step_s * number, *box[2], box[1], np.nan
 
 
 def _start(problem: Place, step_s: float) -> FileTrack:

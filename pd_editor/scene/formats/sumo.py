@@ -47,7 +47,7 @@ from pd_editor.scene.road_map import Lane, LaneMark
 from pd_editor.scene.scenario import Scenario
 
 ENDING: Final = ".net.xml"
-_CONFIGS: Final = (".sumocfg", ".sumo.cfg")
+CONFIGS: Final = (".sumocfg", ".sumo.cfg")
 """Endings of configurations, which are opened themselves; in folders networks are."""
 _FILES: Final = {
     "net": "net-file",
@@ -313,7 +313,7 @@ def _tracks(
     first: dict[str, Place] = {}
     times = []
     for step in root.children("timestep"):
-        times.append(step.number("time"))
+        times.append(_time_s(step))
         for tag in ("vehicle", "person"):
             for place in step.children(tag):
                 name = place.attribute("id")
@@ -335,6 +335,17 @@ def _tracks(
     return tuple(
         _track(first[name], types, one, step_s) for name, one in tables.items()
     ), times
+
+
+def _time_s(step: Place) -> float:
+    """Seconds, which may be told as HH:MM:SS, after days if there are any."""
+    told = re.fullmatch(
+        r"(?:(\d+):)?(\d+):(\d\d):(\d\d(?:\.\d*)?)", step.attribute("time")
+    )
+    if told is None:
+        return step.number("time")
+    days, hours, minutes, seconds = (float(one or 0) for one in told.groups())
+    return ((24 * days + hours) * 60 + minutes) * 60 + seconds
 
 
 def _numbers(location: Place, name: str, count: int) -> Float[np.ndarray, "_"]:
@@ -408,7 +419,7 @@ _is_network: Final = has_root("net", ENDING)
 
 
 def _is_config(path: Path) -> bool:
-    return unpacked_name(path.name).lower().endswith(_CONFIGS)
+    return unpacked_name(path.name).lower().endswith(CONFIGS)
 
 
 def _recognises(path: Path) -> bool:

@@ -179,6 +179,37 @@ def test_other_rates_are_resampled_to_ten_a_second(tmp_path: Path):
     assert there.sum() == 301
 
 
+def test_states_follow_from_occupancies_and_those_without_a_place_are_left_out(
+    tmp_path: Path,
+):
+    """One had the first state alone, the other was refused."""
+    occupancies = "".join(
+        f"<occupancy><shape><rectangle><length>4.2</length><width>1.8</width>"
+        f"<orientation>{0.01 * n}</orientation>{point(0.9 * n, 2.0)}</rectangle></shape>"
+        f"<time><exact>{n}</exact></time></occupancy>".replace("point>", "center>")
+        for n in range(31)
+    )
+    unplaced = "<state><time><exact>1</exact></time></state>" * 3
+    first = state("initialState", 0, 0.0, 2.0, 0.0, 9.0)
+    scene = read(
+        write(
+            tmp_path,
+            text(
+                more=f'<dynamicObstacle id="200">{CAR}{first}<occupancySet>{occupancies}'
+                f'</occupancySet></dynamicObstacle><dynamicObstacle id="201">{CAR}{first}'
+                f"<trajectory>{unplaced}</trajectory></dynamicObstacle>"
+            ),
+        )
+    )
+    agents, now = scene.agents, scene.current_step
+    row = agents.row_of["200"]
+    place = agents.position_m[row, now : now + 31] + scene.origin_city_m - FAR_M
+    np.testing.assert_allclose(place[:, 0], 0.9 * np.arange(31), atol=1e-6)
+    heading = agents.heading_rad[row, now : now + 31]
+    np.testing.assert_allclose(heading, 0.01 * np.arange(31), atol=1e-6)
+    assert agents.is_valid[agents.row_of["201"]].sum() == 1
+
+
 def test_states_may_be_areas_without_an_orientation(tmp_path: Path):
     content = text()
     for n in range(1, 31):
@@ -321,7 +352,7 @@ def test_lanelets_for_both_ways_are_told(tmp_path: Path):
     """They were read as if for one way, without a word."""
     path = tmp_path / "road.xml"
     users = "<userBidirectional>{}</userBidirectional>"
-    for user, expected in (("pedestrian", False), ("vehicle", True)):
+    for user, expected in (("priorityVehicle", False), ("vehicle", True)):
         more = lanelet(20, 40.0, 0.0, 9.0, users.format(user))
         path.write_text(text(more=more))
         told = " ".join(read(path).provenance.notes)

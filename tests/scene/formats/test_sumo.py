@@ -10,8 +10,13 @@ import pytest
 import sumolib
 
 from pd_editor.base.errors import FormatError
-from pd_editor.editor.scenario_store import foreign_scenes, open_scenario
+from pd_editor.editor.scenario_store import (
+    foreign_scenes,
+    open_scenario,
+    scenario_and_recipe,
+)
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.exporters.bundle import zip_folders
 from pd_editor.scene.formats.packed_file import closed_folder
 from pd_editor.scene.formats.registry import format_of, read_scene
 from pd_editor.scene.road_map import LaneKind
@@ -83,6 +88,32 @@ def test_a_configuration_opens_what_it_names(tmp_path: Path):
     path.unlink()
     with pytest.raises(FormatError, match=refusal):
         open_scenario(config)
+
+
+def test_a_configuration_opens_in_a_zip(tmp_path: Path):
+    """Of zips, only the network was opened."""
+    path = written(tmp_path)
+    inside = {
+        "run.sumocfg": b"""<configuration><net-file value="a/town.net.xml"/>
+        <fcd-output value="moves.xml"/></configuration>""",
+        "moves.xml": states(0.1, 60).encode(),
+        "town.net.xml": path.read_bytes(),
+    }
+    scene, _ = scenario_and_recipe({"city.zip": zip_folders({"city": inside})})
+    assert sorted(scene.agents.ids) == ["bus.0", "p", "van.0"]
+
+
+def test_times_may_be_told_in_hours_and_minutes(tmp_path: Path):
+    """They were refused."""
+    path = written(tmp_path, step_s=1.0, count=60)
+    told = re.sub(
+        r'time="(\d+)\.00"',
+        lambda found: f'time="1:23:59:{int(found[1]):02d}.00"',
+        states(1.0, 60),
+    )
+    (tmp_path / "town.fcd.xml.gz").write_bytes(gzip.compress(told.encode()))
+    scene = open_scenario(path)
+    assert scene.agents.is_valid[scene.agents.row_of["van.0"]].sum() == 591
 
 
 def test_lanes_of_networks_without_connections_lead_on(tmp_path: Path):
