@@ -1,4 +1,4 @@
-"""ASAM OpenDRIVE road networks, versions 1.0 to 1.8 (XML), and OpenSCENARIO on them."""
+"""ASAM OpenDRIVE road networks, versions 1.0 to 1.9 (XML), and OpenSCENARIO on them."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
@@ -37,12 +37,13 @@ from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
+from pd_editor.scene.geometry.map_projection import projected
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_COORDINATE_M, MAX_LINES_M
 
-MOST_MINOR: Final = 8
+MOST_MINOR: Final = 9
 """Newest minor version that is known."""
 SPACING_M: Final = 1.0
 _SAME_LINE_M: Final = 0.01
@@ -110,12 +111,14 @@ def read(path: Path) -> Scenario:
             told_of(one.element, "author", "License")
             for one in scenario[0].children("FileHeader[License]")
         ]
-        motion = motion_of(*scenario, partial(_pose, roads))
+        motion = motion_of(*scenario, partial(_pose, roads), partial(_of_earth, header))
     signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")
     if places := root.children("junction[@type='virtual']"):
         notes = (*notes, f"{len(places)} virtual junctions join nothing.")
+    if layers := len(root.children("road/lanes[@layer='temporary']")):
+        notes = (*notes, f"Temporary lanes of {layers} roads are left out.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
     lanes, linked = network.lanes()
@@ -172,6 +175,15 @@ def _offset(header: Place) -> Float[np.ndarray, "2"]:
         if not one.number("hdg", 0.0) and np.abs(shift).max() <= MAX_COORDINATE_M:
             return shift
     return np.zeros(2)
+
+
+def _of_earth(
+    header: Place, lat_deg: float, lon_deg: float
+) -> Float[np.ndarray, "2"] | None:
+    """A place in the file's frame; None if its projection is unknown."""
+    told = header.text("geoReference")
+    found = projected(told, np.array([lat_deg]), np.array([lon_deg]))
+    return None if found is None else found[0] - _offset(header)
 
 
 def _pose(
@@ -273,7 +285,10 @@ class _Road:
     @cached_property
     def sections(self) -> list[_Section]:
         """All sections in the order of the road."""
-        lanes = self.place.child("lanes")
+        layers = self.place.element.xpath("lanes[not(@layer='temporary')]")
+        lanes = (
+            Place(self.place.path, layers[0]) if layers else self.place.child("lanes")
+        )
         places = lanes.children("laneSection")
         if not places:
             raise lanes.error("has no laneSection.")
@@ -606,6 +621,7 @@ class _Network:
         ids = [
             one.integer("id")
             for one in section.lanes[lane].children(f"link/{tag}[@id]")
+            if one.get("layer") != "temporary"
         ]
         near = section.index + (1 if end == "end" else -1)
         if 0 <= near < len(road.sections):
@@ -704,7 +720,7 @@ def _simplified(line: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
     return shapely.get_coordinates(kept, include_z=True)
 
 
-_is_network: Final = has_root("opendrive", ".xodr")
+_is_network: Final = has_root("opendrive", ".xodr", ".xodrz")
 
 
 def _recognises(path: Path) -> bool:
@@ -716,7 +732,7 @@ def _recognises(path: Path) -> bool:
 OPENDRIVE: Final = SceneFormat(
     name="opendrive",
     title="OpenDRIVE",
-    endings=(".xodr", ENDING),
+    endings=(".xodr", ".xodrz", ENDING),
     recognises=_recognises,
     read=read,
     write=write,

@@ -23,6 +23,7 @@ from pd_editor.scene.formats.commonroad_writer import unbroken_parts
 from pd_editor.scene.formats.file_scene import FileTrack, headings_on_the_way
 from pd_editor.scene.formats.packed_file import named_by
 from pd_editor.scene.formats.parameters import insert_catalogs, set_parameters
+from pd_editor.scene.formats.reference_line import Clothoid
 from pd_editor.scene.formats.xml_file import Place, added, as_file, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
@@ -65,7 +66,7 @@ _LAMPS: Final = {
     "off;off;off": "unknown",
 }
 _PLACES: Final = (
-    "WorldPosition", "LanePosition", "RoadPosition", "RelativeWorldPosition",
+    "WorldPosition", "GeoPosition", "LanePosition", "RoadPosition", "RelativeWorldPosition",
     "RelativeObjectPosition", "RelativeRoadPosition", "RelativeLanePosition",
 )  # fmt: skip
 _WITHIN: Final = re.compile("(Private|Global|Routing|Longitudinal|Lateral|)Action")
@@ -75,6 +76,8 @@ _DIGITS: Final = 6
 Pose = tuple[float, float, float]
 """x, y, and heading, which is NaN if it is not told."""
 Phases = dict[str, tuple[str, tuple[tuple[float, str], ...]]]
+Project = Callable[[float, float], Float[np.ndarray, "2"] | None]
+"""Tells x and y of a latitude and a longitude, if that is known."""
 Locate = Callable[[Place, str, int | None, float, float], tuple[Pose, float]]
 """Tells the pose of a place on a road, and how far it is beside the road's line.
 
@@ -141,13 +144,13 @@ def road_network_of(root: Place) -> Path:
     raise file.error(f"names {told[:80]!r}, which is neither there nor beside it.")
 
 
-def motion_of(root: Place, data: bytes, locate: Locate) -> Motion:
+def motion_of(root: Place, data: bytes, locate: Locate, project: Project) -> Motion:
     """Entities on a road network; what is not read is told in notes.
 
     Raises:
         FormatError: an element is damaged, or names a place that is not there.
     """
-    tracks, notes = _Story(root, locate).tracks()
+    tracks, notes = _Story(root, locate, project).tracks()
     described = root.child("FileHeader").get("description")
     current = re.search(r"current at (\d+(?:\.\d*)?) s$", described)
     # How those go on that have a first state alone is up to a controller.
@@ -166,8 +169,10 @@ def motion_of(root: Place, data: bytes, locate: Locate) -> Motion:
 class _Story:
     """States of entities, as the actions of a file lead to them."""
 
-    def __init__(self, root: Place, locate: Locate) -> None:
-        self._root, self._locate = root, locate
+    def __init__(self, root: Place, locate: Locate, project: Project) -> None:
+        self._root, self._locate, self._project = root, locate, project
+        self._lasting: dict[str, tuple[float, float]] = {}
+        """When events begin and end, by their names and those of their actions."""
         self._states: defaultdict[str, dict[float, Pose]] = defaultdict(dict)
         self._ends_s: dict[str, float] = {}
         self._speeds: dict[str, float] = {}
@@ -194,7 +199,33 @@ class _Story:
                 for event in group.children("Maneuver/Event"):
                     if event.element.find("Action/PrivateAction") is not None:
                         self._acting.update(names)
-                    self._act(event, names, max(_start_s(act), _start_s(event)))
+                    start_s = max(self._start_s(act), self._start_s(event))
+                    self._act(event, names, start_s)
+                    follows = (
+                        event.element.find(".//FollowTrajectoryAction") is not None
+                    )
+                    ends = [max(self._states[n], default=np.inf) for n in names]
+                    end_s = max(ends) if ends and follows else np.inf
+                    for one in (event, *event.children("Action")):
+                        self._lasting[one.get("name")] = start_s, end_s
+
+    def _start_s(self, place: Place) -> float:
+        """When an act or an event starts: 0 without a trigger, infinity if that is unknown."""
+        groups = place.children("StartTrigger/ConditionGroup")
+        met = [[*map(self._met_s, one.children("Condition"))] for one in groups]
+        return min((max(one, default=0.0) for one in met), default=0.0)
+
+    def _met_s(self, condition: Place) -> float:
+        delay_s = condition.number("delay", 0.0)
+        for one in condition.children("ByValueCondition/SimulationTimeCondition"):
+            return one.number("value") + delay_s
+        for one in condition.children("*/StoryboardElementStateCondition"):
+            begin_s, end_s = self._lasting.get(
+                one.get("storyboardElementRef"), (np.inf, np.inf)
+            )
+            is_begin = one.get("state") in ("startTransition", "runningState")
+            return (begin_s if is_begin else end_s) + delay_s
+        return np.inf
 
     def _act(self, part: Place, names: tuple[str, ...], start_s: float) -> None:
         """Take what a part tells, which starts at infinity if a condition decides."""
@@ -267,8 +298,9 @@ class _Story:
         """Times, which may be unknown, x, y and headings along a trajectory, if it is known."""
         tag = shape.element.tag
         corners = shape.children({"Nurbs": "ControlPoint"}.get(tag, "Vertex"))
-        parts = [shape] if tag == "Clothoid" else corners
-        spots = [self._spot(one.child("Position"), start_s) for one in parts]
+        if tag.startswith("Clothoid"):
+            return self._clothoids(shape, start_s)
+        spots = [self._spot(one.child("Position"), start_s) for one in corners]
         poses = np.array([one.pose for one in spots if one]).reshape(-1, 3)
         if not len(poses) or len(poses) < len(spots):
             return None
@@ -286,21 +318,40 @@ class _Story:
             points = _nurbs(order, knots, weights, poses[:, :2])
             unknown = np.full(len(points), np.nan)
             return np.column_stack([unknown, points, unknown])
-        if tag == "Clothoid":
-            length, bend = shape.number("length"), shape.number("curvature")
-            if not 0 < length <= MAX_LINES_M:
-                raise shape.error(f"is {length:g} m long; expected more than 0.")
-            s = np.linspace(0.0, length, int(np.ceil(length / _FINE_M)) + 1)
-            growth = shape.number("curvaturePrime", shape.number("curvatureDot", 0.0))
-            heading = poses[0, 2] + s * (bend + s * growth / 2)
-            moves = np.diff(s)[:, None] * unit_vector((heading[1:] + heading[:-1]) / 2)
-            points = np.cumsum(np.concatenate([poses[:1, :2], moves]), axis=0)
-            first, last = (
-                shape.number(f"{one}Time", np.nan) for one in ("start", "stop")
-            )
-            times = first + s / length * (last - first)
-            return np.column_stack([times, points, heading])
         return None
+
+    def _clothoids(
+        self, shape: Place, start_s: float
+    ) -> Float[np.ndarray, "N 4"] | None:
+        """Times, x, y and headings along a clothoid, or a spline of them."""
+        parts = shape.children("ClothoidSplineSegment")
+        begins = [one.number("timeStart", np.nan) for one in parts]
+        ends = [*begins[1:], shape.number("timeEnd", np.nan)]
+        if not parts:
+            parts, begins = [shape], [shape.number("startTime", np.nan)]
+            ends = [shape.number("stopTime", np.nan)]
+        pose, rows = None, []
+        for part, begin_s, end_s in zip(parts, begins, ends, strict=True):
+            for one in (*part.children("PositionStart"), *part.children("Position")):
+                spot = self._spot(one, start_s)
+                pose = None if spot is None else spot.pose
+            if pose is None:
+                return None
+            length = part.number("length")
+            if not 0 < length <= MAX_LINES_M:
+                raise part.error(f"is {length:g} m long; expected more than 0.")
+            growth = part.number("curvaturePrime", part.number("curvatureDot", 0.0))
+            first = part.number("curvature", part.number("curvatureStart", 0.0))
+            last = part.number("curvatureEnd", first + length * growth)
+            x, y, heading = pose
+            line = Clothoid(
+                0.0, length, x, y, heading + part.number("hOffset", 0.0), first, last
+            )
+            s = np.linspace(0.0, length, int(np.ceil(length / _FINE_M)) + 1)
+            times = begin_s + s / length * (end_s - begin_s)
+            rows.append(np.column_stack([times, line.at(s)]))
+            pose = tuple(rows[-1][-1, 1:].tolist())
+        return np.concatenate([one[bool(n) :] for n, one in enumerate(rows)])
 
     def _spot(self, position: Place, start_s: float) -> _Spot | None:
         """A place by the road or by where entities begin; None, which is noted, for others."""
@@ -310,6 +361,8 @@ class _Story:
         near = self._at(one.get("entityRef"), start_s) if relative else None
         if unread := _unread_value(one, *_PLACES):
             self._unread.add(unread)
+        elif tag == "GeoPosition" and self._on_earth(one) is None:
+            self._unread.add("GeoPosition in an unknown projection")
         elif relative and (
             near is None
             or ("World" not in tag and "Object" not in tag and near.road is None)
@@ -330,10 +383,23 @@ class _Story:
             return replace(found, pose=(x, y, heading))
         return None
 
+    def _on_earth(self, one: Place) -> Float[np.ndarray, "2"] | None:
+        """A place of a latitude and a longitude, before version 1.2 in radians."""
+        lat, lon = (
+            one.number(f"{name}Deg")
+            if one.get(f"{name}Deg")
+            else float(np.rad2deg(one.number(name)))
+            for name in ("latitude", "longitude")
+        )
+        return self._project(lat, lon)
+
     def _placed(self, one: Place, tag: str, near: _Spot | None) -> _Spot:
         """A place without its orientation."""
         if tag == "WorldPosition":
             return _Spot((one.number("x"), one.number("y"), one.number("h", np.nan)))
+        if tag == "GeoPosition" and (place := self._on_earth(one)) is not None:
+            x, y = place.tolist()
+            return _Spot((x, y, np.nan))
         if near is not None and tag in (
             "RelativeWorldPosition",
             "RelativeObjectPosition",
@@ -508,16 +574,6 @@ def _body(
             (center.number("x"), center.number("y")),
         )
     return kind, None, (0.0, 0.0)
-
-
-def _start_s(place: Place) -> float:
-    """When an act or an event starts: 0 without a trigger, infinity if it is no time alone."""
-    conditions = place.children("StartTrigger/ConditionGroup/Condition")
-    times = place.children("StartTrigger//SimulationTimeCondition")
-    if len(conditions) != len(times) or len(times) > 1:
-        return np.inf
-    delays = sum(one.number("delay", 0.0) for one in conditions)
-    return delays + sum(one.number("value") for one in times)
 
 
 def _phases(root: Place) -> Phases:

@@ -34,10 +34,10 @@ def set_parameters(
     root: etree._Element, given: Mapping[str, str] | None = None
 ) -> None:
     """Give attributes the values of parameters; what cannot be computed keeps its $."""
-    values = dict(given or {})
+    # Files of the first days name them with the sign.
+    values = {name.lstrip("$"): value for name, value in (given or {}).items()}
     for one in root.iter("ParameterDeclaration"):
         told = _value(one.get("value") or "", values)
-        # Files of the first days declare them with the sign.
         values.setdefault((one.get("name") or "").lstrip("$"), told)
     for one in root.iter(etree.Element):
         for name, text in one.items():

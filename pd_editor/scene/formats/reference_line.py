@@ -76,13 +76,14 @@ class _Piece(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class _Clothoid(_Piece):
+class Clothoid(_Piece):
     """Line, arc or spiral: the curvature is linear in the length."""
 
     first: float
     last: float
 
     def local(self, along: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 3"]:
+        """x, y and heading in the frame of its first point."""
         growth = (self.last - self.first) / self.length
 
         def turn(s: np.ndarray) -> np.ndarray:
@@ -182,13 +183,13 @@ def _piece(place: Place) -> _Piece:
         one = Place(place.path, shape)
         match shape.tag:
             case "line":
-                return _Clothoid(**given, first=0.0, last=0.0)
+                return Clothoid(**given, first=0.0, last=0.0)
             case "arc":
                 curvature = one.number("curvature")
-                return _Clothoid(**given, first=curvature, last=curvature)
+                return Clothoid(**given, first=curvature, last=curvature)
             case "spiral":
                 first, last = one.number("curvStart"), one.number("curvEnd")
-                return _Clothoid(**given, first=first, last=last)
+                return Clothoid(**given, first=first, last=last)
             case "poly3":
                 a, b, c, d = (one.number(key) for key in "abcd")
                 return _ParametricCubic(

@@ -56,6 +56,10 @@ _ALONE: Final = {
     "<fcd-export": f"SUMO's floating-car data, {_BESIDE.format('fcd')}",
     "<routes": _ROUTES,
     "<trips": _ROUTES,
+    **dict.fromkeys(
+        ("<nodes", "<edges"),
+        "plain XML of SUMO; netconvert -n A.nod.xml -e A.edg.xml -o A.net.xml makes a network.",
+    ),
     "<additional": f"a SUMO additional file, {_BESIDE.format('add')}",
     "<commonroadsolution": "a CommonRoad solution, without roads; open its scenario.",
     "<openscenario": "OpenSCENARIO without a road network; expected a <LogicFile> in its "

@@ -39,7 +39,7 @@ from pd_editor.scene.formats.sumo_net import (
 from pd_editor.scene.formats.sumo_writer import write
 from pd_editor.scene.formats.xml_file import Place, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
-from pd_editor.scene.geometry.map_projection import utm
+from pd_editor.scene.geometry.map_projection import projected
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import at_height_zero, without_repeats
 from pd_editor.scene.geometry.wide_line import borders_m, wide_lines, with_end_normals
@@ -368,13 +368,13 @@ def _in_metres(
     degrees: Float[np.ndarray, "N 2"], location: Place, root: Place
 ) -> Float[np.ndarray, "N 2"]:
     """Longitudes and latitudes in the net's metres."""
-    zone = re.search(r"\+proj=utm .*\+zone=(\d+)", location.attribute("projParameter"))
-    if zone is None:
-        raise root.error(
-            "is in degrees, of a projection other than UTM; expected metres."
-        )
     lon, lat = degrees.T
-    return utm(lat, lon, int(zone[1])) + _numbers(location, "netOffset", 2)
+    found = projected(location.attribute("projParameter"), lat, lon)
+    if found is None:
+        raise root.error(
+            "is in degrees, of a projection other than transverse Mercator; expected metres."
+        )
+    return found + _numbers(location, "netOffset", 2)
 
 
 def _track(

@@ -21,9 +21,7 @@ from pd_editor.viewer.state.workspace import zip_of_several
 from pd_editor.viewer.tab.panel_style import FixedText, plain
 from pd_editor.viewer.tab.ui_context import UiContext, set_property
 
-UPLOAD_TYPES: Final = (
-    ".zip,.parquet,.json,.xml,.xodr,.osm,.gz,.pkl,application/zip,application/json"
-)
+UPLOAD_TYPES: Final = ".zip,.parquet,.json,.xml,.xodr,.xodrz,.xosc,.osm,.gz,.pkl,application/zip,application/json"
 """Endings of what can be uploaded, and types for browsers that go by them."""
 
 

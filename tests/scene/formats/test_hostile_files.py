@@ -217,6 +217,7 @@ def test_a_truncated_pickle_is_unreadable_and_holds_nothing_forbidden(tmp_path: 
         ("a.rou.xml", "<routes>", "SUMO's routes, .*town.rou.xml beside town.net.xml"),
         ("a.trips.xml", "<routes/>", "SUMO's routes"),
         ("a.trips.xml", "<trips>", "SUMO's routes"),
+        ("a.nod.xml", "<nodes>", "netconvert -n A.nod.xml"),
         ("a.add.xml", "<additional>", "SUMO additional file"),
         ("a.sumocfg", "<configuration>", "SUMO configuration without its network"),
         ("dataset_summary.pkl", "x", "the summary of a ScenarioNet data set"),

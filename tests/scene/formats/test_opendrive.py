@@ -429,6 +429,22 @@ def test_sections_of_one_side_are_refused(tmp_path: Path):
         opened(tmp_path, road(other + one))
 
 
+def test_temporary_lanes_are_left_out_and_told(tmp_path: Path):
+    """Their road was read instead, and the version refused."""
+    links = '<link><successor id="-1" layer="permanent"/><successor id="-2" layer='
+    own = lane(-1, more=f'{links}"temporary"/></link>'), lane(-2)
+    lasting = road(section(*own) + section(*own, s=20))
+    others = f'<lanes layer="temporary">{section(lane(-5))}</lanes><lanes layer="p">'
+    path = write(
+        tmp_path,
+        lasting.replace("<lanes>", others),
+        version='revMajor="1" revMinor="9"',
+    )
+    scene = read(path)
+    assert [one.successors for one in scene.road_map.lanes] == [(3,), (), (), ()]
+    assert any("Temporary lanes of 1 roads" in one for one in scene.provenance.notes)
+
+
 def test_namespaces_and_long_comments_change_nothing(tmp_path: Path):
     path = write(tmp_path, road(section(lane(-1))))
     text = path.read_text().replace("<OpenDRIVE>", '<OpenDRIVE xmlns="http://a/b">')

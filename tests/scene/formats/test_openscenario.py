@@ -1,5 +1,6 @@
 """Agents of OpenSCENARIO files on OpenDRIVE roads."""
 
+import re
 import zipfile
 from itertools import pairwise
 from pathlib import Path
@@ -213,7 +214,10 @@ def test_what_is_not_read_is_told_in_one_sentence(tmp_path: Path):
         tmp_path, entity("ego") + entity("late"), init, event("ego", change, 2)
     )
     told = " ".join(open_scenario(path).provenance.notes)
-    assert "Not read of play.xosc: GeoPosition, LaneChangeAction." in told
+    assert (
+        "Not read of play.xosc: GeoPosition in an unknown projection, LaneChangeAction."
+        in told
+    )
     assert "Entities without a place are left out: late." in told
 
 
@@ -263,7 +267,7 @@ def test_values_are_computed_and_entities_come_from_catalogs(tmp_path: Path):
     """Cars had the usual size, and speeds that are computed ended in an error."""
     init = private("Ego", lane(-1, 20), speed(8.0).replace("8.0", "${$far / 3.6}"))
     refer = """<ScenarioObject name="Ego"><CatalogReference catalogName="Vehicles"
-    entryName="$kind"><ParameterAssignments><ParameterAssignment parameterRef="long"
+    entryName="$kind"><ParameterAssignments><ParameterAssignment parameterRef="$long"
     value="7.5"/></ParameterAssignments></CatalogReference></ScenarioObject>"""
     path = story(tmp_path, refer, init)
     path.write_text(
@@ -312,6 +316,14 @@ SPLINE = """<Nurbs order="3">{}<Knot value="0"/><Knot value="0"/><Knot value="0"
             10.0,
             (39.0452, 1.5965),
         ),
+        (
+            '<ClothoidSpline><ClothoidSplineSegment curvatureStart="0.1" curvatureEnd="0.1" '
+            'length="10"><PositionStart><WorldPosition x="30" y="-1.5" h="0"/>'
+            "</PositionStart></ClothoidSplineSegment><ClothoidSplineSegment "
+            'curvatureStart="0" curvatureEnd="0" length="2"/></ClothoidSpline>',
+            12.0,
+            (30 + 10 * np.sin(1) + 2 * np.cos(1), 8.5 - 10 * np.cos(1) + 2 * np.sin(1)),
+        ),
     ],
 )
 def test_trajectories_without_times_are_followed_at_the_first_speed(
@@ -345,6 +357,40 @@ def test_trajectories_without_times_are_followed_at_the_first_speed(
     gap = np.hypot(*(at(scene, "AV", steps[-1]) - end))
     assert abs(gap - rest) < 0.02
     assert "followed at the entity's first speed" in " ".join(scene.provenance.notes)
+
+
+@pytest.mark.parametrize("unit", ["Deg", ""])
+def test_places_on_earth_are_in_the_projection_of_the_roads(tmp_path: Path, unit: str):
+    """They were not read."""
+    across_m = 6_378_137 / np.sqrt(1 - 0.00669438 * np.sin(np.radians(48)) ** 2)
+    lon = 9 + np.degrees(20 / (across_m * np.cos(np.radians(48))))
+    lat, lon = (float(one if unit else np.radians(one)) for one in (48.0, lon))
+    position = f'GeoPosition latitude{unit}="{lat!r}" longitude{unit}="{lon!r}"'
+    init = private("ego", f"<Position><{position}/></Position>")
+    path = story(tmp_path, entity("ego", "car", BOX.replace("1.5", "0")), init)
+    roads = tmp_path / "roads" / "street.xodr"
+    header = """<header revMajor="1" revMinor="4"><geoReference>
+    +proj=tmerc +lat_0=48 +lon_0=9 +x_0=7</geoReference></header>"""
+    roads.write_text(re.sub("<header.*?/>", header, ROAD))
+    scene = open_scenario(path)
+    np.testing.assert_allclose(at(scene, "AV", scene.current_step), (27, 0), atol=0.01)
+
+
+def test_events_begin_when_others_end(tmp_path: Path):
+    """Their trajectories were not read."""
+    first = event("ego", trajectory((0, 20, -2), (3, 32, -2)), 1.0)
+    then = event("other", trajectory((0, 60, 2), (2, 50, 2)), 1.0)
+    ends = '<StoryboardElementStateCondition storyboardElementRef="a" state="completeState"/>'
+    then = re.sub("<SimulationTimeCondition.*?/>", ends, then)
+    init = private("ego", lane(-1, 10)) + private("other", lane(1, 50))
+    groups = first.replace("<Event>", '<Event name="a">') + then
+    entities = "".join(
+        entity(n, "car", BOX.replace("1.5", "0")) for n in ("ego", "other")
+    )
+    scene = open_scenario(story(tmp_path, entities, init, groups))
+    steps = np.flatnonzero(scene.agents.is_valid[scene.agents.row_of["other"]])
+    assert len(steps) == 61
+    np.testing.assert_allclose(at(scene, "other", steps[50]), (55, 2), atol=1e-6)
 
 
 @pytest.mark.parametrize(

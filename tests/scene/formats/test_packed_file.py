@@ -25,6 +25,7 @@ from tests.scene.formats.test_sumo_net import NET
 ROAD = f'<OpenDRIVE><header revMajor="1" revMinor="6"/>{road(section(lane(-1)))}</OpenDRIVE>'
 FILES: dict[str, Callable[[], bytes]] = {
     "town.xodr": ROAD.encode,
+    "road.xodrz": ROAD.encode,
     "town.xml": ROAD.encode,
     "scene.xml": lambda: commonroad().encode(),
     "map.osm": lambda: lanelet2(STREET[:1]).encode(),

@@ -208,7 +208,9 @@ def test_boxes_are_behind_the_front_and_follow_at_any_rate(
     np.testing.assert_allclose(place[person, there][0], [30, -4], atol=1e-6)
 
 
-@pytest.mark.parametrize("projection", ["utm +zone=32", "tmerc"])
+@pytest.mark.parametrize(
+    "projection", ["utm +zone=32", "tmerc +lon_0=9 +k=0.9996 +x_0=500000", "merc"]
+)
 def test_degrees_become_the_metres_of_the_net(tmp_path: Path, projection: str):
     """As ``--fcd-output.geo`` writes them; its place is on the middle meridian."""
     path = written(tmp_path)
@@ -223,8 +225,8 @@ def test_degrees_become_the_metres_of_the_net(tmp_path: Path, projection: str):
         for n in range(3)
     )
     (tmp_path / "town.fcd.xml").write_text(FCD.format(steps=steps))
-    if projection == "tmerc":
-        with pytest.raises(FormatError, match="of a projection other than UTM"):
+    if projection == "merc":
+        with pytest.raises(FormatError, match="of a projection other than transverse"):
             open_scenario(path)
         return
     scene = open_scenario(path)
