@@ -4,7 +4,7 @@
 // returns update(state). States come from Python (Overlay.show), events go back by api.send
 // (Overlay.on). Elements never take pointer events except where they are .pd-solid.
 import { type Camera, camera, canvas, ground, project, sendValue } from "./bridge.ts";
-import { hasModifier, isTyping, make } from "./dom.ts";
+import { hasModifier, isTyping, make, within } from "./dom.ts";
 import type { Pixel } from "./geometry.ts";
 import type { Events, States } from "./messages.ts";
 
@@ -44,6 +44,9 @@ former?.dispose();
 const definitions = new Map<Name, Mount<Name>>();
 const mounted = new Map<Name, Update<unknown>>();
 const waiting = new Map<Name, unknown>();
+/** What a click is of. A state that is drawn between its press and its release would replace it. */
+const CONTROLS = "button, a, label, input:not([type=range]), [role=button], [role=option], [role=tab], [role=listitem]";
+let pressed: { control: Element; id: number } | null = null;
 const frameListeners: ((camera: Camera) => void)[] = [];
 const cleanups: (() => void)[] = [];
 let number = 0;
@@ -201,6 +204,13 @@ function fitToCanvas(): void {
   }
 }
 
+/** Show what came while a control was pressed. */
+function letGo(): void {
+  if (!pressed) return;
+  pressed = null;
+  for (const [name, state] of waiting) overlay.update(name, state);
+}
+
 let lastView = "";
 function drawFrame(): void {
   if (!isAlive) return;
@@ -235,6 +245,13 @@ function start(): void {
     if (event.key === " " && event.target instanceof HTMLButtonElement) event.preventDefault();
   });
   for (const [name, build] of definitions) mount(name, build);
+  hearFirst("pointerdown", (event) => {
+    const control = within(event, CONTROLS);
+    pressed = control && { control, id: event.pointerId };
+  });
+  hearFirst("pointerup", () => setTimeout(letGo)); // after the click
+  for (const type of ["pointercancel", "blur"] as const) listen(window, type, letGo);
+  hearFirst("pointermove", (event) => event.buttons === 0 && letGo(), { passive: true });
   requestAnimationFrame(drawFrame);
   send("page", { kind: "ready" } satisfies Events["page"]);
 }
@@ -252,8 +269,13 @@ const overlay: Overlay = {
   update(name, state) {
     heard = Date.now();
     const update = mounted.get(name);
-    if (update) update(state);
-    else waiting.set(name, state);
+    // A tool that is held, such as a comparison, has the pointer and shows what it does.
+    const isKept = pressed && !pressed.control.hasPointerCapture(pressed.id);
+    if (!update || isKept) waiting.set(name, state);
+    else {
+      waiting.delete(name);
+      update(state);
+    }
   },
   dispose() {
     isAlive = false;

@@ -190,6 +190,7 @@ class EditorPage:
             step = playback.step
             self.key("ArrowRight" if step < wanted else "ArrowLeft")
             self.until(lambda step=step: playback.step != step, "a step")
+        self.until(lambda: not self.tab().elements.picture.is_behind, "its picture")
 
     def row(self, label: str) -> Locator:
         """The row of a labelled input."""

@@ -236,3 +236,16 @@ def test_six_samples_are_in_sight_beside_the_panel(editor):
         box = one.bounding_box()
         assert box["x"] + box["width"] <= end["x"] + end["width"]
         assert is_on_top(one)
+
+
+@pytest.mark.slow
+def test_a_card_that_is_drawn_anew_while_it_is_pressed_takes_the_click(editor):
+    """On a busy machine, clicks on cards and tiles went nowhere."""
+    regenerated(editor)
+    page, state = editor.page, editor.shown("samples")
+    card(editor, 3).hover()
+    page.mouse.down()
+    page.evaluate('state => pdOverlay.update("samples", state)', state | {"title": "X"})
+    page.mouse.up()
+    editor.until(lambda: labels(editor)[0].endswith("sample 3 of 4"), "sample 3")
+    expect(strip(editor).locator(".pd-samples-title")).not_to_have_text("X")

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (dad43cda2384b6a5); not to be edited. */
+/* Built by .ci/client.py from client/ (4b564e7f6d7948ce); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -208,6 +208,8 @@
   var definitions = /* @__PURE__ */ new Map();
   var mounted = /* @__PURE__ */ new Map();
   var waiting = /* @__PURE__ */ new Map();
+  var CONTROLS = "button, a, label, input:not([type=range]), [role=button], [role=option], [role=tab], [role=listitem]";
+  var pressed = null;
   var frameListeners = [];
   var cleanups = [];
   var number = 0;
@@ -319,6 +321,11 @@
       if (root.style[side] !== text) root.style[side] = text;
     }
   }
+  function letGo() {
+    if (!pressed) return;
+    pressed = null;
+    for (const [name, state] of waiting) overlay.update(name, state);
+  }
   var lastView = "";
   function drawFrame() {
     if (!isAlive) return;
@@ -349,6 +356,13 @@
       if (event.key === " " && event.target instanceof HTMLButtonElement) event.preventDefault();
     });
     for (const [name, build] of definitions) mount(name, build);
+    hearFirst("pointerdown", (event) => {
+      const control = within(event, CONTROLS);
+      pressed = control && { control, id: event.pointerId };
+    });
+    hearFirst("pointerup", () => setTimeout(letGo));
+    for (const type of ["pointercancel", "blur"]) listen(window, type, letGo);
+    hearFirst("pointermove", (event) => event.buttons === 0 && letGo(), { passive: true });
     requestAnimationFrame(drawFrame);
     send("page", { kind: "ready" });
   }
@@ -365,8 +379,12 @@
     update(name, state) {
       heard = Date.now();
       const update = mounted.get(name);
-      if (update) update(state);
-      else waiting.set(name, state);
+      const isKept = pressed && !pressed.control.hasPointerCapture(pressed.id);
+      if (!update || isKept) waiting.set(name, state);
+      else {
+        waiting.delete(name);
+        update(state);
+      }
     },
     dispose() {
       isAlive = false;
@@ -2459,13 +2477,13 @@
       },
       { capture: true }
     );
-    let pressed = "";
+    let pressed2 = "";
     const note = (event) => {
-      pressed = event instanceof KeyboardEvent ? event.key : "";
+      pressed2 = event instanceof KeyboardEvent ? event.key : "";
     };
     for (const type of ["keydown", "pointerdown"]) listen(document, type, note, { capture: true });
     const leaveShut = (event) => {
-      if (pressed === "Tab" && within(event, LIST)) event.stopPropagation();
+      if (pressed2 === "Tab" && within(event, LIST)) event.stopPropagation();
     };
     listen(document, "focusin", leaveShut, { capture: true });
     let isHeld = false;
