@@ -52,6 +52,17 @@ export const closeButton = (label: string, key: string, act: () => void): HTMLBu
 
 export const option = (value: string | number, text: string): HTMLOptionElement => make("option", "", { value }, text);
 
+/** Fill a box unless it shows that already: an open list stays open, and the focus where it was. */
+export function fill(box: HTMLElement, shown: unknown, parts: () => Node[]): void {
+  const text = JSON.stringify(shown);
+  if (box.dataset.shown === text) return;
+  box.dataset.shown = text;
+  const controls = () => [...box.querySelectorAll<HTMLElement>("button, select, input, [tabindex]")];
+  const at = controls().indexOf(document.activeElement as HTMLElement);
+  box.replaceChildren(...parts());
+  controls()[at]?.focus();
+}
+
 /** The element that an event is of, or one around it. */
 export const within = (event: Event, selector: string): HTMLElement | null =>
   event.target instanceof Element ? event.target.closest<HTMLElement>(selector) : null;

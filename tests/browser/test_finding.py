@@ -26,8 +26,10 @@ def test_a_dataset_is_indexed_searched_and_walked(open_editor, root: Path):
     page = editor.page
     editor.key("n")
     line = page.get_by_role("searchbox", name="Find")
-    page.get_by_role("button", name="right-turn", exact=True).click()
+    chip = page.get_by_role("button", name="right-turn", exact=True)
+    chip.press("Enter")
     expect(line).to_have_value("right-turn")
+    expect(chip).to_be_focused()
     expect(page.get_by_text("5 scenes not indexed yet, so not found.")).to_be_visible()
     editor.press("Index 5 scenes")
     editor.until(lambda: (root / INDEX_NAME).exists(), "an index")

@@ -42,7 +42,7 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     editor.tab().ui.post(lambda: editor.session.apply(command))
     editor.until(lambda: collisions.inner_text() != before, "the row follows the edit")
     expect(collisions).to_be_enabled()
-    collisions.click()
+    collisions.press("Enter")
     editor.until(
         lambda: len(editor.session.selection) == 2,
         "the agents that collide are selected",
@@ -51,6 +51,7 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     tab = editor.tab()
     listed = editor.page.get_by_role("group", name="Findings: Collisions at t = 0")
     listed.wait_for()
+    expect(collisions).to_be_focused()
     model = tab.ui.model
     editor.until(
         lambda: {one.kind for one in model.marked_findings} == {"collision"},

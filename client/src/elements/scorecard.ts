@@ -1,5 +1,5 @@
 // The scorecard: metrics beside what is usual, and charts of the selected agents.
-import { button, closeButton, make, svg } from "../dom.ts";
+import { button, closeButton, fill, make, svg } from "../dom.ts";
 import { define, pictureSize } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { Chart, ChartsState, ScorecardEvent, ScorecardState, ScoreLine } from "../messages.ts";
@@ -178,8 +178,8 @@ define("scorecard", (api) => {
     drawer.hidden = !state.isOpen;
     if (!state.isOpen) return;
     draws.checked = state.draws;
-    list.replaceChildren(
-      ...state.rows.flatMap((row) => (row.findings ? [rowOf(row), detail(row, state)] : [rowOf(row)])),
+    fill(list, { ...state, draws: null }, () =>
+      state.rows.flatMap((row) => (row.findings ? [rowOf(row), detail(row, state)] : [rowOf(row)])),
     );
   };
 });

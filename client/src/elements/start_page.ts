@@ -1,7 +1,7 @@
 // The page of all scenarios over the picture: arrows walk, Enter opens, S saves, X rejects.
 //
 // Pictures are asked for when their tiles come into sight, and move under pointer or focus.
-import { button, hasModifier, icon, make, option, within } from "../dom.ts";
+import { button, fill, hasModifier, icon, make, option, within } from "../dom.ts";
 import { define, hearFirst, onDispose, root, take } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { SceneTile, StartPageEvent, StartPageState } from "../messages.ts";
@@ -211,8 +211,8 @@ define("startPage", (api) => {
   }
 
   function menus(next: StartPageState) {
-    sources.replaceChildren(
-      ...next.sources.map(({ value, text }) => {
+    fill(sources, [next.sources, next.source], () =>
+      next.sources.map(({ value, text }) => {
         const made = button("", "", () => tell({ kind: "source", value: String(value) }), {
           role: "tab",
           "aria-selected": String(value === next.source),
@@ -224,13 +224,13 @@ define("startPage", (api) => {
     );
     const parts = next.line.split(/\s+and\s+/i);
     common.hidden = !next.common.length;
-    common.replaceChildren(
-      ...next.common.map((value) =>
+    fill(common, [next.common, parts], () =>
+      next.common.map((value) =>
         button("", value, () => tell({ kind: "common", value }), { "aria-pressed": String(parts.includes(value)) }),
       ),
     );
-    facets.replaceChildren(
-      ...next.facets.map(({ name, label, value, choices }) => {
+    fill(facets, next.facets, () =>
+      next.facets.map(({ name, label, value, choices }) => {
         const menu = make("select", "", { "aria-label": label });
         menu.append(...choices.map((one) => option(one.value, one.text)));
         menu.value = value;

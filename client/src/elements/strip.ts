@@ -2,7 +2,7 @@
 // the history.
 //
 // Pictures come apart from the rest, since they are large and change less often.
-import { button, closeButton, make, option, svg } from "../dom.ts";
+import { button, closeButton, fill, make, option, svg } from "../dom.ts";
 import { define, root } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { StripCard, StripState } from "../messages.ts";
@@ -83,13 +83,9 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     if (!strip.contains(event.relatedTarget as Node | null) && !strip.matches(":hover")) point(null);
   });
 
-  function fill(select: HTMLSelectElement, choices: StripState["picks"], value: string | number) {
-    const text = JSON.stringify(choices);
+  function offer(select: HTMLSelectElement, choices: StripState["picks"], value: string | number) {
     select.hidden = !choices.length;
-    if (select.dataset.options !== text) {
-      select.dataset.options = text;
-      select.replaceChildren(...choices.map((one) => option(one.value, one.text)));
-    }
+    fill(select, choices, () => choices.map((one) => option(one.value, one.text)));
     select.value = String(value);
   }
 
@@ -165,8 +161,8 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     title.textContent = state.title;
     restore.hidden = !state.numDropped;
     restore.textContent = `Put back ${state.numDropped} deleted`;
-    fill(ranking, state.rankings, state.ranking);
-    fill(pick, state.picks, state.pick);
+    offer(ranking, state.rankings, state.ranking);
+    offer(pick, state.picks, state.pick);
     list.replaceChildren(...state.cards.map(cardOf));
     if (state.cards.some(({ forkOf }) => forkOf !== null)) list.prepend(tree(state.cards));
     const all = cards();

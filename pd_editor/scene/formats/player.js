@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (4b564e7f6d7948ce); not to be edited. */
+/* Built by .ci/client.py from client/ (de8b53603f04fc6d); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

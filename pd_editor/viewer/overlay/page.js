@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (4b564e7f6d7948ce); not to be edited. */
+/* Built by .ci/client.py from client/ (de8b53603f04fc6d); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -176,6 +176,15 @@
   }
   var closeButton = (label, key, act) => button("pd-close", "×", act, { "aria-label": label, title: `Close (${key})` });
   var option = (value, text) => make("option", "", { value }, text);
+  function fill(box, shown, parts) {
+    const text = JSON.stringify(shown);
+    if (box.dataset.shown === text) return;
+    box.dataset.shown = text;
+    const controls2 = () => [...box.querySelectorAll("button, select, input, [tabindex]")];
+    const at = controls2().indexOf(document.activeElement);
+    box.replaceChildren(...parts());
+    controls2()[at]?.focus();
+  }
   var within = (event, selector) => event.target instanceof Element ? event.target.closest(selector) : null;
   var isTyping = (event) => within(event, "input, textarea, select, [contenteditable]") !== null;
   var hasModifier = (event) => event.ctrlKey || event.metaKey || event.altKey;
@@ -3121,8 +3130,10 @@
       takesFocus = false;
     }
     function menus(next) {
-      sources.replaceChildren(
-        ...next.sources.map(({ value, text }) => {
+      fill(
+        sources,
+        [next.sources, next.source],
+        () => next.sources.map(({ value, text }) => {
           const made = button("", "", () => tell({ kind: "source", value: String(value) }), {
             role: "tab",
             "aria-selected": String(value === next.source)
@@ -3134,13 +3145,17 @@
       );
       const parts = next.line.split(/\s+and\s+/i);
       common.hidden = !next.common.length;
-      common.replaceChildren(
-        ...next.common.map(
+      fill(
+        common,
+        [next.common, parts],
+        () => next.common.map(
           (value) => button("", value, () => tell({ kind: "common", value }), { "aria-pressed": String(parts.includes(value)) })
         )
       );
-      facets.replaceChildren(
-        ...next.facets.map(({ name, label, value, choices }) => {
+      fill(
+        facets,
+        next.facets,
+        () => next.facets.map(({ name, label, value, choices }) => {
           const menu = make("select", "", { "aria-label": label });
           menu.append(...choices.map((one) => option(one.value, one.text)));
           menu.value = value;
@@ -3316,13 +3331,9 @@
     strip.addEventListener("focusout", (event) => {
       if (!strip.contains(event.relatedTarget) && !strip.matches(":hover")) point(null);
     });
-    function fill(select, choices, value) {
-      const text = JSON.stringify(choices);
+    function offer(select, choices, value) {
       select.hidden = !choices.length;
-      if (select.dataset.options !== text) {
-        select.dataset.options = text;
-        select.replaceChildren(...choices.map((one) => option(one.value, one.text)));
-      }
+      fill(select, choices, () => choices.map((one) => option(one.value, one.text)));
       select.value = String(value);
     }
     function cardOf({ index, name: words, mark, isAdopted, lines, hint: hint2, canDrop, forkOf }) {
@@ -3393,8 +3404,8 @@
       title.textContent = state.title;
       restore.hidden = !state.numDropped;
       restore.textContent = `Put back ${state.numDropped} deleted`;
-      fill(ranking, state.rankings, state.ranking);
-      fill(pick, state.picks, state.pick);
+      offer(ranking, state.rankings, state.ranking);
+      offer(pick, state.picks, state.pick);
       list.replaceChildren(...state.cards.map(cardOf));
       if (state.cards.some(({ forkOf }) => forkOf !== null)) list.prepend(tree(state.cards));
       const all = cards();
@@ -3587,8 +3598,10 @@
       drawer.hidden = !state.isOpen;
       if (!state.isOpen) return;
       draws.checked = state.draws;
-      list.replaceChildren(
-        ...state.rows.flatMap((row) => row.findings ? [rowOf(row), detail(row, state)] : [rowOf(row)])
+      fill(
+        list,
+        { ...state, draws: null },
+        () => state.rows.flatMap((row) => row.findings ? [rowOf(row), detail(row, state)] : [rowOf(row)])
       );
     };
   });
