@@ -95,7 +95,9 @@ def read(path: Path) -> Scenario:
         one.place.attribute("id"): lane.lane_id
         for one, lane in zip(driven[::-1], lanes[::-1], strict=True)
     }
-    lanes, linked = with_missing_links(lanes)
+    lanes, linked = with_missing_links(
+        lanes, lambda one, other: not (one.successors and other.predecessors)
+    )
     notes = [file.frame, *told, *linked]
     if count := len(file.faults):
         what = str(file.faults[0]).removeprefix(f"{path}, ")

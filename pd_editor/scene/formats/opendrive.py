@@ -39,6 +39,7 @@ from pd_editor.scene.formats.scene_format import SceneFormat, has_root
 from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
 from pd_editor.scene.geometry.map_projection import projected
 from pd_editor.scene.geometry.paved_area import valid_area
+from pd_editor.scene.geometry.polyline import onward
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_COORDINATE_M, MAX_LINES_M
@@ -717,7 +718,9 @@ def _mark(section: _Section, lane: int) -> LaneMark:
 
 def _simplified(line: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "M 3"]:
     kept = shapely.simplify(shapely.LineString(line), _SAME_LINE_M)
-    return shapely.get_coordinates(kept, include_z=True)
+    found = shapely.get_coordinates(kept, include_z=True)
+    # Borders turn back within curves that are narrower than their road.
+    return onward(found) if len(found) > 2 else found
 
 
 _is_network: Final = has_root("opendrive", ".xodr", ".xodrz")

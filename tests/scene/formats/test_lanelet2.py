@@ -313,3 +313,12 @@ def test_lanelets_that_share_no_nodes_follow_each_other_where_they_meet(tmp_path
     assert lanes[3].predecessors == (1,)
     assert lanes[2].successors == ()
     assert any("1 links" in one for one in open_scenario(path).provenance.notes)
+
+
+def test_links_are_made_where_only_some_lanelets_share_nodes(tmp_path: Path):
+    """Maps of CommonRoad's converter had every second link."""
+    places = PLACES | {102: PLACES[2], 104: PLACES[4], 20: (60, 9), 21: (60, 5)}
+    ways = ALL_WAYS | {13: (102, 7), 15: (104, 8), 16: (7, 20), 17: (8, 21)}
+    lanes, _ = opened(tmp_path, text((*STREET, lanelet(4, 16, 17)), ways, places))
+    found = [lanes[n].successors for n in (1, 2, 3, 4)]
+    assert found == [(3,), (), (4,), ()]

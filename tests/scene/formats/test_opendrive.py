@@ -14,6 +14,7 @@ from pd_editor.scene.formats.opendrive import OPENDRIVE, read
 from pd_editor.scene.formats.reference_line import ReferenceLine
 from pd_editor.scene.formats.registry import format_of
 from pd_editor.scene.formats.xml_file import parse_xml
+from pd_editor.scene.geometry.polyline import turns_back
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 
@@ -427,6 +428,20 @@ def test_sections_of_one_side_are_refused(tmp_path: Path):
     one = one.replace("<laneSection", '<laneSection singleSide="true"')
     with pytest.raises(FormatError, match="for one side of the road only"):
         opened(tmp_path, road(other + one))
+
+
+def test_borders_do_not_turn_back_within_narrow_curves(tmp_path: Path):
+    """Those within curves did, and maps of many were refused."""
+    curve = LINE.replace("50", "10") + (
+        f'<geometry s="10" x="10" y="0" hdg="0" length="{np.pi}"><arc curvature="-0.5"/>'
+        f'</geometry><geometry s="{10 + np.pi}" x="12" y="-2" hdg="{-np.pi / 2}" '
+        'length="10"><line/></geometry>'
+    )
+    scene = opened(tmp_path, road(section(lane(-1)), geometry=curve, length=20 + np.pi))
+    (only,) = scene.road_map.lanes
+    for line in (only.left_m, only.right_m, only.centerline_m):
+        assert not len(turns_back(line))
+    np.testing.assert_allclose(at(scene, only.right)[[0, -1]], [(0, -3.5), (8.5, -12)])
 
 
 def test_temporary_lanes_are_left_out_and_told(tmp_path: Path):
