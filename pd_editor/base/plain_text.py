@@ -58,10 +58,11 @@ def number_of(count: int, noun: str, none: str = "0") -> str:
     return f"{count or none} {noun}{'s' * (count != 1)}"
 
 
-def nearest_or_all(name: str, known: Iterable[str]) -> str:
+def nearest_or_all(name: str, known: Iterable[str], otherwise: str = "") -> str:
     """What a user may have meant by an unknown name, for the end of a sentence.
 
-    Without a near name those that are known are listed, 30 of them.
+    Without a near name, ``otherwise`` is expected, or one of those known, of which 30 are
+    listed.
     """
     names = list(dict.fromkeys(known))
     lower = {one.lower(): one for one in reversed(names)}
@@ -70,7 +71,7 @@ def nearest_or_all(name: str, known: Iterable[str]) -> str:
         return f"the nearest is {lower[near[0]]}"
     if not names:
         return "there is none"
-    return f"expected one of {listed(names, 30)}"
+    return f"expected {otherwise or f'one of {listed(names, 30)}'}"
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

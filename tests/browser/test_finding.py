@@ -41,10 +41,10 @@ def test_a_dataset_is_indexed_searched_and_walked(open_editor, root: Path):
     line.press("End")
     line.press_sequentially(" and densty > 2")
     expect(
-        page.get_by_text("'densty': is not known; the nearest is density")
+        page.get_by_text("'densty' is not known; the nearest is density")
     ).to_be_visible()
     line.fill('city = miami and "<i>x</i>"')
-    expect(page.get_by_text("'\"<i>x</i>\"': is not known")).to_be_visible()
+    expect(page.get_by_text("'\"<i>x</i>\"' is not known")).to_be_visible()
     line.fill("right-turn and density > 0")
     expect(page.get_by_text("is not known")).to_have_count(0)
     rows = page.locator(".pd-start-tile", has_text="right-turn at ")

@@ -46,9 +46,15 @@ FACTS: Final[dict[str, type[float] | type[str]]] = {
 
 density: motor vehicles that move or stand on lanes, at the current step, per km of lane;
 speed: m/s of those who move, mean and 85th percentile; curvature: degrees that lanes outside
-junctions turn in 100 m; junction: roundabout, signalised, plain or none; origin: id of the
-scenario that an edited one was made from.
+junctions turn in 100 m; origin: id of the scenario that an edited one was made from.
 """
+_YES_NO: Final = ("yes", "no")
+FACT_VALUES: Final = {
+    "junction": ("roundabout", "signalised", "plain", "none"),
+    "edited": _YES_NO,
+    "warped": _YES_NO,
+}
+"""All values of those that have few."""
 
 
 def scene_facts(

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +11,12 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool
 
-from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, SceneEvent
+from pd_editor.analysis.manoeuvres import (
+    EVENT_KINDS,
+    FACT_VALUES,
+    FACTS,
+    SceneEvent,
+)
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import MAX_TEXT_CHARACTERS, nearest_or_all, one_line
 from pd_editor.experiments.scene_index.event_table import COMPARISONS, EventTable
@@ -23,6 +29,7 @@ EVENT_WORDS: Final = {
     "turn": ("left-turn", "right-turn", "u-turn"),
 }
 """Kinds of events that a word stands for."""
+_CONDITION: Final = "an event such as cut-in, a quantity such as pet < 2, or a fact such as density > 20"
 _QUANTITIES: Final = frozenset(filter(None, EVENT_KINDS.values()))
 _WORD: Final = re.compile(r'\s*(<=|>=|!=|[=<>()]|"[^"]*"|[^\s=<>()!"]+|\S)')
 
@@ -48,7 +55,7 @@ def answer(text: str, table: EventTable) -> Answer:
     parser = _Parser(words, table)
     found = parser.any_of()
     if parser.peek():
-        raise parser.wrong("expected and, or, by, with, or the end")
+        raise parser.wrong("and, or, by, with, or the end")
     if parser.asks_content:
         # Of what was not read yet, nothing holds, its opposite included.
         return replace(found, scenes=found.scenes & table.is_read)
@@ -69,12 +76,24 @@ class _Parser:
         left = self._words[self._next : self._next + 1]
         return left[0][0].lower() if left else ""
 
-    def wrong(self, what: str) -> InputError:
-        """The error of the next word."""
+    def wrong(self, expected: str, fault: str = "") -> InputError:
+        """The error of the next word, which is not as expected or has a fault."""
         if not self.peek():
-            return InputError(f"The query ends where more is needed: {what}.")
+            last = self._words[-1][0] if self._words else ""
+            where = f"ends after {one_line(last, 60)!r}" if last else "is empty"
+            return InputError(f"The query {where}: expected {expected}.")
         text, place = self._words[self._next]
-        return InputError(f"Query, character {place}: {one_line(text, 60)!r}: {what}.")
+        word = repr(one_line(text, 60))
+        told = f"{word} {fault}" if fault else f"expected {expected}, not {word}"
+        return InputError(f"Query, character {place}: {told}.")
+
+    def _unknown(
+        self, known: Iterable[str], expected: str, after: str = ""
+    ) -> InputError:
+        """The error of the next word, which is none of those known."""
+        where = f" after {after}" if after else ""
+        told = nearest_or_all(self.peek(), known, expected)
+        return self.wrong(expected, f"is not known{where}; {told}")
 
     def any_of(self) -> Answer:
         """Conditions between or."""
@@ -98,14 +117,14 @@ class _Parser:
     def _one(self) -> Answer:
         self._depth += 1
         if self._depth > 50:
-            raise self.wrong("the query is nested too deeply")
+            raise self.wrong(_CONDITION, "is nested too deeply")
         if self._takes("not"):
             found = self._one()
             found = Answer(scenes=~found.scenes, events=np.zeros_like(found.events))
         elif self._takes("("):
             found = self.any_of()
             if not self._takes(")"):
-                raise self.wrong("expected and, or, or the closing bracket")
+                raise self.wrong("and, or, or the closing bracket")
         else:
             found = self._condition()
         self._depth -= 1
@@ -119,8 +138,8 @@ class _Parser:
             sign = self._word(name, COMPARISONS)
             if facts[name] is str and sign not in ("=", "!="):
                 self._next -= 1
-                raise self.wrong(f"{name} is a text; expected = or !=")
-            value = self._number() if facts[name] is float else self._text()
+                raise self.wrong(f"= or != ({name} is a text)")
+            value = self._number() if facts[name] is float else self._text(name, sign)
             scenes = self._table.having(name, sign, value)
             none = self._table.events((), "", "")
             return Answer(scenes=scenes, events=none)
@@ -131,7 +150,7 @@ class _Parser:
             known = {**EVENT_WORDS, **facts, **dict.fromkeys(sorted(_QUANTITIES))}
             kinds = EVENT_WORDS.get(name, ())
             if not kinds:
-                raise self.wrong(f"is not known; {nearest_or_all(name, known)}")
+                raise self._unknown(known, _CONDITION)
             self._next += 1
         return self._event(kinds)
 
@@ -145,9 +164,13 @@ class _Parser:
             elif self._takes("with"):
                 towards = self._word("with", sorted(map(str, ROAD_USER_KINDS)))
             elif (name := self.peek()) in _QUANTITIES:
+                own = {EVENT_KINDS[one] for one in kinds}
+                if name not in own:
+                    has = ", ".join(filter(None, own)) or "none"
+                    raise self.wrong(
+                        "and", f"is no quantity of this event; it has {has}"
+                    )
                 kinds = tuple(one for one in kinds if EVENT_KINDS[one] == name)
-                if not kinds:
-                    raise self.wrong("the event has another quantity, or none")
                 self._next += 1
                 sign = self._word(name, COMPARISONS)
                 valued.append(self._table.valued(sign, self._number()))
@@ -164,20 +187,20 @@ class _Parser:
         return takes
 
     def _word(self, after: str, known: Any) -> str:
-        word = self.peek()
+        word = self.peek().strip('"')
         if word not in known:
-            raise self.wrong(
-                f"is not known after {after}; {nearest_or_all(word, known)}"
-            )
+            raise self._unknown(known, f"one of {', '.join(known)}", after)
         self._next += 1
         return word
 
-    def _text(self) -> str:
-        word = self.peek()
-        if not word.strip('"') or word in (*COMPARISONS, "(", ")"):
-            raise self.wrong("expected a text")
+    def _text(self, name: str, sign: str) -> str:
+        word = self.peek().strip('"')
+        if not word or word in (*COMPARISONS, "(", ")"):
+            raise self.wrong("a text")
+        if name in FACT_VALUES:
+            return self._word(f"{name} {sign}", FACT_VALUES[name])
         self._next += 1
-        return word.strip('"')
+        return word
 
     def _number(self) -> float:
         try:
@@ -185,7 +208,7 @@ class _Parser:
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            raise self.wrong("expected a number")
+            raise self.wrong("a number")
         self._next += 1
         return number
 

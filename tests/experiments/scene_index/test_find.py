@@ -134,11 +134,15 @@ def test_the_events_that_were_asked_for_are_told_and_no_others():
         ("density > many", ("'many'", "number")),
         ("density cut-in", ("'cut-in'", "<=")),
         ("city > miami", ("'>'", "!=")),
-        ("cut-in pet < 2", ("'pet'", "another quantity")),
-        ("(cut-in", ("bracket",)),
+        ("cut-in pet < 2", ("'pet'", "it has headway")),
+        ("(cut-in", ("bracket", "after 'cut-in'")),
+        ("name = x", ("'name'", "character 1", "cut-in", "density > 20")),
+        ("junction = yes", ("'yes'", "junction =", "roundabout")),
+        ('edited != "true"', ("'\"true\"'", "edited !=", "yes")),
         ("cut-in) or merge", ("')'",)),
-        ("cut-in and", ("ends",)),
-        ("", ("ends",)),
+        ("cut-in and", ("ends after 'and'", "cut-in", "density > 20")),
+        ("density >", ("ends after '>'", "a number")),
+        ("", ("is empty", "cut-in")),
         ("cut-in \x00;drop", ("\\x00",)),
         ("(" * 400 + "cut-in" + ")" * 400, ("nested",)),
         ("not " * 400 + "merge", ("nested",)),
@@ -152,8 +156,12 @@ def test_a_wrong_word_is_named_with_its_place_and_the_nearest(
 ):
     with pytest.raises(InputError) as error:
         find_scenes(INDEX, query)
+    told = str(error.value)
     for word in words:
-        assert word in str(error.value)
+        assert word in told
+    assert len(told) < 170, "one sentence, which a line of the browser can show"
+    assert told.endswith(".")
+    assert ": is" not in told
 
 
 def test_facts_told_beside_an_index_are_asked_with_it():

@@ -224,7 +224,7 @@ def test_one_line_finds_words_and_what_happens(tabs):
     # A wrong word leaves the list as it was, and is told.
     assert found("agnts > 0") == ["fast", "quiet"]
     told = tab.shown("startPage")["told"]
-    assert "'agnts': is not known; the nearest is agents" in told
+    assert "'agnts' is not known; the nearest is agents" in told
     assert tab.shown("startPage")["isWrong"]
     tab.tab.workspace.library.remove("quiet")
     until(lambda: listed(tab) == ["fast"])
