@@ -39,7 +39,7 @@ class FamilyOptions(RecipeOptions, ResultOptions):
 
     Args:
         recipe: A file recipe.json, or an exported folder.
-        vary: Numbers of the recipe's commands and their ranges, such as power=4..8, gap_m=5..15 or seed=1..999. Where several have a name, 2.power is that of the second edit, point_m.0 the first of a list. Needed unless there is --on.
+        vary: Numbers of the recipe's commands and their ranges, such as power=4..8, gap_m=5..15 or seed=1..999. Where several have a name, 2.power is that of the second edit, point_m.0 the first of a list; seed alone is that of every run. Needed unless there is --on.
         on: Other scenes to make the edits in, as in generate, each with N variants if numbers are varied. Edits of single agents, other than the ego and the focal agent, are left out and told.
         out: Folder that receives DIR/<name>-1/, ...
         num: Number of variants; their values cover each range evenly.

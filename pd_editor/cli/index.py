@@ -1,5 +1,6 @@
 """``pd-editor index``: read what happens in many scenes into one file."""
 
+import glob
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from pd_editor.base.errors import InputError
-from pd_editor.base.plain_text import number_of
+from pd_editor.base.plain_text import number_of, one_line
 from pd_editor.base.regular_file import user_path
 from pd_editor.cli.many_scenes import EngineOptions, all_scenes
 from pd_editor.cli.options import several, shown, taking
@@ -77,6 +78,8 @@ def _file(roots: tuple[str | Path, ...], out: str | Path | None) -> Path:
         file = user_path(str(out)).absolute()
         return file / INDEX_NAME if file.is_dir() else file
     first = user_path(str(roots[0])).absolute()
+    if len(roots) == 1 and not first.exists() and not glob.has_magic(str(first)):
+        raise InputError(f"{one_line(str(roots[0]))}: there is no such file or folder.")
     if len(roots) > 1 or not first.is_dir():
         raise InputError("--out FILE is needed unless ROOT is one folder.")
     return first / INDEX_NAME

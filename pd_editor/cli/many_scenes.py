@@ -223,7 +223,12 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
         if not Path(os.path.abspath(scene)).is_relative_to(out)
     ]
     if not inside:
-        raise InputError(f"{reference}: no folder with {files} is there or below it.")
+        what = (
+            "scene of a format that is read"
+            if takes_foreign
+            else f"folder with {files}"
+        )
+        raise InputError(f"{reference}: no {what} is there or below it.")
     return list(map(str, inside))
 
 

@@ -59,17 +59,19 @@ def varied_numbers(
 ) -> tuple[VariedNumber, ...]:
     """Read ranges such as ``power=4..8``, ``2.seed=1..99`` or ``point_m.0=-45..-35``.
 
-    With ``adds``, ``seed`` may be that of the traffic that variants get at their end.
+    ``seed`` is that of each run, and with ``adds`` of the traffic that variants get at
+    their end.
 
     Raises:
         RecipeError: there is no text, or one is no range, names no number or several, or
             one that is named already.
     """
     known = _numbers(recipe, adds)
-    found = {one.path: one for one in (_varied_number(text, known) for text in texts)}
+    told = [one for text in texts for one in _varied_by(text, known)]
+    found = {one.path: one for one in told}
     if not texts:
         raise RecipeError("A family needs a range, such as power=4..8.")
-    if len(found) < len(texts):
+    if len(found) < len(told):
         raise RecipeError("Two ranges are of the same number; expected one for each.")
     names = _names(found)
     return tuple(replace(one, name=names[path]) for path, one in found.items())
@@ -269,7 +271,7 @@ def _numbers(recipe: Recipe, adds: bool) -> dict[_Path, float]:
     return found
 
 
-def _varied_number(text: str, known: Mapping[_Path, float]) -> VariedNumber:
+def _varied_by(text: str, known: Mapping[_Path, float]) -> list[VariedNumber]:
     match = _RANGE.fullmatch(text)
     try:
         name, low, high = match.groups() if match else ("", "x", "x")
@@ -279,16 +281,22 @@ def _varied_number(text: str, known: Mapping[_Path, float]) -> VariedNumber:
             f"{text[:60]!r} is no range; expected NAME=LOW..HIGH, such as power=4..8."
         ) from None
     fitting = _fitting(tuple(name.split(".")), known)
-    if len(fitting) != 1:
+    # Chance has no meaning of its own: all of it may vary at once.
+    if len(fitting) != 1 and not (fitting and name == "seed"):
         names = _typed(known)
         some = _listed([names[one] for one in sorted(fitting or known, key=_is_place)])
         what = "several numbers of this name" if fitting else "no number of this name"
         raise RecipeError(f"{name}: the edits have {what}; there are {some or 'none'}.")
     if not ends[0] <= ends[1]:
         raise RecipeError(f"{text[:60]!r} ends before it begins.")
-    (path,) = fitting
     # A file has 6.0 for what may be a fraction.
-    is_whole = isinstance(known[path], int)
-    return VariedNumber(
-        path=path, name=name, low=ends[0], high=ends[1], is_whole=is_whole
-    )
+    return [
+        VariedNumber(
+            path=path,
+            name=name,
+            low=ends[0],
+            high=ends[1],
+            is_whole=isinstance(known[path], int),
+        )
+        for path in fitting
+    ]

@@ -106,6 +106,8 @@ def test_what_is_no_index_is_refused(shell: Shell, scenes: Path, tmp_path: Path)
     (tmp_path / INDEX_NAME).write_bytes(b"nothing")
     assert "no index that can be read" in shell.refused("find", tmp_path, "cut-in")
     assert "--out" in shell.refused("index", scenes, "roundabout")
+    told = shell.refused("index", tmp_path / "gone")
+    assert "gone: there is no such file or folder" in told
 
 
 def test_other_rules_read_all_again(scenes: Path, monkeypatch: pytest.MonkeyPatch):

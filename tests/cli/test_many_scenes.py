@@ -119,9 +119,9 @@ def test_a_bug_in_one_scene_is_told_as_a_bug(
         ),
         (["merge", "queue"], ["--workers", 0], "--workers is 0; expected 1 to 256"),
         ([], [], "Missing SCENARIO; see pd-editor warp --help."),
-        (["{}/*"], [], "no folder with scenario_*.parquet is there or below it"),
+        (["{}/*"], [], "no scene of a format that is read is there or below it"),
         (["*\0"], [], "*\\x00: is no usable path"),
-        (["{}"], [], "no folder with scenario_*.parquet is there or below it"),
+        (["{}"], [], "no scene of a format that is read is there or below it"),
     ],
 )
 def test_what_cannot_be_done(
