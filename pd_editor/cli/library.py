@@ -30,7 +30,7 @@ from pd_editor.cli.output import Outcome, described, refuse_existing, work_shown
 from pd_editor.editor.library.index_table import INDEX_NAME
 from pd_editor.editor.library.library import SORTS, Library, LibraryCard, take_in
 from pd_editor.editor.recipe import moment
-from pd_editor.editor.variant import Variant
+from pd_editor.editor.variant import Variant, tags_from_text
 from pd_editor.experiments.scene_index.index_file import IndexWriter, index_place
 from pd_editor.experiments.scene_index.query import find_scenes
 from pd_editor.experiments.work_engine.engine_choice import EngineChoice
@@ -108,7 +108,8 @@ def add(
         workers: Scenes at a time, each in a process of its own.
     """
     library = Library(user_path(str(folder)))
-    described("", tags, note)  # What does not fit is told before scenes are read.
+    # What does not fit is told before scenes are read.
+    tags = described("", tags, note).tags
     scenes = all_scenes(scenarios, library.root)
     if not scenes:
         raise InputError("Missing SCENARIO; see pd-editor library add --help.")
@@ -175,6 +176,7 @@ def tag(
         note: Their note; an empty one removes it.
     """
     library = _opened(folder)
+    add, remove = tags_from_text(*add), (*remove, *tags_from_text(*remove))
     if not (add or remove or note is not None):
         raise InputError("Nothing to change; expected --add, --remove or --note.")
     chosen = library.named(several(names))
@@ -289,10 +291,11 @@ def list(
     """
     if sort not in SORTS:
         raise InputError(f"{sort!r} is no order; {nearest_or_all(sort, SORTS)}.")
+    tags = set(tags_from_text(*tag))
     cards = [
         one
         for one in _opened(folder).cards()
-        if one.has(words) and set(tag) <= set(one.row.tags)
+        if one.has(words) and tags <= set(one.row.tags)
     ]
     return Listed(
         cards=tuple(sorted(cards, key=SORTS[sort])),

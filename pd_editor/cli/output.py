@@ -29,7 +29,7 @@ from pd_editor.editor.commands import Command
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import export_into
 from pd_editor.editor.session import EditorSession
-from pd_editor.editor.variant import Variant
+from pd_editor.editor.variant import Variant, tags_from_text
 from pd_editor.experiments.work_engine.work_engine import (
     WorkFailure,
     WorkProgress,
@@ -207,7 +207,7 @@ def described(name: str, tags: tuple[str, ...] = (), note: str = "") -> Variant:
     Raises:
         EditError: the name does not fit, or a text is too long.
     """
-    return Variant(name=name, tags=tuple(tags), note=note)
+    return Variant(name=name, tags=tags_from_text(*tags), note=note)
 
 
 _MOST_BYTES = 1 << 26

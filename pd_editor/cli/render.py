@@ -83,6 +83,11 @@ def render(options: RenderOptions) -> Outcome:
     look = _look(target, {name: one for name, one in asked.items() if one})
     refuse_existing(target, overwrite=options.overwrite)
     references = all_scenes(options.scenarios, target)
+    if asked["compare"]:
+        # The files of an export do not tell the original, its recipe does.
+        recipes = [user_path(one) / RECIPE_NAME for one in references]
+        pairs = zip(references, recipes, strict=True)
+        references = tuple(str(r) if r.is_file() else one for one, r in pairs)
     sessions = [opened_session(one, described(""), options.cut) for one in references]
     found = tuple(replace(one.scenario, scenario_id=one.name) for one in sessions)
     if not found:

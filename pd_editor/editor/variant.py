@@ -106,9 +106,9 @@ def fit_name(scenario_id: str) -> str:
     return name_from_text(scenario_id) or "scenario"
 
 
-def tags_from_text(text: str) -> tuple[str, ...]:
-    """Split a text into tags at commas, without duplicates."""
-    words = (" ".join(part.split()) for part in text.split(","))
+def tags_from_text(*texts: str) -> tuple[str, ...]:
+    """Split texts into tags at commas, without duplicates."""
+    words = (" ".join(part.split()) for text in texts for part in text.split(","))
     return tuple(dict.fromkeys(word for word in words if word))
 
 

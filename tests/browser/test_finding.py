@@ -43,6 +43,13 @@ def test_a_dataset_is_indexed_searched_and_walked(open_editor, root: Path):
     expect(
         page.get_by_text("'densty' is not known; the nearest is density")
     ).to_be_visible()
+    # (It was squeezed into a column of five lines.)
+    told = page.locator(".pd-start-told")
+    heights = [told.bounding_box()["height"]]
+    line.fill("junction = yes")
+    expect(told).to_contain_text("'yes' is not known after junction =; expected one of")
+    heights.append(told.bounding_box()["height"])
+    assert max(heights) < 45
     line.fill('city = miami and "<i>x</i>"')
     expect(page.get_by_text("'\"<i>x</i>\"' is not known")).to_be_visible()
     line.fill("right-turn and density > 0")

@@ -83,6 +83,11 @@ def test_tags_are_in_the_card_and_in_the_recipe(folder: Path, shell: Shell):
     assert shell.run(*run, "--remove", "paper", "<b>").code == 0
     assert tags() == [("cut-in",)] * 2
     assert shell.run(*run, "--add", "cut-in").out == "0 of 2 scenarios changed.\n"
+    # Commas part tags, as in the browser, where one with a comma was none that goes away.
+    assert shell.run(*run, "--add", "one,two", "three").code == 0
+    assert tags() == [("cut-in", "one", "two", "three")] * 2
+    assert shell.run("library", "list", folder, "--tag", "one,two").lines[-1][0] == "2"
+    assert shell.run(*run, "--remove", "one,two,three").code == 0
     assert shell.run("library", "check", folder).code == 0
     assert "nearest is bent" in shell.refused(
         "library", "tag", folder, "ben", "--add", "a"
@@ -194,7 +199,13 @@ def test_each_broken_or_foreign_folder_is_told_in_one_sentence(
     shutil.rmtree(folder / "photographs")
     place = folder / "wide"
     shutil.copytree(folder / "crosswalk", place)
-    assert faults() == f"wide: {place}/card.json: is the card of crosswalk."
+    assert faults() == (
+        f"wide: {place}/card.json: is the card of crosswalk; give the folder that name, "
+        "or move it out and take it in by 'pd-editor library add'."
+    )
+    # (It was found, though no list had it.)
+    found = shell.run("library", "find", folder, "agents > 0")
+    assert found.lines == [str(folder / "crosswalk"), "1 scenario."]
     card = (place / "card.json").read_text()
     (place / "card.json").write_text(card.replace('"crosswalk"', '"wide"', 1))
     assert faults() == "wide: its files are of crosswalk."

@@ -172,10 +172,7 @@ class Library:
 
     def scenes(self) -> list[Path]:
         """Folders of all scenarios."""
-        with contextlib.suppress(InputError):
-            places = [self.root / name for name in self.folders()]
-            return [one for one in places if (one / CARD_NAME).exists()]
-        return []
+        return [self.root / name for name in sorted(one.name for one in self.cards())]
 
     def folders(self) -> list[str]:
         """Names of all folders in it, whatever they hold.
@@ -485,7 +482,10 @@ class Library:
             raise InputError(f"{path}: is no JSON.") from error
         card = from_json(LibraryCard, content, f"{path}: The card")
         if card.name != name:
-            raise InputError(f"{path}: is the card of {one_line(card.name, 80)}.")
+            raise InputError(
+                f"{path}: is the card of {one_line(card.name, 80)}; give the folder that"
+                " name, or move it out and take it in by 'pd-editor library add'."
+            )
         return card
 
     def _tell(

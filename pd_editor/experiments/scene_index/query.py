@@ -11,12 +11,8 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool
 
-from pd_editor.analysis.manoeuvres import (
-    EVENT_KINDS,
-    FACT_VALUES,
-    FACTS,
-    SceneEvent,
-)
+from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, SceneEvent
+from pd_editor.analysis.manoeuvres.scene_facts import FACT_VALUES
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import MAX_TEXT_CHARACTERS, nearest_or_all, one_line
 from pd_editor.experiments.scene_index.event_table import COMPARISONS, EventTable

@@ -90,7 +90,8 @@ class IndexRun:
             noun = "scenarios" if isinstance(self.dataset, Library) else "scenes"
             if progress is not None:
                 self.fraction = progress.fraction
-                self.words = f"{progress_line(progress, job.elapsed_s, noun)}."
+                told = progress_line(progress, job.elapsed_s, noun)
+                self.words = f"Indexing: {told}."
             elif writer.is_broken and self.fraction is None:
                 self.words = f"{self.file.name} cannot be read; it is to be made anew."
             self.stamp += 1

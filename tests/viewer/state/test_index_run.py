@@ -72,7 +72,7 @@ def test_a_run_is_usable_meanwhile_cancelled_and_resumed(root: Path, monkeypatch
     run = opened(root)
     run.start()
     until(lambda: run.num_missing == 2)
-    assert run.words.startswith("1 of 3 scenes, ")
+    assert run.words.startswith("Indexing: 1 of 3 scenes, ")
     assert run.fraction == pytest.approx(1 / 3)
     assert len(find_scenes(run.index, "agents > 0")) == 1
     # Another tab has the button as well.
