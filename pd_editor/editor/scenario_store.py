@@ -8,6 +8,7 @@ import logging
 import os
 import re
 import tempfile
+import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextvars import ContextVar
@@ -313,7 +314,18 @@ def scenes_in_upload(
         return {one: functools.partial(scenario_of_upload, files, one) for one in names}
     scenes = _foreign_scenes(files)
     several = scenes if len(scenes) > 1 else {}
-    return {one: functools.partial(dict, part) for one, part in several.items()}
+    # Texts of many scenes are large; what several of them share is packed once.
+    whole = {id(data): data for part in several.values() for data in part.values()}
+    packed = {key: zlib.compress(data, 1) for key, data in whole.items()}
+    kept = {
+        scene: {name: packed[id(data)] for name, data in part.items()}
+        for scene, part in several.items()
+    }
+    return {scene: functools.partial(_unpacked, part) for scene, part in kept.items()}
+
+
+def _unpacked(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    return {name: zlib.decompress(data) for name, data in files.items()}
 
 
 def _foreign_scenes(files: Mapping[str, bytes]) -> dict[str, dict[str, bytes]]:

@@ -1,3 +1,5 @@
+import gc
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,6 +150,25 @@ def test_a_road_that_traffic_names_is_no_scene_of_its_own():
         assert len(scenario.agents) == len(session.scenario.agents)
     with pytest.raises(InputError, match="holds 4 scenes"):
         scenario_and_recipe({"x.zip": content})
+
+
+def test_scenes_of_a_zip_are_kept_packed():
+    """All of them were kept unpacked, as long as the page was open."""
+    recipe = named(EditorSession(two_agents_that_pass()).recipe(), "road")
+    made = exported_files(two_agents_that_pass(), recipe, format_name="commonroad")
+    (scene,) = (data for name, data in made.items() if name.endswith(".xml"))
+    words = np.random.default_rng(0).integers(0, 16, 80_000)
+    large = scene + b"<!--%s-->" % b" ".join(b"way-point-%d" % one for one in words)
+    content = zip_folders({one: {f"{one}.xml": large} for one in ("a", "b", "c")})
+    del large
+    tracemalloc.start()
+    scenes = scenes_in_upload({"x.zip": content})
+    gc.collect()
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 1_000_000
+    for give in scenes.values():
+        assert len(scenario_and_recipe(give())[0].agents) == 2
 
 
 def test_an_upload_names_no_file_of_the_server(tmp_path: Path):
