@@ -1,6 +1,7 @@
 """Name, tags and note of an edited scenario, and what its user ignores."""
 
 import re
+import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -95,7 +96,9 @@ class ExportMark:
 
 def name_from_text(text: str) -> str:
     """Convert a user's text to a name, with hyphens for characters that are not allowed."""
-    words = re.findall(r"[A-Za-z0-9_]+", text)
+    # Letters with accents become those without.
+    plain = re.sub(r"[\u0300-\u036f]", "", unicodedata.normalize("NFKD", text))
+    words = re.findall(r"[A-Za-z0-9_]+", plain)
     return "-".join(words)[:MAX_NAME_CHARACTERS].strip("-_")
 
 

@@ -97,7 +97,12 @@ def test_starred_states_are_downloaded_as_one_zip_with_a_table(open_editor):
     tile.hover()
     editor.until(lambda: stands not in image.get_attribute("src"), "a moving one")
     tile.get_by_role("button", name="Tick").click()
-    editor.page.get_by_role("button", name="Download 1", exact=True).wait_for()
+    ticked = editor.page.get_by_role("button", name="Download 1", exact=True)
+    ticked.wait_for()
+    # (It opened the scenario.)
+    for state in ("hidden", "visible"):
+        tile.locator(".pd-start-tile").click(modifiers=["Control"])
+        ticked.wait_for(state=state)
     editor.press("Remove 1")
     editor.until(
         lambda: (

@@ -14,7 +14,7 @@ import pytest
 import pd_editor
 from benchmarks import library_kills
 from pd_editor.analysis.findings.scorecard import scorecard
-from pd_editor.editor.library.library import Library
+from pd_editor.editor.library.library import Library, LibraryCard
 from pd_editor.editor.recipe import Recipe
 from tests.cli.shell import Shell
 
@@ -39,6 +39,12 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def folder(filled: Path, tmp_path: Path) -> Path:
     return shutil.copytree(filled, tmp_path / "library")
+
+
+def card_in(folder: Path, name: str) -> LibraryCard:
+    card = Library(folder).card(name)
+    assert card is not None
+    return card
 
 
 def test_a_library_is_listed_sorted_and_filtered(folder: Path, shell: Shell):
@@ -158,7 +164,7 @@ def test_an_export_comes_back_as_it_was(folder: Path, shell: Shell, tmp_path: Pa
     assert shell.run("library", "add", other, out).code == 0
     assert [one.name for one in Library(other).cards()] == ["bent", "crosswalk"]
     (bent, _) = Library(other).cards()
-    assert bent.row.edits == Library(folder).card("bent").row.edits
+    assert bent.row.edits == card_in(folder, "bent").row.edits
     assert bent.row.tags == ("paper",)
     assert shell.run("library", "check", other).code == 0
     foreign = tmp_path / "foreign"
@@ -171,7 +177,7 @@ def test_an_export_comes_back_as_it_was(folder: Path, shell: Shell, tmp_path: Pa
     assert shell.run("library", "add", folder, foreign).lines == [
         "1 of 1 are there already."
     ]
-    assert Library(folder).card("bent-2").format == "CommonRoad"
+    assert card_in(folder, "bent-2").format == "CommonRoad"
     recipe = out / "crosswalk" / "recipe.json"
     assert shell.run("library", "add", folder, recipe, "nothing").code == 2
 
@@ -183,7 +189,7 @@ def test_each_broken_or_foreign_folder_is_told_in_one_sentence(
         "2 of 2 scenarios are whole."
     ]
 
-    def faults() -> list[str]:
+    def faults() -> str:
         result = shell.run("library", "check", folder)
         assert (result.code, result.lines[0].split(" of ")[0]) == (2, "1")
         (fault,) = result.err.splitlines()
@@ -241,7 +247,7 @@ def test_what_does_not_agree_is_told(folder: Path, shell: Shell):
     path = folder / "bent" / "recipe.json"
     path.write_text(path.read_text().replace('"power": 6', '"power": 3'))
     (command,) = Recipe.from_text(path.read_text()).commands
-    (label,) = Library(folder).card("bent").row.edits
+    (label,) = card_in(folder, "bent").row.edits
     assert fault("bent", "card.json", label, command.label) == (
         "bent: its recipe makes another scenario than its files hold."
     )
@@ -300,7 +306,7 @@ def test_metrics_are_kept_in_cards_and_lists_sort_by_them(folder: Path, shell: S
     done = shell.run("library", "metrics", folder, "*")
     assert done.out == "2 of 2 scenarios measured.\n"
     for name in ("bent", "crosswalk"):
-        told = Library(folder).card(name).metrics
+        told = card_in(folder, name).metrics
         rows = scorecard(pd_editor.open_scenario(folder / name))
         assert told == {one.name: one.value for one in rows if one.value == one.value}
     head, *rows, _ = shell.run("library", "list", folder, "--sort", "path_length").lines

@@ -62,6 +62,7 @@ def test_a_name_that_a_user_did_not_type_holds_until_the_next_edit():
 
 def test_texts_of_users_become_names_and_tags():
     assert name_from_text(" My slow one! (2) ") == "My-slow-one-2"
+    assert name_from_text("Übung & café") == "Ubung-cafe"
     assert name_from_text("x" * 200) == "x" * 80
     assert name_from_text("../..\0\ud800") == ""
     assert tags_from_text("a,  b c ,, a") == ("a", "b c")

@@ -176,9 +176,10 @@ define("startPage", (api) => {
     if (shown.reject === "Discard for good") words.append(make("em", "", {}, "X again discards it for good"));
     tile.append(frame, words);
     box.append(tile, acts);
-    tile.addEventListener("click", () => {
+    tile.addEventListener("click", ({ ctrlKey, metaKey, shiftKey }) => {
       cursor = first() + at;
-      tell({ kind: "open", value: shown.key });
+      const ticks = shown.isTicked !== null && (ctrlKey || metaKey || shiftKey);
+      tell({ kind: ticks ? "tick" : "open", value: shown.key });
     });
     for (const type of ["pointerenter", "focusin"]) box.addEventListener(type, () => show(tile, true));
     for (const type of ["pointerleave", "focusout"]) box.addEventListener(type, () => show(tile));

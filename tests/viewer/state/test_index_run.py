@@ -111,5 +111,6 @@ def test_the_app_puts_the_index_of_a_read_only_dataset_into_the_state(
         connected_tab(app) as tab,
     ):
         run = tab.tab.workspace.index_run
+        assert run is not None
         assert run.file.parent == tmp_path / "library"
         assert run.file.name.endswith(INDEX_NAME)
