@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 
 from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.installed_files import demo_names
-from pd_editor.base.plain_text import one_line
+from pd_editor.base.plain_text import number_of, one_line
 from pd_editor.base.regular_file import state_folder
 from pd_editor.cli.options import OptionalFolder
 from pd_editor.experiments.work_engine.work_engine import WorkFailure, failure_of
@@ -109,8 +109,9 @@ def _device() -> str:
 
     if torch.cuda.is_available():
         return f"{torch.cuda.get_device_name()}, torch {torch.__version__}"
-    threads = torch.get_num_threads()
-    return f"CPU, {os.cpu_count()} cores, {threads} threads, torch {torch.__version__}"
+    cores = number_of(os.cpu_count() or 1, "core")
+    threads = number_of(torch.get_num_threads(), "thread")
+    return f"CPU, {cores}, {threads}, torch {torch.__version__}"
 
 
 def _disk(state: Path | None) -> str:

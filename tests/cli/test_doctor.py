@@ -18,6 +18,7 @@ def test_a_machine_in_order_has_a_line_per_check(capsys: pytest.CaptureFixture[s
     assert told["packages"] == f"all of pd-editor {metadata.version('pd-editor')}"
     assert told.keys() >= {"Python", "extras", "device", "disk", "port", "browser"}
     assert "agents and written" in told["traffic"]
+    assert ", 1 threads" not in told["device"]
 
 
 def test_each_fault_is_a_sentence_and_the_rest_is_looked_at(

@@ -190,6 +190,8 @@ class LibraryActions:
         self._ui.client.send_file_download(
             f"{name}.html", content, save_immediately=True
         )
+        told = f"{name}.html plays both on one clock, in any browser."
+        self._ui.notify("Comparison downloaded", told)
 
     def _change_tags(self, text: str, *, is_added: bool) -> None:
         tags = tags_from_text(text)

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (de8b53603f04fc6d); not to be edited. */
+/* Built by .ci/client.py from client/ (037d91c8e3dc1ea0); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3097,9 +3097,10 @@
       if (shown.reject === "Discard for good") words.append(make("em", "", {}, "X again discards it for good"));
       tile.append(frame, words);
       box.append(tile, acts);
-      tile.addEventListener("click", () => {
+      tile.addEventListener("click", ({ ctrlKey, metaKey, shiftKey }) => {
         cursor = first() + at;
-        tell({ kind: "open", value: shown.key });
+        const ticks2 = shown.isTicked !== null && (ctrlKey || metaKey || shiftKey);
+        tell({ kind: ticks2 ? "tick" : "open", value: shown.key });
       });
       for (const type of ["pointerenter", "focusin"]) box.addEventListener(type, () => show(tile, true));
       for (const type of ["pointerleave", "focusout"]) box.addEventListener(type, () => show(tile));

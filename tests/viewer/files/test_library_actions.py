@@ -296,6 +296,8 @@ def test_all_that_is_found_is_ticked_at_once(tabs):
         act(tab, "compare")
     (name, content), _ = send.call_args
     assert name == "faster-beside-fast.html"
+    # (The page showed nothing.)
+    assert tab.notices[-1][0] == "Comparison downloaded"
     assert [one["name"] for one in scenes_in(content)] == ["faster", "fast"]
     assert b"data-pair>" in content
     find(tab, "fast")
