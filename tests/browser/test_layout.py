@@ -1,5 +1,6 @@
 """Elements over the picture leave each other, and the focal agent, room."""
 
+import numpy as np
 import pytest
 from playwright.sync_api import expect
 
@@ -35,14 +36,13 @@ def editor(open_editor):
     return page
 
 
-def collide(editor) -> None:
+def collide(editor, count: int = 1) -> None:
     """Put copies of agents onto them."""
     session = editor.session
     agents, now = session.scenario.agents, session.scenario.current_step
-    copied = agents.ids[agents.is_valid[:, now].argmax()]
-    command = DuplicateAgents(
-        agent_ids=(copied,), new_ids=(f"copy-{copied}",), dx_m=0.4
-    )
+    copied = tuple(np.array(agents.ids)[agents.is_valid[:, now]][:count].tolist())
+    names = tuple(f"copy-{one}" for one in copied)
+    command = DuplicateAgents(agent_ids=copied, new_ids=names, dx_m=0.4)
     editor.tab().ui.post(lambda: session.apply(command))
 
 
@@ -107,6 +107,33 @@ def test_problems_are_listed_beside_the_strip_on_a_laptop(editor, size):
     editor.screenshot(f"layout_laptop_{size[0]}")
     page.locator(".pd-chip-main").click()
     expect(problems).to_be_hidden()
+
+
+def test_a_low_list_keeps_its_buttons_and_problems_their_rows(editor):
+    """Buttons hung out of a list over branches; half of the problems' list was empty."""
+    page = editor.page
+    page.set_viewport_size({"width": 1280, "height": 720})
+    editor.select(editor.session.scenario.agents.ids[:1])
+    editor.key("Control+f")
+    editor.key("u")
+    expect(page.get_by_role("region", name="Branches", exact=True)).to_be_visible()
+    agents = page.get_by_role("region", name="Agent list")
+    lock = agents.get_by_role("button", name="Lock", exact=True)
+    lock.scroll_into_view_if_needed()
+    assert box_of(lock)[3] <= box_of(agents)[3]
+    editor.key("u")
+    collide(editor, 12)
+    expect(page.locator(".pd-chip")).to_contain_text("problems")
+    page.locator(".pd-chip-main").click()
+    row, detail = page.locator(".pd-problem-row"), page.locator(".pd-problem-detail")
+    row.nth(11).wait_for()
+    assert box_of(detail)[3] - box_of(detail)[1] < 60
+    in_sight = [one for one in row.all() if box_of(one)[3] <= box_of(detail)[1]]
+    in_sight[-1].click()
+    detail.get_by_role("button").first.wait_for()
+    assert box_of(detail)[3] - box_of(detail)[1] > 60
+    chosen = page.locator(".pd-problem-row[aria-current=true]")
+    assert box_of(chosen)[3] <= box_of(detail)[1]
 
 
 def test_the_legend_beside_a_list_keeps_off_the_focal_agent(editor):

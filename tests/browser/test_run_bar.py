@@ -187,8 +187,8 @@ def test_what_must_be_known_is_readable_at_every_width(editor, width):
 SIX_SAMPLES = (
     "12 agents in 6 samples slowed down to avoid a collision. 1 of 347 placed agents in "
     "6 samples is off the road at t = 0. Sample 5: 57 of 58 new agents were placed; no "
-    "free place was found for 1. 1 of 58 agents enters after the recording's first step: "
-    "no free past. 58 agents in 12.1 s, seed 0."
+    "free place was found for 1. 1 of 58 agents appears after the scene's start: others "
+    "are in the way before. 58 agents in 12.1 s, seed 0."
 )
 
 

@@ -171,7 +171,10 @@ define("startPage", (api) => {
     const words = make("div", "pd-start-words");
     words.append(
       make("strong", "", {}, shown.title),
-      ...shown.lines.slice(0, 2).map((text) => make("div", "", {}, text)),
+      ...shown.lines
+        .filter((text) => !text.startsWith(shown.title))
+        .slice(0, 2)
+        .map((text) => make("div", "", {}, text)),
     );
     if (shown.reject === "Discard for good") words.append(make("em", "", {}, "X again discards it for good"));
     tile.append(frame, words);

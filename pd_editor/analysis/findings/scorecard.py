@@ -52,7 +52,7 @@ TOTALS: Final[Mapping[str, Total]] = {
         meaning="that are as near to another road user, one of both moving.",
     ),
     "critical_time_to_collision": Total(
-        title=f"TTC under {CRITICAL_S:g} s",
+        title=f"Under {CRITICAL_S:g} s to a collision",
         kinds=frozenset({"short-time"}),
         meaning="that would hit another agent within this time, and do not collide with it.",
     ),

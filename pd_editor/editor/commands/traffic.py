@@ -146,9 +146,9 @@ class ReplaceTraffic(Command):
         if self.past is None or self.past.exists.all():
             return ()
         late = int((~self.past.exists.all(axis=1)).sum())
-        enter = f"agents enter{'s' if late == 1 else ''}"
+        appear = f"agents appear{'s' if late == 1 else ''}"
         return (
-            f"{late} of {len(self.past.ids)} {enter} after the recording's first step: no free past.",
+            f"{late} of {len(self.past.ids)} {appear} after the scene's start: others are in the way before.",
         )
 
     def apply(self, scenario: Scenario) -> Scenario:

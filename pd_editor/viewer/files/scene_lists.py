@@ -607,7 +607,7 @@ class LibraryList(TickedList[LibraryCard]):
         self._workspace.removed = tuple(removed)
         self._ui.notify(
             f"{number_of(len(names), 'scenario')} removed",
-            f"Put back {len(removed)}, under the library, brings back what was removed.",
+            f"The button Put back {len(removed)} below the library undoes it.",
         )
 
     def _metric(self, item: LibraryCard) -> str:

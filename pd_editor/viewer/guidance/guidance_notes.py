@@ -188,10 +188,8 @@ class GuidanceNotes:
         now, then = _in_force(scenario), _in_force(run.request.scenario)
         if now != then:
             count = len(unrun_terms(scenario, self._ui.session.commands_in_force))
-            unrun = f"{count} of {len(now)} terms not run yet. " if count else ""
-            head = Line(
-                tone="warn", text=f"{unrun}The run before it, with other terms:"
-            )
+            unrun = f"{count} of {len(now)} not run yet. " if count else ""
+            head = Line(tone="warn", text=f"{unrun}The last run, with other guidance:")
             report = report_of(run.report)
             former = (replace(line, tone="plain") for line in report.lines)
             return replace(report, lines=(head, *former))

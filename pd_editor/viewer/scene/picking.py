@@ -14,7 +14,7 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.paths.lanes.route_choice import ON_LANE_M, lane_kinds_of
 from pd_editor.scene.perturbation.warp_scenario import untouched_agent_ids
-from pd_editor.scene.road_map import Lane, RoadMap
+from pd_editor.scene.road_map import Lane, LaneMark, RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.viewer.meshes.agent_shapes import AgentPoses
 from pd_editor.viewer.overlay.messages import (
@@ -205,11 +205,13 @@ def lane_lines(lane: Lane) -> list[str]:
     """Lines of a lane's tooltip: id, kind and lane markings."""
     kind = lane.kind.lower()
     place = " in an intersection" if lane.is_intersection else ""
-    left, right = (
-        str(mark).lower().replace("_", " ")
-        for mark in (lane.left_mark, lane.right_mark)
-    )
-    return [f"{kind} lane {lane.lane_id}{place}", f"left {left}, right {right}"]
+    lines = [
+        f"{str(mark).lower().replace('_', ' ')} line at the {side}"
+        for side, mark in (("left", lane.left_mark), ("right", lane.right_mark))
+        if mark is not LaneMark.NONE
+    ]
+    told = ", ".join(lines) or "no lines marked"
+    return [f"{kind} lane {lane.lane_id}{place}", told]
 
 
 @dataclass(frozen=True)

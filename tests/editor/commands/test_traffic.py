@@ -373,8 +373,8 @@ def test_a_sample_with_too_few_activities_is_refused():
     ("steps", "told"),
     [
         ((2, 2), ()),
-        ((2, 1), ("1 of 2 agents enters after the recording's first step",)),
-        ((0, 1), ("2 of 2 agents enter after the recording's first step",)),
+        ((2, 1), ("1 of 2 agents appears after the scene's start",)),
+        ((0, 1), ("2 of 2 agents appear after the scene's start",)),
     ],
 )
 def test_agents_that_enter_late_are_told(steps, told):
@@ -386,4 +386,6 @@ def test_agents_that_enter_late_are_told(steps, told):
         velocity_mps=np.zeros((2, 2, 2), np.float32),
     )
     command = replace(traffic_command(REQUEST, traffic()), past=past)
-    assert command.notes == tuple(f"{one}: no free past." for one in told)
+    assert command.notes == tuple(
+        f"{one}: others are in the way before." for one in told
+    )

@@ -160,7 +160,7 @@ def test_a_term_that_changes_after_the_run_has_no_outcome(guided: FakeTab):
     assert state["action"] == TAKE_UNGUIDED
     # (W20) "Guidance met: 1 of 1" stood there as if it were of the present terms.
     head, *former = state["report"]
-    assert head["text"].startswith("1 of 1 terms not run yet.")
+    assert head["text"].startswith("1 of 1 not run yet.")
     assert {"tone": "plain", "text": "Guidance met: 1 of 1"} in former
     guided.run(guided.session.undo)
     assert panel(guided)["report"][0]["text"] == "Guidance met: 1 of 1"

@@ -1,11 +1,13 @@
 """What the tooltip says, and what it does with a page's garbage."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pd_editor.editor.commands import SetAgentSpeed, TransformAgents
+from pd_editor.scene.road_map import LaneMark
 from pd_editor.viewer.meshes.agent_shapes import poses_at
 from pd_editor.viewer.scene.picking import Hover, agent_lines, lane_lines, lane_under
 from pd_editor.viewer.tab.tab_model import TabModel
@@ -41,8 +43,11 @@ def test_a_lane_is_told_with_its_paint():
     assert lane is not None
     first, second = lane_lines(lane)
     assert first == f"vehicle lane {lane.lane_id}"
-    assert second.startswith("left ")
-    assert "_" not in second
+    assert second == "dashed white line at the left, solid white line at the right"
+    left = replace(lane, right_mark=LaneMark.NONE)
+    assert lane_lines(left)[1] == "dashed white line at the left"
+    bare = replace(left, left_mark=LaneMark.NONE)
+    assert lane_lines(bare)[1] == "no lines marked"
 
 
 class FakeDesk:
