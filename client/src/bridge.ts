@@ -253,8 +253,13 @@ export function letKeyGo(event: KeyboardEvent): void {
     document.dispatchEvent(new KeyboardEvent("keyup", { code: event.code }));
 }
 
-/** Open viser's list of commands. */
-export function openCommands({ ctrlKey, metaKey }: KeyboardEvent): void {
-  const keys = { key: "k", code: "KeyK", ctrlKey, metaKey };
-  document.body.dispatchEvent(new KeyboardEvent("keydown", { ...keys, bubbles: true, cancelable: true }));
+/** Let viser hear of other keys in the place of those that were pressed. */
+export function pressAlso(event: KeyboardEvent, keys: KeyboardEventInit): void {
+  const { ctrlKey, metaKey } = event;
+  event.preventDefault();
+  const other = { ctrlKey, metaKey, bubbles: true, cancelable: true, ...keys };
+  document.body.dispatchEvent(new KeyboardEvent("keydown", other));
 }
+
+/** Open viser's list of commands. */
+export const openCommands = (event: KeyboardEvent): void => pressAlso(event, { key: "k", code: "KeyK" });

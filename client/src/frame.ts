@@ -8,7 +8,7 @@ import { hasModifier, isTyping, make, within } from "./dom.ts";
 import type { Pixel } from "./geometry.ts";
 import type { Events, States } from "./messages.ts";
 
-type Name = keyof States | "hover_outline";
+type Name = keyof States | "hover_outline" | "aim";
 type StateOf<Of extends Name> = Of extends keyof States ? States[Of] : never;
 type EventOf<Of extends Name> = Of extends keyof Events ? Events[Of] : never;
 type Update<State> = (state: State) => void;

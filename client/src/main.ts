@@ -1,5 +1,6 @@
 // All elements, in the order in which they are mounted: what hears of events first is first.
 import "./elements/order.ts";
+import "./elements/aim.ts";
 import "./elements/agents.ts";
 import "./elements/banner.ts";
 import "./elements/bending.ts";

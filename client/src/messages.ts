@@ -36,6 +36,7 @@ export interface PanelState {
   readonly tab: string | null;
   readonly isDebug: boolean;
   readonly asked: number;
+  readonly takesFocus: boolean;
 }
 
 export interface PanelEvent {

@@ -1,6 +1,7 @@
 // The sheet of all keys: ? or F1 opens it, Esc, a click beside it or ? closes it.
+import { pressAlso } from "../bridge.ts";
 import { button, hasModifier, isTyping, make } from "../dom.ts";
-import { define, hearFirst } from "../frame.ts";
+import { define, hearFirst, listen } from "../frame.ts";
 
 define("keys", (api) => {
   const veil = make("div", "pd-veil");
@@ -27,6 +28,14 @@ define("keys", (api) => {
       sheet.focus();
     } else before?.focus?.();
   }
+
+  // Second keys of commands, which stand but once among all commands.
+  listen(window, "keydown", (event) => {
+    const isCommand = event.ctrlKey || event.metaKey;
+    if (event.altKey || event.shiftKey || isTyping(event)) return;
+    if (event.key === "Backspace" && !isCommand) pressAlso(event, { key: "Delete", code: "Delete" });
+    if (event.key.toLowerCase() === "y" && isCommand) pressAlso(event, { key: "Z", code: "KeyZ", shiftKey: true });
+  });
 
   // In the capture phase: Esc that closes the sheet clears no selection.
   hearFirst("keydown", (event) => {

@@ -2,8 +2,8 @@
 // sliders, how its fields are left, whether its settings are offered, and how its dialogs
 // are left.
 import * as viser from "../bridge.ts";
-import { within } from "../dom.ts";
-import { define, hearFirst, listen, markBody, onDispose, root } from "../frame.ts";
+import { hasModifier, within } from "../dom.ts";
+import { define, hearFirst, listen, markBody, onDispose, root, take } from "../frame.ts";
 
 const PATIENCE_MS = 8000;
 const RETRY_MS = 250;
@@ -14,6 +14,7 @@ define("panel", (api) => {
   let told: string | null = null;
   let startedAt = 0;
   let triedAt = Number.NEGATIVE_INFINITY;
+  let isAwaited = false; // The tab that opens takes the focus.
 
   const tabs = () => [...document.querySelectorAll<HTMLElement>(viser.TAB)].filter((tab) => !root.contains(tab));
   const isOpen = (tab: HTMLElement) => tab.getAttribute("aria-selected") === "true";
@@ -31,9 +32,28 @@ define("panel", (api) => {
     }
   }
 
+  // F6 goes to what the open tab offers first, to the run bar, and back to the picture.
+  function enter() {
+    const open = tabs().find(isOpen);
+    const all = [...(scrolled()?.querySelectorAll<HTMLElement>("button, input, select, [tabindex='0']") ?? [])];
+    const first = all.find((one) => one.offsetParent && !one.matches(`${viser.TAB}, ${viser.FOLD}, :disabled`));
+    (first ?? open)?.focus();
+  }
+  hearFirst("keydown", (event) => {
+    if (event.key !== "F6" || hasModifier(event)) return;
+    take(event);
+    const focused = document.activeElement as HTMLElement;
+    const bar = root.querySelector<HTMLElement>(".pd-solid.pd-run");
+    if (bar?.contains(focused)) focused.blur();
+    else if (scrolled()?.contains(focused)) bar?.querySelector<HTMLElement>("button:enabled")?.focus();
+    else enter();
+  });
+
   function tell() {
     restore();
     if (wanted !== null) return;
+    if (isAwaited) enter();
+    isAwaited = false;
     const open = tabs().find(isOpen);
     const box = scrolled();
     // The title of a folded panel is a tab outside of it.
@@ -170,6 +190,7 @@ define("panel", (api) => {
     markBody("pd-debug", state.isDebug);
     wanted = state.tab;
     told = state.tab;
+    isAwaited = state.takesFocus;
     startedAt = performance.now();
     observer.observe(document.body, {
       subtree: true,

@@ -117,6 +117,8 @@ class AgentList:
                 return
             self._ui.commit_gesture()
             self._ui.session.select(ids)
+            if len(ids) == 1:
+                self._model.agent_clicked.emit()
         elif kind == "lock":
             toggle_lock(self._ui)
         elif kind == "point":

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import msgspec
@@ -68,6 +69,9 @@ PAGE_KEYS: Final[tuple[KeyRow, ...]] = (
         keys="\u2191 \u2193 Page, Home, End",
         does="In the list of agents or problems: other rows",
     ),
+    KeyRow(keys="Arrows, Enter, in a tool", does="Move a cross, press; Shift: farther"),
+    KeyRow(keys="F6", does="To the panel, to the run bar, and back"),
+    KeyRow(keys="Backspace, Ctrl+Y", does="As Del, as Ctrl+Shift+Z"),
     KeyRow(keys="H, hold", does="Drag to pan"),
     KeyRow(keys="O, hold", does="Compare with the original"),
     KeyRow(keys="1 to 5, placing", does="Choose the kind of agent"),
@@ -106,13 +110,11 @@ class KeySheet:
 
 
 def _of_hotkeys(hotkeys: Sequence[Hotkey]) -> list[KeyRow]:
-    """One row per label; keys that do the same stand in one row."""
-    keys: dict[str, list[str]] = {}
-    for hotkey in hotkeys:
-        if hotkey.key is not None:
-            label = hotkey.label.split(" (")[0]
-            keys.setdefault(label, []).append(key_name(hotkey.key, hotkey.modifier))
-    return [KeyRow(keys=", ".join(names), does=label) for label, names in keys.items()]
+    return [
+        KeyRow(keys=key_name(one.key, one.modifier), does=one.label)
+        for one in hotkeys
+        if one.key is not None
+    ]
 
 
 def key_name(key: str, modifier: str | None) -> str:
@@ -168,10 +170,8 @@ class PressOrder:
         self._overlay.show(OrderState(keys=keys, labels=labels, answered=number))
 
 
-SCENE: Final = "Scene"
-ROAD: Final = "Road"
-AGENTS: Final = "Agents"
-STUDY: Final = "Study"
+TABS: Final = ("Scene", "Road", "Agents", "Generate", "Study", "History", "View")
+SCENE, ROAD, AGENTS, GENERATE, STUDY, HISTORY, VIEW = TABS
 
 
 class SidePanel:
@@ -195,25 +195,27 @@ class SidePanel:
         """The tab in whose place the selection is shown."""
         ui.model.agent_clicked.subscribe(self._agent_clicked)
         ui.model.shown.subscribe(self._return)
-        ui.model.tab_asked.subscribe(self._asked)
+        ui.model.tab_asked.subscribe(partial(self._open, takes_focus=True))
 
     def _agent_clicked(self) -> None:
         """Show what is selected, unless the tab's tool is in use."""
         tab = self._ui.workspace.view.panel_tab or SCENE
         if self._ui.model.mode is None and tab in (SCENE, ROAD, STUDY):
-            self._asked(AGENTS)
+            self._open(AGENTS)
             self._left = tab
 
     def _return(self) -> None:
         left = self._left
         if left is not None and not self._ui.session.selection:
-            self._asked(left)
+            self._open(left)
 
-    def _asked(self, tab: str) -> None:
+    def _open(self, tab: str, *, takes_focus: bool = False) -> None:
         self._keep(tab)
         self._left = None
         asked = self._state.asked + 1
-        self._state = msgspec.structs.replace(self._state, tab=tab, asked=asked)
+        self._state = msgspec.structs.replace(
+            self._state, tab=tab, asked=asked, takes_focus=takes_focus
+        )
         self._overlay.show(self._state)
 
     def _keep(self, tab: str) -> None:

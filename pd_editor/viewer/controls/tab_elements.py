@@ -12,9 +12,13 @@ from pd_editor.viewer.controls.branch_strip import BranchStrip
 from pd_editor.viewer.controls.history_panel import HistoryPanel
 from pd_editor.viewer.controls.page_aids import (
     AGENTS,
+    GENERATE,
+    HISTORY,
     ROAD,
     SCENE,
     STUDY,
+    TABS,
+    VIEW,
     Hints,
     KeySheet,
     SidePanel,
@@ -114,16 +118,16 @@ class TabElements:
             self.guidance = GuidancePanel(
                 ui, steering.mode, steering.notes, steering.encounters
             )
-        with tabs.add_tab("Generate"):
+        with tabs.add_tab(GENERATE):
             self.generation = GenerationPanel(
                 ui, generators, self.region, self.samples, steering.notes.before_run
             )
         with tabs.add_tab(STUDY):
             self.family = FamilyPanel(ui, generators)
             self.study = StudyPanel(ui, generators.offers)
-        with tabs.add_tab("History"):
+        with tabs.add_tab(HISTORY):
             self.history = HistoryPanel(ui, style, self.branches.toggle)
-        with tabs.add_tab("View"):
+        with tabs.add_tab(VIEW):
             self.view = ViewPanel(ui, self.picture)
         self.chip = StatusChip(ui, self.timeline, self.viewpoint, self.export)
 
@@ -170,14 +174,7 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key = ui.hotkey
     key("Undo", tab.history.undo, "Z", "cmd/ctrl")
     key("Redo", tab.history.redo, "Z", "cmd/ctrl+shift")
-    key("Redo (Ctrl+Y)", tab.history.redo, "Y", "cmd/ctrl")
     key("Delete selection", tab.delete, "delete", failure="Not deleted")
-    key(
-        "Delete selection (Backspace)",
-        tab.delete,
-        "backspace",
-        failure="Not deleted",
-    )
     key(
         "Duplicate selection",
         tab.agent.duplicate,
@@ -201,6 +198,7 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Place an agent", tab.placing.toggle, "P", arms=True)
     tab.steering.add_hotkeys()
     key("Show possible trajectories", tab.candidates.toggle_candidates, "G")
+    key("Draw a region to resample", tab.region.toggle, arms=True)
     key("Regenerate selected, guided or all agents", tab.generation.regenerate, "R")
     key("Resample, or add agents", tab.generation.resample)
     key("Live on or off", tab.generation.live_switch.toggle, "R", "shift")
@@ -219,9 +217,12 @@ def add_hot_keys(ui: UiContext, tab: TabElements) -> None:
     key("Keys and mouse", tab.key_sheet.open)
     key("Clear selection", tab.escape, "escape")
     key("Save to library", tab.library.save, "S")
+    key("Download in the chosen format", tab.export.download, failure="Not downloaded")
     key("All scenarios", tab.start.toggle, "N")
     key("Next scenario", lambda: tab.start.go(+1), "pagedown")
     key("Previous scenario", lambda: tab.start.go(-1), "pageup")
+    for name in TABS:
+        key(f"Open the tab {name}", partial(ui.model.tab_asked.emit, name))
 
 
 def _add_time_keys(ui: UiContext, timeline: Timeline) -> None:

@@ -70,6 +70,7 @@ class PanelState(Message, frozen=True):
     is_debug: bool
     asked: int = 0
     """Counts what was asked for, so that a tab opens again after another one."""
+    takes_focus: bool = False
 
 
 class PanelEvent(Message, frozen=True):

@@ -2,8 +2,7 @@
 
 from collections import Counter
 
-from pd_editor.viewer.controls.page_aids import _of_hotkeys, key_name
-from pd_editor.viewer.tab.ui_context import Hotkey
+from pd_editor.viewer.controls.page_aids import TABS, key_name
 from tests.viewer.fake_browser import FakeTab
 
 
@@ -13,15 +12,11 @@ def test_names_of_keys():
     assert key_name("arrowleft", "shift") == "Shift+\u2190"
 
 
-def test_keys_that_do_the_same_share_a_row():
-    rows = _of_hotkeys(
-        [
-            Hotkey(label="Redo", key="Z", modifier="cmd/ctrl+shift"),
-            Hotkey(label="Redo (Ctrl+Y)", key="Y", modifier="cmd/ctrl"),
-            Hotkey(label="Reset road", key=None, modifier=None),
-        ]
-    )
-    assert [(row.keys, row.does) for row in rows] == [("Ctrl+Shift+Z, Ctrl+Y", "Redo")]
+def test_no_command_stands_twice_among_all_commands(tab: FakeTab):
+    """Redo and Delete did, for their second keys."""
+    labels = [one.label.split(" (")[0] for one in tab.ui.hotkeys]
+    assert len(labels) == len(set(labels))
+    assert {f"Open the tab {name}" for name in TABS} <= set(labels)
 
 
 def test_no_key_does_two_things(tab: FakeTab):
