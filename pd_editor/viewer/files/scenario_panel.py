@@ -36,7 +36,7 @@ class ScenarioPanel:
         self._base: Scenario | None = None
         self._dialog: Any = None
         gui = ui.client.gui
-        self._card = FixedText(gui, 3, grows=True)
+        self._card = FixedText(gui, 3)
         self._cut = gui.add_button("", color="gray", visible=False)
         ui.on_click(self._cut, self._workspace.open_cut)
         self.map_window, self.moment = MapWindowCard(ui), MomentDialog(ui)
