@@ -440,8 +440,9 @@ export interface BranchPicturesState {
 }
 
 export interface StripEvent {
-  readonly kind: "adopt" | "carry" | "close" | "drop" | "keep" | "leave" | "pair" | "pick" | "point" | "rank" | "restore";
+  readonly kind: "adopt" | "carry" | "close" | "drop" | "keep" | "leave" | "pair" | "pick" | "point" | "rank" | "rename" | "restore";
   readonly value?: string | number;
+  readonly text?: string;
 }
 
 export interface PairAgent {

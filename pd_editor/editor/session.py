@@ -45,8 +45,6 @@ class Branch:
     """Of its last edit among all edits of the session; 0 for the opened scenario."""
     scenario: Scenario
     entries: tuple[HistoryEntry, ...]
-    num_own: int
-    """Number of its edits that are not on the branch in force."""
     fork: tuple[int, int]
     """Number of the branch that it leaves, and how many edits it has in common with it."""
     variant: Variant
@@ -195,7 +193,6 @@ class EditorSession:
     def branches(self) -> tuple[Branch, ...]:
         """The opened scenario and the branches that can be switched to, the oldest first."""
         history, tree = self._history, self._history.tree
-        in_force = set(tree.path)
         variants = self._variants | {tree.tip: self._variant}
         branches: list[Branch] = []
         forks = tree.forks(self.branch_tips)
@@ -207,7 +204,6 @@ class EditorSession:
                 number=tip,
                 scenario=state.scenario,
                 entries=tuple(history.made[one - 1] for one in edits),
-                num_own=len(set(edits) - in_force),
                 variant=variants.get(tip, Variant()),
                 fork=forks[tip],
             )

@@ -5,6 +5,7 @@ import pytest
 from playwright.sync_api import expect
 
 from pd_editor.base.installed_files import demo_names
+from pd_editor.editor.commands import DeleteAgents
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -112,3 +113,42 @@ def test_back_to_the_recording_and_another_edit_keeps_the_first(editor):
         ),
         "the first branch",
     )
+
+
+def test_a_branch_is_named_and_deleted_by_keys(editor):
+    """Cards could not be renamed, and Delete deleted the selected agents."""
+    session, page = editor.session, editor.page
+    post = editor.tab().ui.post
+    for name in session.scenario.agents.ids[:2]:
+        post(lambda: session.jump_to(0))
+        post(lambda name=name: session.apply(DeleteAgents(agent_ids=(name,))))
+    editor.until(lambda: len(session.branches) == 3, "two branches")
+    editor.key("u")
+    expect(cards(editor)).to_have_count(3)
+    page.wait_for_function("document.activeElement.classList.contains('pd-sample')")
+    page.keyboard.press("ArrowLeft")
+    expect(cards(editor).nth(1)).to_be_focused()
+    page.keyboard.press("F2")
+    field = strip(editor).get_by_role("textbox", name="Name of the branch")
+    expect(field).to_be_focused()
+    page.keyboard.type("not this")
+    page.keyboard.press("Escape")
+    expect(field).to_be_hidden()
+    expect(cards(editor).nth(1)).to_be_focused()
+    page.keyboard.press("F2")
+    page.keyboard.type("first try")
+    page.keyboard.press("Enter")
+    expect(cards(editor).nth(1)).to_contain_text("first-try")
+    expect(cards(editor).nth(1)).to_have_attribute("aria-selected", "true")
+    assert session.name == "first-try"
+    expect(cards(editor).nth(1)).to_be_focused()
+    page.keyboard.press("ArrowRight")
+    expect(cards(editor).nth(2)).to_be_focused()
+    count = len(session.scenario.agents)
+    page.keyboard.press("Delete")
+    expect(cards(editor)).to_have_count(2)
+    assert len(session.scenario.agents) == count
+    cards(editor).nth(1).hover()
+    strip(editor).get_by_role("button", name="Rename: first-try").click()
+    expect(field).to_be_focused()
+    editor.screenshot("branches_rename")

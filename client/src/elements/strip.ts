@@ -3,9 +3,9 @@
 //
 // Pictures come apart from the rest, since they are large and change less often.
 import { button, closeButton, fill, make, option, svg } from "../dom.ts";
-import { define, root } from "../frame.ts";
+import { define, root, take } from "../frame.ts";
 import { clamp } from "../geometry.ts";
-import type { StripCard, StripState } from "../messages.ts";
+import type { StripCard, StripEvent, StripState } from "../messages.ts";
 
 type Api = Parameters<Parameters<typeof define>[1]>[0];
 type Pictures = Readonly<Record<string, string>>;
@@ -65,13 +65,45 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     point(cursor);
   }
 
+  const drop = (card: HTMLElement) => {
+    if (state?.cards.find((one) => one.index === indexOf(card))?.canDrop)
+      api.send({ kind: "drop", value: indexOf(card) });
+  };
+  // The name of a branch, in the place of its words: Enter gives it, Escape keeps the former.
+  function rename(card: HTMLElement) {
+    const words = card.querySelector<HTMLElement>(".pd-sample-words");
+    if (!words || state?.cards.find((one) => one.index === indexOf(card))?.forkOf === null) return;
+    const field = make("input", "pd-sample-field", { "aria-label": "Name of the branch", maxlength: 100 });
+    field.value = words.textContent;
+    words.replaceWith(field);
+    field.select();
+    field.addEventListener("click", (event) => event.stopPropagation());
+    field.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" && event.key !== "Escape") return;
+      take(event);
+      if (event.key === "Enter") api.send({ kind: "rename", value: indexOf(card), text: field.value });
+      leave();
+      moveTo(cards().findIndex((one) => indexOf(one) === indexOf(card)));
+    });
+    field.addEventListener("blur", leave);
+    function leave() {
+      field.removeEventListener("blur", leave);
+      field.remove();
+      draw();
+    }
+  }
+
   strip.addEventListener("pointerleave", () => point(null));
   strip.addEventListener("keydown", (event) => {
     const place = cards().findIndex((one) => indexOf(one) === cursor);
     const target = { ArrowLeft: place - 1, ArrowRight: place + 1, Home: 0, End: Number.POSITIVE_INFINITY }[event.key];
     const at = event.target as HTMLElement;
+    const card = at.closest<HTMLElement>(".pd-sample");
+    const isBranch = element === "branches" && card !== null;
+    if (at.matches("select, input")) return;
     if (event.key === "Escape") api.send({ kind: "close" });
-    else if (at.tagName === "SELECT") return;
+    else if (isBranch && event.key === "F2") rename(card);
+    else if (isBranch && event.key === "Delete") drop(card);
     else if (target !== undefined) moveTo(target);
     else if (event.key === "Enter" && at.classList.contains("pd-sample"))
       api.send({ kind: "adopt", value: indexOf(at) });
@@ -114,21 +146,20 @@ const stripOf = (element: string, label: string) => (api: Api) => {
       cursor = index;
       api.send({ kind: "adopt", value: index });
     });
-    const more = (kind: "keep" | "pair" | "drop" | "carry", sign: string, label: string, title: string) =>
-      button(`pd-sample-keep pd-sample-${kind}`, sign, () => api.send({ kind, value: index }), {
-        tabindex: "-1",
-        "aria-label": label,
-        title,
-      });
+    const tell = (kind: StripEvent["kind"]) => () => api.send({ kind, value: index });
+    const more = (kind: StripEvent["kind"], sign: string, label: string, title: string, act = tell(kind)) =>
+      button(`pd-sample-keep pd-sample-${kind}`, sign, act, { tabindex: "-1", "aria-label": label, title });
     box.append(
       card,
       more("keep", "\u2606", `Use and save to the library: ${words}`, "Use it and save it to the library"),
     );
     if (!isAdopted)
       box.append(more("pair", "\u25eb", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
-    if (element === "branches" && forkOf !== null)
+    if (element === "branches" && forkOf !== null) {
+      box.append(more("rename", "\u270e", `Rename: ${words}`, "Use it and give it a name (F2)", () => rename(card)));
       box.append(more("carry", "\u21f6", `On other scenes: ${words}`, "Use it and choose other scenes for its edits"));
-    if (canDrop) box.append(more("drop", "\u2715", `Delete: ${words}`, "Delete it from this strip"));
+    }
+    if (canDrop) box.append(more("drop", "\u2715", `Delete: ${words}`, "Delete it from this strip (Del)"));
     return box;
   }
 
@@ -157,6 +188,7 @@ const stripOf = (element: string, label: string) => (api: Api) => {
       pointed = cursor = shownInUse = null;
       return;
     }
+    if (list.querySelector(".pd-sample-field")) return;
     const hadFocus = list.contains(document.activeElement);
     title.textContent = state.title;
     restore.hidden = !state.numDropped;

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -16,6 +16,7 @@ from pd_editor.editor.commands.roll_out import begun_like
 from pd_editor.editor.edit_findings import edit_findings
 from pd_editor.editor.library.thumbnail import PictureFrame, thumbnail
 from pd_editor.editor.session import Branch
+from pd_editor.editor.variant import name_from_text
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.controls.history_panel import OPENED
 from pd_editor.viewer.controls.page_aids import STUDY
@@ -138,11 +139,9 @@ class BranchStrip:
         state, number = self._ui.session.state, branch.number
         undone = state.num_entries - state.position
         is_adopted = self._is_in_force(number)
-        count, own = len(branch.entries), branch.num_own
-        edits = number_of(count, "edit")
+        edits = number_of(len(branch.entries), "edit")
         generated = parts_of((one.command for one in branch.entries), ReplaceTraffic)
         edits += "".join(f", seed {one.seed}" for one in generated[-1:])
-        edits += f"; {own} not in use" if 0 < own < count else ""
         left, shared = _left_by(branch, there), branch.fork[1]
         hints = [entry.label for entry in branch.entries]
         if left is not None and shared:
@@ -213,6 +212,11 @@ class BranchStrip:
         elif kind == "keep":
             self._switch(value)
             self._model.save_requested.emit()
+        elif kind == "rename" and value:
+            self._switch(value)
+            named = replace(session.variant, name=name_from_text(event.text))
+            session.describe(named)
+            self._model.shown.emit()
         elif kind == "carry":
             self._switch(value)
             self._model.tab_asked.emit(STUDY)
@@ -255,9 +259,12 @@ def _left_by(branch: Branch, there: Mapping[int, Branch]) -> int | None:
 
 
 def _name(branch: Branch) -> str:
+    """What its user called it, or its last own edit: a run only where it has no other."""
     if not branch.entries:
         return OPENED
-    return branch.variant.name or branch.entries[-1].label.split(" (")[0]
+    own = branch.entries[branch.fork[1] :] or branch.entries
+    edits = [one for one in own if not parts_of((one.command,), ReplaceTraffic)]
+    return branch.variant.name or (edits or own)[-1].label.split(" (")[0]
 
 
 def _frame(branches: Sequence[Branch], base: Scenario) -> PictureFrame:

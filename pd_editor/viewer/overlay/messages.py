@@ -542,8 +542,10 @@ class StripEvent(Message, frozen=True):
         "drop",
         "restore",
         "carry",
+        "rename",
     ]
     value: str | int = ""
+    text: str = ""
 
 
 class PairAgent(Message, frozen=True):

@@ -4,6 +4,7 @@ import numpy as np
 
 from pd_editor.editor.commands import DeleteAgents, TransformAgents
 from pd_editor.editor.variant import Variant
+from tests.editor.test_session import generated
 from tests.viewer.fake_browser import FakeTab, until
 
 
@@ -111,6 +112,28 @@ def test_a_branch_is_called_what_the_user_calls_it(tab: FakeTab):
     two_branches(tab)
     tab.run(lambda: tab.session.describe(Variant(name="without-it")))
     assert [one["name"] for one in opened(tab)][-1] == "without-it"
+    # Another one is used as it is named; the recording has no other name.
+    tab.hear("branches", kind="rename", value=1, text="first try")
+    assert tab.session.state.tip == 1
+    assert [one["name"] for one in cards(tab)][1:] == ["first-try", "without-it"]
+    tab.hear("branches", kind="rename", value=0, text="other")
+    assert cards(tab)[0]["name"] == "Scenario opened"
+    assert tab.session.state.tip == 1
+
+
+def test_branches_that_end_with_a_run_are_told_apart_by_what_was_edited(tab: FakeTab):
+    """All of them were called after the run."""
+    first = tab.session.scenario.agents.ids[0]
+    for dx_m in (0.5, 1.0):
+        tab.run(lambda: tab.session.jump_to(0))
+        shift(tab, dx_m)
+        tab.run(lambda: tab.ui.apply(generated(tab.session.scenario, first)))
+    tab.run(tab.session.undo)
+    tab.run(lambda: tab.ui.apply(generated(tab.session.scenario, first)))
+    names = [one["name"].split(" by ")[0] for one in opened(tab)][1:]
+    moved = tab.session.entries[0].label.split(" by ")[0]
+    run = tab.session.entries[1].label.split(" (")[0]
+    assert names == [moved, moved, run]
 
 
 def test_states_of_a_switch_are_those_that_were_left(tab: FakeTab):
