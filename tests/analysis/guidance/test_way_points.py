@@ -85,6 +85,26 @@ def test_what_can_be_met_has_no_problem(term: FollowPath):
     assert guidance_problems(CROSSING, (term,), ("100",)) == ()
 
 
+@pytest.mark.parametrize(("place", "is_told"), [(1, True), (2, False)])
+def test_agents_that_wait_for_each_other_are_told_if_neither_could_go(
+    place: int, *, is_told: bool
+):
+    """One that waits only behind the place that it has to leave first lets both go."""
+    one = FollowPath(
+        agent_id="100",
+        points_m=((0.0, 0.0), (14.0, 0.0), (40.0, 0.0)),
+        waits_for=(None, "101", None),
+    )
+    other = FollowPath(
+        agent_id="101",
+        points_m=((24.0, -27.0), (24.0, -8.0), (24.0, 20.0)),
+        waits_for=tuple("100" if at == place else None for at in range(3)),
+    )
+    problems = guidance_problems(CROSSING, (one, other), ("100", "101"))
+    told = [problem for problem in problems if "wait for each other" in problem.message]
+    assert bool(told) == is_told
+
+
 @pytest.mark.parametrize(
     ("term", "said"),
     [

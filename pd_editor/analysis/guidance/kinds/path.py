@@ -392,6 +392,33 @@ def _path_clash(
         yield f"{shared} has two paths to follow; keep one of them."
     elif shared and isinstance(term, FollowPath) and isinstance(other, GoalPoint):
         yield from _goal_clash(term, other, shared)
+    elif isinstance(term, FollowPath) and isinstance(other, FollowPath):
+        yield from _wait_clash(term, other)
+
+
+def _wait_clash(term: FollowPath, other: FollowPath) -> Found:
+    """Two waits, each at a place before the one that the other agent waits to be left."""
+
+    def waits(one: FollowPath, awaited: str) -> list[tuple[shapely.Point, int]]:
+        at = [way for way in one.way_points() if way.waits_for == awaited]
+        return [(shapely.Point(way.point_m), way.number) for way in at]
+
+    for (here, number), (there, other_number) in itertools.product(
+        waits(term, other.agent_id), waits(other, term.agent_id)
+    ):
+        lines = map(shapely.LineString, (term.points_m, other.points_m))
+        if all(
+            line.project(own) <= line.project(awaited)
+            for line, own, awaited in zip(
+                lines, (here, there), (there, here), strict=True
+            )
+        ):
+            yield (
+                f"Agents {term.agent_id} (way-point {number}) and {other.agent_id} "
+                f"(way-point {other_number}) wait for each other, so neither would drive "
+                "on; let one of them not wait."
+            )
+            return
 
 
 def _goal_clash(term: FollowPath, goal: GoalPoint, shared: str) -> Found:
