@@ -1,6 +1,7 @@
 """Way-points of a path: values, what is told before a run, and what was achieved."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ LINE = ((0.0, 0.0), (20.0, 0.0), (40.0, 0.0))
 PATH = FollowPath(agent_id="100", points_m=LINE)
 
 
-def asked(**values: tuple) -> FollowPath:
+def asked(**values: Any) -> FollowPath:
     return FollowPath(agent_id="100", points_m=LINE, **values)
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,7 +85,7 @@ def guided(tab: FakeTab) -> FakeTab:
         unguided=sample_at(scenario, agent_id, 3.0),
         motion_problems=("Agent 100 brakes with 9.1 m/s2.",),
     )
-    ready = ReadyGenerator((sample_at(scenario, agent_id, 5.0),), (report,))
+    ready: Any = ReadyGenerator((sample_at(scenario, agent_id, 5.0),), (report,))
     run = tab.elements.generation.result
     task = GenerationInput(
         base=scenario,

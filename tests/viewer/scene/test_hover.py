@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,10 +63,11 @@ class FakeDesk:
 
 
 def test_answers_name_the_question_and_garbage_gets_none(monkeypatch):
-    page = FakeDesk.overlay = FakePage()
-    FakeDesk.model = TabModel(FakeDesk.workspace)
-    FakeDesk.model.poses = poses_at(FakeDesk.session.scenario.agents, 49.0)
-    Hover(FakeDesk)
+    desk: Any = FakeDesk
+    page = desk.overlay = FakePage()
+    desk.model = TabModel(desk.workspace)
+    desk.model.poses = poses_at(desk.session.scenario.agents, 49.0)
+    Hover(desk)
     asked = {"at": [3, 4], "ray": [[0, 0, 50], [0, 0, 0]], "ask": 7}
     page.send("tooltip", asked)
     assert page.shown["tooltip"]["asked"] == 7
