@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (037d91c8e3dc1ea0); not to be edited. */
+/* Built by .ci/client.py from client/ (a197207a6c936131); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -145,10 +145,13 @@
     if (/^(Key[WASDQE]|Arrow(Up|Down|Left|Right))$/.test(event.code))
       document.dispatchEvent(new KeyboardEvent("keyup", { code: event.code }));
   }
-  function openCommands({ ctrlKey, metaKey }) {
-    const keys = { key: "k", code: "KeyK", ctrlKey, metaKey };
-    document.body.dispatchEvent(new KeyboardEvent("keydown", { ...keys, bubbles: true, cancelable: true }));
+  function pressAlso(event, keys) {
+    const { ctrlKey, metaKey } = event;
+    event.preventDefault();
+    const other = { ctrlKey, metaKey, bubbles: true, cancelable: true, ...keys };
+    document.body.dispatchEvent(new KeyboardEvent("keydown", other));
   }
+  var openCommands = (event) => pressAlso(event, { key: "k", code: "KeyK" });
 
   // src/dom.ts
   function dressed(element, className, attributes, text) {
@@ -460,43 +463,6 @@
     };
   });
 
-  // src/agent_rows.ts
-  var MARKS = [
-    [1, "F", "focal agent", "pd-focal"],
-    [2, "E", "ego", "pd-ego"],
-    [64, "!", "has a problem", "pd-bad"],
-    [256, "", "locked", "pd-locked"],
-    [128, "~", "trajectory no longer fits", "pd-warn"],
-    [4, "N", "new", "pd-new"],
-    [8, "e", "edited", "pd-edited"],
-    [16, "L", "comes later than t = 0", "pd-later"],
-    [32, "G", "is gone by t = 0", "pd-later"]
-  ];
-  var NEW = 4;
-  var MAIN = 3;
-  function nextOrder(order, column) {
-    if (order.column !== column) return { column, isDown: false };
-    return order.isDown ? { column: -1, isDown: false } : { column, isDown: true };
-  }
-  function compare(a, b, column) {
-    if (column === 0) return a[0].localeCompare(b[0], void 0, { numeric: true });
-    if (column === 4) return b[4] - a[4];
-    const [one, other] = [a, b].map((row) => Number(row[column] ?? Number.POSITIVE_INFINITY));
-    return one === other ? 0 : one - other;
-  }
-  function arranged(rows, kinds, filter, order) {
-    const words = filter.words.trim().toLowerCase().split(/\s+/).filter(Boolean);
-    const shown = [...rows.keys()].filter((place) => {
-      const [id, kind, , , marks, isMoving] = rows[place];
-      const main = MARKS.filter(([bit]) => marks & bit & MAIN).map(([, , word]) => word);
-      const text = [kinds[kind][0], id, ...main].join(" ").toLowerCase();
-      return words.every((word) => text.includes(word)) && (!filter.moving || isMoving) && (!filter.new || (marks & NEW) !== 0) && (filter.kind < 0 || filter.kind === kind);
-    });
-    if (order.column < 0) return shown;
-    const sign = order.isDown ? -1 : 1;
-    return shown.sort((a, b) => sign * compare(rows[a], rows[b], order.column) || a - b);
-  }
-
   // src/geometry.ts
   var distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
   var clamp = (value, low, high) => Math.min(Math.max(value, low), high);
@@ -580,6 +546,103 @@
       return { spot: { left, top, width, height, side, rise }, cost };
     });
     return spots.reduce((best, one) => one.cost < best.cost ? one : best).spot;
+  }
+
+  // src/elements/aim.ts
+  var STEP_PX = 6;
+  var FAR = 10;
+  var POINTER_ID = -36;
+  var CLICKED = "body:is(.pd-guiding, .pd-crosshair)";
+  var DRAGGED = "body:is(.pd-drawing-region, .pd-bending)";
+  var MEASURED = ".pd-measure-layer:not(.pd-gone)";
+  define("aim", (api) => {
+    const cross = svg("svg", "pd-aim", { viewBox: "-12 -12 24 24", "aria-hidden": "true" });
+    for (const name of ["pd-aim-halo", ""]) cross.append(svg("path", name, { d: "M-11 0H-3M3 0H11M0 -11V-3M0 3V11" }));
+    api.box.append(cross);
+    let at = null;
+    let isHeld = false;
+    const target = () => document.querySelector(MEASURED) ?? (document.querySelector(`${CLICKED}, ${DRAGGED}`) ? canvas() : null);
+    function show(next) {
+      at = next;
+      if (!at) isHeld = false;
+      cross.classList.toggle("pd-aims", at !== null);
+      if (at) cross.style.transform = `translate(${at[0] - 12}px, ${at[1] - 12}px)`;
+    }
+    function tell(type) {
+      const box = canvas()?.getBoundingClientRect();
+      if (!at || !box) return;
+      const place = { clientX: box.left + at[0], clientY: box.top + at[1], pointerId: POINTER_ID, detail: 1 };
+      const held = { button: type === "pointermove" ? -1 : 0, buttons: Number(isHeld) };
+      target()?.dispatchEvent(new PointerEvent(type, { ...place, ...held, bubbles: true, cancelable: true }));
+    }
+    function press() {
+      const isDrag = document.querySelector(DRAGGED) !== null;
+      if (!isHeld) {
+        isHeld = true;
+        tell("pointerdown");
+        if (isDrag) return;
+      }
+      isHeld = false;
+      tell("pointerup");
+      if (document.querySelector(MEASURED)) tell("click");
+    }
+    hearFirst("keydown", (event) => {
+      if (!target() || event.key === "Escape") show(null);
+      if (!target() || hasModifier(event) || isTyping(event)) return;
+      if (event.key === "Enter" && at) {
+        take(event);
+        press();
+        return;
+      }
+      const by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+      if (!by || within(event, "[role=slider], [role=tab], [role=option], [role=listbox], [role=dialog]")) return;
+      take(event);
+      const { width, height } = pictureSize();
+      const [x, y] = at ?? [width / 2, height / 2];
+      const far = STEP_PX * (event.shiftKey ? FAR : 1);
+      show([clamp(x + by[0] * far, 0, width), clamp(y + by[1] * far, 0, height)]);
+      tell("pointermove");
+    });
+    hearFirst("pointermove", (event) => {
+      if (event.isTrusted && at && !isHeld) show(null);
+    });
+  });
+
+  // src/agent_rows.ts
+  var MARKS = [
+    [1, "F", "focal agent", "pd-focal"],
+    [2, "E", "ego", "pd-ego"],
+    [64, "!", "has a problem", "pd-bad"],
+    [256, "", "locked", "pd-locked"],
+    [128, "~", "trajectory no longer fits", "pd-warn"],
+    [4, "N", "new", "pd-new"],
+    [8, "e", "edited", "pd-edited"],
+    [16, "L", "comes later than t = 0", "pd-later"],
+    [32, "G", "is gone by t = 0", "pd-later"]
+  ];
+  var NEW = 4;
+  var MAIN = 3;
+  function nextOrder(order, column) {
+    if (order.column !== column) return { column, isDown: false };
+    return order.isDown ? { column: -1, isDown: false } : { column, isDown: true };
+  }
+  function compare(a, b, column) {
+    if (column === 0) return a[0].localeCompare(b[0], void 0, { numeric: true });
+    if (column === 4) return b[4] - a[4];
+    const [one, other] = [a, b].map((row) => Number(row[column] ?? Number.POSITIVE_INFINITY));
+    return one === other ? 0 : one - other;
+  }
+  function arranged(rows, kinds, filter, order) {
+    const words = filter.words.trim().toLowerCase().split(/\s+/).filter(Boolean);
+    const shown = [...rows.keys()].filter((place) => {
+      const [id, kind, , , marks, isMoving] = rows[place];
+      const main = MARKS.filter(([bit]) => marks & bit & MAIN).map(([, , word]) => word);
+      const text = [kinds[kind][0], id, ...main].join(" ").toLowerCase();
+      return words.every((word) => text.includes(word)) && (!filter.moving || isMoving) && (!filter.new || (marks & NEW) !== 0) && (filter.kind < 0 || filter.kind === kind);
+    });
+    if (order.column < 0) return shown;
+    const sign = order.isDown ? -1 : 1;
+    return shown.sort((a, b) => sign * compare(rows[a], rows[b], order.column) || a - b);
   }
 
   // src/shared.ts
@@ -1186,7 +1249,7 @@
   var HELD_BACK_PX = 16;
   var BADGE_PX = 23;
   var COVERED_PX = { left: -20, right: 37, top: -48, bottom: 2 };
-  var DRAGGED = ["flag", "line", "dot"];
+  var DRAGGED2 = ["flag", "line", "dot"];
   var APART_PX = 44;
   var MISSED_PX = 5;
   var MODES = ["pd-crosshair", "pd-bending", "pd-drawing-region", "pd-guiding"];
@@ -1215,7 +1278,7 @@
       if (mark.isFaint) classes.push("pd-guide-faint");
       if (mark.isChosen) classes.push("pd-guide-chosen");
       if (mark.isOffer) classes.push("pd-guide-offer");
-      if (DRAGGED.includes(mark.shape ?? "")) classes.push("pd-guide-drags");
+      if (DRAGGED2.includes(mark.shape ?? "")) classes.push("pd-guide-drags");
       return svg("g", classes.join(" "), { "data-guide": keyOf(mark) });
     }
     function put(parent, picture2, [x, y]) {
@@ -1415,7 +1478,7 @@
       if (press && event.pointerId === press.id) {
         take(event);
         const isStill = distance(at, press.at) <= STILL_PX;
-        if (!press.point && (isStill || !DRAGGED.includes(press.mark.shape ?? ""))) return;
+        if (!press.point && (isStill || !DRAGGED2.includes(press.mark.shape ?? ""))) return;
         const point = ground(at[0] + press.offset[0], at[1] + press.offset[1]);
         if (!point) return;
         markBody("pd-guide-dragging", true);
@@ -1960,6 +2023,12 @@
         sheet.focus();
       } else before?.focus?.();
     }
+    listen(window, "keydown", (event) => {
+      const isCommand = event.ctrlKey || event.metaKey;
+      if (event.altKey || event.shiftKey || isTyping(event)) return;
+      if (event.key === "Backspace" && !isCommand) pressAlso(event, { key: "Delete", code: "Delete" });
+      if (event.key.toLowerCase() === "y" && isCommand) pressAlso(event, { key: "Z", code: "KeyZ", shiftKey: true });
+    });
     hearFirst("keydown", (event) => {
       const asks = event.key === "F1" || event.key === "?" && !isTyping(event);
       if (asks && !hasModifier(event)) {
@@ -2452,6 +2521,7 @@
     let told = null;
     let startedAt = 0;
     let triedAt = Number.NEGATIVE_INFINITY;
+    let isAwaited = false;
     const tabs = () => [...document.querySelectorAll(TAB)].filter((tab) => !root.contains(tab));
     const isOpen = (tab) => tab.getAttribute("aria-selected") === "true";
     const title = (tab) => tab.textContent.trim();
@@ -2465,9 +2535,26 @@
         openTab(tab);
       }
     }
+    function enter() {
+      const open = tabs().find(isOpen);
+      const all = [...scrolled()?.querySelectorAll("button, input, select, [tabindex='0']") ?? []];
+      const first = all.find((one) => one.offsetParent && !one.matches(`${TAB}, ${FOLD}, :disabled`));
+      (first ?? open)?.focus();
+    }
+    hearFirst("keydown", (event) => {
+      if (event.key !== "F6" || hasModifier(event)) return;
+      take(event);
+      const focused = document.activeElement;
+      const bar = root.querySelector(".pd-solid.pd-run");
+      if (bar?.contains(focused)) focused.blur();
+      else if (scrolled()?.contains(focused)) bar?.querySelector("button:enabled")?.focus();
+      else enter();
+    });
     function tell() {
       restore();
       if (wanted !== null) return;
+      if (isAwaited) enter();
+      isAwaited = false;
       const open = tabs().find(isOpen);
       const box = scrolled();
       if (!open || !box || title(open) === told) return;
@@ -2578,6 +2665,7 @@
       markBody("pd-debug", state.isDebug);
       wanted = state.tab;
       told = state.tab;
+      isAwaited = state.takesFocus;
       startedAt = performance.now();
       observer.observe(document.body, {
         subtree: true,
@@ -3092,7 +3180,7 @@
       const words = make("div", "pd-start-words");
       words.append(
         make("strong", "", {}, shown.title),
-        ...shown.lines.slice(0, 2).map((text) => make("div", "", {}, text))
+        ...shown.lines.filter((text) => !text.startsWith(shown.title)).slice(0, 2).map((text) => make("div", "", {}, text))
       );
       if (shown.reject === "Discard for good") words.append(make("em", "", {}, "X again discards it for good"));
       tile.append(frame, words);
@@ -3315,13 +3403,43 @@
       card.scrollIntoView({ block: "nearest", inline: "nearest" });
       point(cursor);
     }
+    const drop = (card) => {
+      if (state?.cards.find((one) => one.index === indexOf(card))?.canDrop)
+        api.send({ kind: "drop", value: indexOf(card) });
+    };
+    function rename(card) {
+      const words = card.querySelector(".pd-sample-words");
+      if (!words || state?.cards.find((one) => one.index === indexOf(card))?.forkOf === null) return;
+      const field = make("input", "pd-sample-field", { "aria-label": "Name of the branch", maxlength: 100 });
+      field.value = words.textContent;
+      words.replaceWith(field);
+      field.select();
+      field.addEventListener("click", (event) => event.stopPropagation());
+      field.addEventListener("keydown", (event) => {
+        if (event.key !== "Enter" && event.key !== "Escape") return;
+        take(event);
+        if (event.key === "Enter") api.send({ kind: "rename", value: indexOf(card), text: field.value });
+        leave();
+        moveTo(cards().findIndex((one) => indexOf(one) === indexOf(card)));
+      });
+      field.addEventListener("blur", leave);
+      function leave() {
+        field.removeEventListener("blur", leave);
+        field.remove();
+        draw();
+      }
+    }
     strip.addEventListener("pointerleave", () => point(null));
     strip.addEventListener("keydown", (event) => {
       const place = cards().findIndex((one) => indexOf(one) === cursor);
       const target = { ArrowLeft: place - 1, ArrowRight: place + 1, Home: 0, End: Number.POSITIVE_INFINITY }[event.key];
       const at = event.target;
+      const card = at.closest(".pd-sample");
+      const isBranch = element === "branches" && card !== null;
+      if (at.matches("select, input")) return;
       if (event.key === "Escape") api.send({ kind: "close" });
-      else if (at.tagName === "SELECT") return;
+      else if (isBranch && event.key === "F2") rename(card);
+      else if (isBranch && event.key === "Delete") drop(card);
       else if (target !== void 0) moveTo(target);
       else if (event.key === "Enter" && at.classList.contains("pd-sample"))
         api.send({ kind: "adopt", value: indexOf(at) });
@@ -3362,20 +3480,19 @@
         cursor = index;
         api.send({ kind: "adopt", value: index });
       });
-      const more = (kind, sign, label2, title2) => button(`pd-sample-keep pd-sample-${kind}`, sign, () => api.send({ kind, value: index }), {
-        tabindex: "-1",
-        "aria-label": label2,
-        title: title2
-      });
+      const tell = (kind) => () => api.send({ kind, value: index });
+      const more = (kind, sign, label2, title2, act = tell(kind)) => button(`pd-sample-keep pd-sample-${kind}`, sign, act, { tabindex: "-1", "aria-label": label2, title: title2 });
       box.append(
         card,
         more("keep", "☆", `Use and save to the library: ${words}`, "Use it and save it to the library")
       );
       if (!isAdopted)
         box.append(more("pair", "◫", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
-      if (element === "branches" && forkOf !== null)
+      if (element === "branches" && forkOf !== null) {
+        box.append(more("rename", "✎", `Rename: ${words}`, "Use it and give it a name (F2)", () => rename(card)));
         box.append(more("carry", "⇶", `On other scenes: ${words}`, "Use it and choose other scenes for its edits"));
-      if (canDrop) box.append(more("drop", "✕", `Delete: ${words}`, "Delete it from this strip"));
+      }
+      if (canDrop) box.append(more("drop", "✕", `Delete: ${words}`, "Delete it from this strip (Del)"));
       return box;
     }
     function tree(shown) {
@@ -3401,6 +3518,7 @@
         pointed = cursor = shownInUse = null;
         return;
       }
+      if (list.querySelector(".pd-sample-field")) return;
       const hadFocus = list.contains(document.activeElement);
       title.textContent = state.title;
       restore.hidden = !state.numDropped;
@@ -3767,6 +3885,7 @@
       if (wanted === drawnCures) return;
       drawnCures = wanted;
       drawCures();
+      items()[place(next.active?.id)]?.scrollIntoView({ block: "nearest" });
       if (!isCuring || !isOpen) return;
       const all = items();
       const now = place(next.active?.id);
