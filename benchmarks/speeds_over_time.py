@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.feather as feather
+from scipy.spatial.transform import Rotation
 
 from benchmarks.roll_outs import run
 from pd_editor.editor.scenario_store import open_scenario
@@ -34,26 +35,27 @@ def columns(file: Path) -> dict[str, np.ndarray]:
     }
 
 
-def logged(folder: Path) -> Iterator[tuple[bool, np.ndarray, np.ndarray]]:
-    """Of each vehicle, whether it is there at first, and its speeds and their times."""
+def placed(folder: Path) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """Boxes of a sensor log, and their places and headings in the city."""
     own = folder / "annotations_with_ego.feather"
     boxes = columns(own if own.exists() else folder / "annotations.feather")
     ego = columns(folder / "city_SE3_egovehicle.feather")
     at = np.searchsorted(ego["timestamp_ns"], boxes["timestamp_ns"])
     at = np.minimum(at, len(ego["timestamp_ns"]) - 1)
-    w, x, y, z = (ego[name][at] for name in ("qw", "qx", "qy", "qz"))
-    ahead, left, up = (boxes[name] for name in ("tx_m", "ty_m", "tz_m"))
-    turned = (
-        (1 - 2 * (y * y + z * z)) * ahead
-        + 2 * (x * y - w * z) * left
-        + 2 * (x * z + w * y) * up,
-        2 * (x * y + w * z) * ahead
-        + (1 - 2 * (x * x + z * z)) * left
-        + 2 * (y * z - w * x) * up,
+    turn = Rotation.from_quat(
+        np.stack([ego[name][at] for name in ("qx", "qy", "qz", "qw")], axis=-1)
     )
-    place = (
-        np.stack(turned, axis=-1) + np.stack([ego["tx_m"], ego["ty_m"]], axis=-1)[at]
+    own = np.stack([boxes[name] for name in ("tx_m", "ty_m", "tz_m")], axis=-1)
+    place = turn.apply(own)[:, :2] + np.stack([ego["tx_m"], ego["ty_m"]], axis=-1)[at]
+    box = Rotation.from_quat(
+        np.stack([boxes[name] for name in ("qx", "qy", "qz", "qw")], axis=-1)
     )
+    return boxes, place, (turn * box).as_euler("ZYX")[:, 0]
+
+
+def logged(folder: Path) -> Iterator[tuple[bool, np.ndarray, np.ndarray]]:
+    """Of each vehicle, whether it is there at first, and its speeds and their times."""
+    boxes, place, _ = placed(folder)
     time = (boxes["timestamp_ns"] - boxes["timestamp_ns"].min()) / 1e9
     is_vehicle = np.array(
         [any(word in one for word in WORDS) for one in boxes["category"]]

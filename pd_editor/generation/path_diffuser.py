@@ -372,9 +372,10 @@ class PathDiffuser:
         kept = {one.other_id for one in request.terms if isinstance(one, PairGuidance)}
         known = lasting(scenario, kept.difference(ids))
         task = self._task(known, rows, model, request.terms)
+        options = replace(trajectory_options(request, stage), steps=self._sampler)
         if request.drift is not None:
             task = task.with_noise_of(request.drift.ids)
-        options = replace(trajectory_options(request, stage), steps=self._sampler)
+            task = task.with_waiting_at(options.sampler.waiting_mps)
         continuation = None
         if request.before_edit is not None:
             present = self._present_trajectories(request.before_edit, ids, model)

@@ -44,6 +44,8 @@ class StageKind:
     """Makes a network for tensors of a file, if these determine some of its sizes."""
     sampling_types: Mapping[str, type[Any]] = field(default_factory=dict)
     """Flat dataclasses of sampling settings by name, with defaults."""
+    earlier_sampling: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Sampling settings that models trained before lack, with what they did."""
     former_sampling: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Settings that older models hold, with the only value that had a use, by part."""
     former_switches: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -254,7 +256,7 @@ def _sampling(kind: StageKind, given: Any, source: str) -> dict[str, Any]:
                     f"{value}, as in all models that were shipped."
                 )
         off = {one: 0.0 for key, one in switches.items() if values.get(key) is False}
-        left = {
+        left = dict(kind.earlier_sampling.get(name, {})) | {
             key: off.get(key, value)
             for key, value in values.items()
             if key not in {*former, *switches}

@@ -107,6 +107,9 @@ class TrajectorySamplerConfig:
 
     num_steps: int = NUM_STEPS
     """Denoising steps."""
+    waiting_mps: float = 0.0
+    """Least speed at which roll-outs show the network who waits in traffic. Simulated
+    vehicles wait at exactly 0, recorded ones hardly ever."""
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -34,7 +34,7 @@ from pd_editor.generation.trajectory.network.decoding import (
 )
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig
 from pd_editor.generation.trajectory.sampler import TrajectoryModel
-from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, Activity
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
@@ -140,6 +140,13 @@ class TrajectoryTask:
         # Numbers of the first rows depend on how many there are, but not by blocks.
         count = -(-len(order) // _NOISE_ROWS) * _NOISE_ROWS
         return replace(self, kept_rows=(count, kept))
+
+    def with_waiting_at(self, least_mps: float) -> "TrajectoryTask":
+        """The same task, in which the network sees who waits at a least speed."""
+        speed, activity = self.scene.agent_speed, self.scene.agent_activity
+        seen = speed.clamp_min(least_mps)
+        speed = torch.where(activity == Activity.WAITING, seen, speed)
+        return replace(self, scene=replace(self.scene, agent_speed=speed), _contexts={})
 
     def context(self, model: TrajectoryModel) -> Any:
         """The encoded scene, computed once."""

@@ -24,12 +24,18 @@ from pd_editor.experiments.closed_loop.scores import drive_scores
 from pd_editor.experiments.closed_loop.world import World
 from pd_editor.generation.generators import make_generator
 from pd_editor.scene.agent_kind import Activity
-from pd_editor.scene.generation import GeneratedTraffic
+from pd_editor.scene.generation import (
+    GeneratedTraffic,
+    GenerationRequest,
+    NoiseDrift,
+    run_to_end,
+)
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.policy import Controls, Plan
 from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.thresholds import MOVED_M
 from pd_editor.scene.traffic_sample import TrafficSample
-from tests.builders import scenario_with, straight_drivers
+from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
 
 JUNCTION = "signalised-junction"
 
@@ -117,7 +123,7 @@ def test_queues_wait_for_green_and_go_then(junction):
     found = rolled(scene, model="path-diffuser", duration_s=40.0).scenario
     against_red, crossings, started, waited = obedience(found)
     assert against_red <= 0.15 * crossings
-    assert started >= 0.6 * waited > 2
+    assert started >= 0.6 * waited > 1
     states = [one.states[scene.current_step :] for one in found.signals]
     assert sum(((own[:-1] == 1) & (own[1:] == 3)).sum() for own in states) >= 2
 
@@ -419,6 +425,24 @@ def test_who_is_not_parked_waits_or_drives(junction):
     assert (window.activity()[parked] == Activity.PARKED).all()
     others = set(window.activity()[~np.array(parked)].tolist())
     assert others == {Activity.WAITING, Activity.DRIVING}
+
+
+def test_who_waits_on_free_road_starts():
+    """Of recorded vehicles 29 % do within 6 s, of these 9 % did: queues stood for good."""
+    along, beside = (-80.0, -20.0, 40.0, 100.0), (0.0, LANE_WIDTH_M)
+    places = [(x, y, 0.0, 0.0) for x in along for y in beside]
+    world = World.beginning(scenario_with(straight_drivers(places)), 1, seed=0)
+    ids = world.generated_ids(())
+    request = GenerationRequest(
+        scenario=world.window(),
+        agent_ids=ids,
+        num_samples=16,
+        back_casts=False,
+        drift=NoiseDrift(ids=ids, place=0.0),
+    )
+    traffic = run_to_end(make_generator("path-diffuser").generate(request))
+    ways = [one.position_m[:, -1] - one.position_m[:, 0] for one in traffic.samples]
+    assert (np.linalg.norm(ways, axis=-1) > MOVED_M).mean() > 0.2
 
 
 def test_locked_tracks_are_replayed(junction):

@@ -15,6 +15,7 @@ from pd_editor.generation.trajectory.pipeline import (
 )
 from pd_editor.generation.trajectory.sampler import TrajectorySamplerConfig
 from pd_editor.generation.trajectory.task import TrajectoryTask, guidance_looks_at
+from pd_editor.scene.agent_kind import Activity
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
@@ -105,3 +106,16 @@ def test_a_task_of_all_agents_leaves_none_out() -> None:
         scenario, np.arange(NUM_AGENTS), model.decoder.basis, config=model.config
     )
     assert task.features.agent_row.tolist() == list(range(NUM_AGENTS))
+
+
+def test_only_who_waits_is_seen_at_a_least_speed() -> None:
+    """At exactly 0 the network sees no reason to start, but who is parked is to stay."""
+    agents = straight_drivers([(20.0 * row, 0.0, 0.0, 0.0) for row in range(3)])
+    activity = np.array([Activity.WAITING, Activity.PARKED, Activity.UNKNOWN])
+    scenario = scenario_with(replace(agents, activity=activity))
+    model = small_model(num_near_agents=2)
+    basis, rows = model.decoder.basis, np.arange(3)
+    task = TrajectoryTask.of(scenario, rows, basis, config=model.config)
+    seen = task.with_waiting_at(0.25).scene.agent_speed[0].tolist()
+    assert seen == [0.25, 0.0, 0.0]
+    assert task.scene.agent_speed[0].tolist() == [0.0, 0.0, 0.0]
