@@ -19,7 +19,7 @@ from pd_editor.experiments.training.data.augmentation import (
     DEFAULT_AUGMENTATION,
 )
 from pd_editor.experiments.training.data.training_data import prepared_data
-from pd_editor.experiments.training.warm_start import basis_of, starting_model
+from pd_editor.experiments.training.stage_objective import basis_of, starting_model
 from pd_editor.generation.features.scene_features import AGENT_KINDS
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.generation.initial_state.attributes import AttributeRequest

@@ -15,8 +15,8 @@ from lightning_fabric import Fabric
 
 from pd_editor.experiments.training.config.presets import PRESETS
 from pd_editor.experiments.training.config.run_config import Budget, RunConfig
-from pd_editor.experiments.training.data.batch_sampler import BatchSampler
 from pd_editor.experiments.training.data.training_data import (
+    BatchSampler,
     default_cache,
     prepared_data,
     training_data,

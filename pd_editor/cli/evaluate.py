@@ -43,8 +43,10 @@ from pd_editor.experiments.evaluation.reference_methods import (
     REFERENCE_METHODS,
 )
 from pd_editor.experiments.evaluation.report.distances import distance_tables
-from pd_editor.experiments.evaluation.report.realism import realism_tables
-from pd_editor.experiments.evaluation.report.scene_test import scene_test_tables
+from pd_editor.experiments.evaluation.report.realism import (
+    realism_tables,
+    scene_test_tables,
+)
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
 from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import road_conditions

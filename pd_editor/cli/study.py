@@ -26,7 +26,7 @@ from pd_editor.experiments.studies.whole_study import (
 )
 from pd_editor.experiments.studies.worst_case import SearchSettings
 from pd_editor.scene.generation import MAX_SAMPLES
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import WARP_KINDS
 
 _Texts = str | tuple[str, ...]

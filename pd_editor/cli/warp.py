@@ -11,7 +11,7 @@ from pd_editor.cli.output import Outcome, edited_session, write_session
 from pd_editor.editor.commands import SetFocalAgent, SetRoadWarp
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
+from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION, summarise
 from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,

@@ -24,8 +24,11 @@ from pd_editor.scene.paths.retiming import (
     slowed_distance,
     travelled_m,
 )
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, GRAVITY_MPS2
-from pd_editor.scene.perturbation.friction_slowdown import BRAKING_MPS2
+from pd_editor.scene.perturbation.friction import (
+    BRAKING_MPS2,
+    DRY_ROAD_FRICTION,
+    GRAVITY_MPS2,
+)
 from pd_editor.scene.road_warp import RoadWarp
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, STATIONARY_M

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, at_time, finding_of_agent
 from pd_editor.analysis.metrics.road import departures, outside_m
-from pd_editor.scene.perturbation.friction_limit import (
+from pd_editor.scene.perturbation.friction import (
     SAMPLE_SPACING_M,
     WarpSummary,
     summarise,

@@ -22,7 +22,7 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD
-from pd_editor.scene.paths.speed_profiles import MAX_BRAKING_MPS2
+from pd_editor.scene.paths.retiming import MAX_BRAKING_MPS2
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

@@ -24,7 +24,7 @@ from pd_editor.editor.commands.edit_limits import (
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.paths.retiming import with_new_speed, with_speed_at
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

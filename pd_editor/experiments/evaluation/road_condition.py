@@ -7,7 +7,7 @@ from typing import Final
 
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import nearest_or_all
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor, warp_scenario
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,

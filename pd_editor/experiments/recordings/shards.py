@@ -2,7 +2,7 @@
 
 A shard is a zip archive. ``index.json`` has the format's version and the windows;
 ``N/about.json`` describes recording N and its map, ``N/rows.bin`` has its states and
-``N/points.bin`` the map's points, both as integers (see ``recording_codec``). Positions
+``N/points.bin`` the map's points, both as integers (see ``recording``). Positions
 are rounded to 1 cm, headings to 1 mrad, velocities to 2 cm/s, the map to 1 mm. Equal
 contents give equal bytes.
 """
@@ -25,8 +25,9 @@ from pd_editor.experiments.recordings.clip import (
     cut_scenario,
     has_focal_agent,
 )
-from pd_editor.experiments.recordings.recording import Recording, Window
-from pd_editor.experiments.recordings.recording_codec import (
+from pd_editor.experiments.recordings.recording import (
+    Recording,
+    Window,
     coded_recording,
     decoded_recording,
 )

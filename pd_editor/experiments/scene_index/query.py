@@ -15,8 +15,11 @@ from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, SceneEvent
 from pd_editor.analysis.manoeuvres.scene_facts import FACT_VALUES
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import MAX_TEXT_CHARACTERS, nearest_or_all, one_line
-from pd_editor.experiments.scene_index.event_table import COMPARISONS, EventTable
-from pd_editor.experiments.scene_index.index_file import SceneIndex
+from pd_editor.experiments.scene_index.index_file import (
+    COMPARISONS,
+    EventTable,
+    SceneIndex,
+)
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 
 EVENT_WORDS: Final = {

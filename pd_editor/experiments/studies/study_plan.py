@@ -22,7 +22,7 @@ from pd_editor.experiments.studies.variant_rows import (
     StudyItem,
 )
 from pd_editor.scene.generation import MAX_SEED
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import MAX_POWER, WARP_KINDS, WarpKind
 
 GRID_POWERS: Final = tuple(float(p) for p in (*range(-9, 0), *range(1, 10)))

@@ -57,8 +57,8 @@ from pd_editor.experiments.training.loop.training_curves import (
     tensorboard_log,
 )
 from pd_editor.experiments.training.monitoring import Monitoring, SampleWatch
-from pd_editor.experiments.training.stage_objective import STAGES
-from pd_editor.experiments.training.warm_start import (
+from pd_editor.experiments.training.stage_objective import (
+    STAGES,
     basis_of,
     start_from,
     starting_model,

@@ -22,7 +22,7 @@ from pd_editor.scene.paths.car_following import (
     leaders_acceleration,
 )
 from pd_editor.scene.paths.driving_paths import SPACING_M, velocity_of
-from pd_editor.scene.paths.speed_profiles import MAX_BRAKING_MPS2, RESPONSE_S
+from pd_editor.scene.paths.retiming import MAX_BRAKING_MPS2, RESPONSE_S
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 

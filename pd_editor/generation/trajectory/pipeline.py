@@ -18,8 +18,10 @@ from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     TrajectoryGuidance,
 )
 from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
-from pd_editor.generation.trajectory.guidance.term_guide import TermGuide
-from pd_editor.generation.trajectory.guidance.term_table import trajectory_terms
+from pd_editor.generation.trajectory.guidance.term_guide import (
+    TermGuide,
+    trajectory_terms,
+)
 from pd_editor.generation.trajectory.guidance.threat_run import (
     ThreatRun,
     ThreatScene,

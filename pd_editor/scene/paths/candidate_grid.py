@@ -19,7 +19,7 @@ from pd_editor.scene.paths.driving_paths import (
     paths_along_routes,
 )
 from pd_editor.scene.paths.lanes.route_choice import RouteChoice, choose_routes
-from pd_editor.scene.paths.speed_profiles import MAX_BRAKING_MPS2
+from pd_editor.scene.paths.retiming import MAX_BRAKING_MPS2
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2, MOVING_MPS

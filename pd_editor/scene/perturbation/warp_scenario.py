@@ -6,7 +6,7 @@ from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_tracks import AgentTracks, same_motion
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.guidance_terms import GuidanceTerm
-from pd_editor.scene.perturbation.friction_slowdown import slowed_to_friction_limit
+from pd_editor.scene.perturbation.friction import slowed_to_friction_limit
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, warped_agents
 from pd_editor.scene.scenario import EGO_ID, AppliedWarp, Scenario

@@ -12,8 +12,11 @@ from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.palette import Palette
-from pd_editor.scene.paths.candidate_words import candidate_texts
-from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
+from pd_editor.scene.paths.motion_primitives import (
+    CandidateSet,
+    candidate_texts,
+    candidates,
+)
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.guidance.guiding import Guiding

@@ -18,8 +18,12 @@ from pd_editor.editor.commands.edit_limits import check_anchor
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.paths.suggested_state import suggested_heading
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION, summarise
-from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent, slowed_agents
+from pd_editor.scene.perturbation.friction import (
+    DRY_ROAD_FRICTION,
+    SlowedAgent,
+    slowed_agents,
+    summarise,
+)
 from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from pd_editor.scene.road_warp import (
     DEFAULT_LENGTH_M,

@@ -1,7 +1,7 @@
 from pd_editor.analysis.findings.check import scene_problems
 from pd_editor.analysis.findings.road import MIN_RADIUS_M, weakened_to_radius
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.friction_limit import summarise
+from pd_editor.scene.perturbation.friction import summarise
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.builders import scenario_with, straight_drivers

@@ -7,7 +7,7 @@ from pd_editor.analysis.repair.state_repairs import _TOUCH_M, STANDING_GAP_M
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
-from pd_editor.scene.paths.speed_profiles import MAX_BRAKING_MPS2
+from pd_editor.scene.paths.retiming import MAX_BRAKING_MPS2
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from tests.analysis.repair.scenes import changed_ids, crowded_road, crowds, overlaps_at

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.experiments.recordings.recording_codec import coded, decoded
+from pd_editor.experiments.recordings.recording import coded, decoded
 
 
 @given(st.lists(st.lists(st.integers(-(10**6), 10**6), max_size=6), max_size=5))

@@ -10,7 +10,7 @@ from pd_editor.base.errors import InputError
 from pd_editor.experiments.recordings import shards
 from pd_editor.experiments.recordings.clip import cut_scenario
 from pd_editor.experiments.recordings.clip_selection import choose_windows
-from pd_editor.experiments.recordings.recording_codec import (
+from pd_editor.experiments.recordings.recording import (
     HEADING_STEP_RAD,
     MAP_STEP_M,
     POSITION_STEP_M,

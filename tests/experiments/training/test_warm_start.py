@@ -3,7 +3,7 @@ import torch
 from torch import nn
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.warm_start import start_from
+from pd_editor.experiments.training.stage_objective import start_from
 
 
 def network(width_in: int, width_out: int) -> nn.Module:

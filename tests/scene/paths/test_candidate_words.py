@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.scene.paths.candidate_words import candidate_texts
-from pd_editor.scene.paths.motion_primitives import candidates
+from pd_editor.scene.paths.motion_primitives import candidate_texts, candidates
 
 
 @pytest.fixture(scope="module")

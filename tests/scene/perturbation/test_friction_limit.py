@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.friction_limit import (
+from pd_editor.scene.perturbation.friction import (
     friction_limited_speed,
     road_curvature,
     summarise,

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.friction_limit import summarise
-from pd_editor.scene.perturbation.friction_slowdown import (
+from pd_editor.scene.perturbation.friction import (
     BRAKING_MPS2,
     path_curvature,
+    summarise,
     warped_curvature,
 )
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario

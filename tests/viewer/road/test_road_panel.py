@@ -8,7 +8,7 @@ import pytest
 from pd_editor.analysis.findings.check import scene_problems
 from pd_editor.editor.commands import SetAgentSpeed, TransformAgents
 from pd_editor.editor.cures import cures
-from pd_editor.scene.perturbation.friction_slowdown import SlowedAgent
+from pd_editor.scene.perturbation.friction import SlowedAgent
 from pd_editor.scene.scenario import EGO_ID
 from pd_editor.viewer.road.road_panel import (
     EGO,

@@ -37,7 +37,7 @@ from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_bootstrap import COVERAGE, NUM_RESAMPLES
 from pd_editor.experiments.evaluation.summary import Summary
 from pd_editor.experiments.report import Report, ReportTable, Section, table_of_first
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 
 _PACKAGES: Final = ("pd-editor", "numpy", "pyarrow", "shapely", "av2")
 _DISTANCES_WORDS: Final = (

@@ -21,7 +21,7 @@ from pd_editor.scene.agent_kind import (
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.perturbation.friction_limit import DRY_ROAD_FRICTION
+from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, WARP_KINDS, RoadWarp, WarpTerm

@@ -23,8 +23,11 @@ from pd_editor.experiments.training.config.run_config import (
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.data.batch_sampler import BatchSampler
-from pd_editor.experiments.training.data.training_data import Batch, TrainingData
+from pd_editor.experiments.training.data.training_data import (
+    Batch,
+    BatchSampler,
+    TrainingData,
+)
 from pd_editor.experiments.training.loop.run_folder import RunFolder
 from pd_editor.experiments.training.loop.training_state import (
     TrainState,

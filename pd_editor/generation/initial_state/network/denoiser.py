@@ -65,8 +65,8 @@ from pd_editor.generation.initial_state.network.features import (
 from pd_editor.generation.initial_state.network.lane_anchored_head import (
     LaneAnchoredHead,
 )
-from pd_editor.generation.initial_state.network.map_layer import MapLayer
 from pd_editor.generation.initial_state.network.map_tokens import (
+    MapLayer,
     MapTokens,
     NearTokens,
     TokenGroup,

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pd_editor.experiments.evaluation.report.scene_test import scene_test_tables
+from pd_editor.experiments.evaluation.report.realism import scene_test_tables
 from pd_editor.experiments.evaluation.scene_rows import ROW_SCHEMA
 from scene_test import FEATURES, Surroundings, scene_test
 

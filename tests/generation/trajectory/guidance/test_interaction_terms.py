@@ -21,8 +21,10 @@ from pd_editor.generation.trajectory.guidance.latent_motion import (
     PredictedMotion,
 )
 from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
-from pd_editor.generation.trajectory.guidance.term_guide import TermGuide
-from pd_editor.generation.trajectory.guidance.term_table import trajectory_terms
+from pd_editor.generation.trajectory.guidance.term_guide import (
+    TermGuide,
+    trajectory_terms,
+)
 from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import TrafficSample

@@ -3,7 +3,7 @@ from dataclasses import fields, replace
 import pytest
 import torch
 
-from pd_editor.experiments.training.warm_start import start_from
+from pd_editor.experiments.training.stage_objective import start_from
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors

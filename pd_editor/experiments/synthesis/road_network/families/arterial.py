@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.road_network.network_builder import (
+from pd_editor.experiments.synthesis.road_network.network import (
     NetworkBuilder,
     split,
 )

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.road_network.network_builder import NetworkBuilder
+from pd_editor.experiments.synthesis.road_network.network import NetworkBuilder
 from pd_editor.experiments.synthesis.road_network.plain_xml import (
     NodeKind,
     PlainNetwork,

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.synthesis.road_network.network_builder import (
+from pd_editor.experiments.synthesis.road_network.network import (
     TAPER_M,
     NetworkBuilder,
     split,
