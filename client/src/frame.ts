@@ -38,6 +38,7 @@ declare global {
   }
 }
 
+const TIP_GAP_PX = 14;
 const former = window.pdOverlay;
 former?.dispose();
 
@@ -121,7 +122,7 @@ export function take(event: Event): void {
 /** Whether a left press pans (H is held), whatever mode is on. */
 export const isPanPress = (): boolean => document.body.classList.contains("pd-can-pan");
 /** Whether a press is one on the picture that a mode may take. */
-export const isModePress = (event: PointerEvent): boolean => event.button === 0 && isOnPicture(event) && !isPanPress();
+const isModePress = (event: PointerEvent): boolean => event.button === 0 && isOnPicture(event) && !isPanPress();
 
 /**
  * Follow a press that an element has taken to its end. `release` is called when its button
@@ -148,6 +149,64 @@ export function followPress<Held extends { id: number }>(
   });
 }
 
+/** What a mode makes of the presses that are its own. */
+interface ModeHearer<Held> {
+  /** A press at a pixel; null where nothing is held by it. */
+  begin(at: Pixel): Held | null;
+  drag(held: Held, at: Pixel): void;
+  release(held: Held, event: PointerEvent): void;
+  giveUp?(): void;
+  hover?(at: Pixel | null, event: PointerEvent): void;
+  /** Called after each of these. */
+  draw?(): void;
+}
+/**
+ * Presses of a mode: while it is on, left presses on the picture are its own. viser does not
+ * hear them, so that neither the camera turns nor a rectangle is drawn. `mark` is a class of
+ * the page's body while the mode is on.
+ */
+export function modePress<Held extends object>(mark: string, hear: ModeHearer<Held>) {
+  const press = {
+    isOn: false,
+    held: null as (Held & { id: number }) | null,
+    giveUp() {
+      if (!press.held) return;
+      press.held = null;
+      hear.giveUp?.();
+      hear.draw?.();
+    },
+    turn(isOn: boolean) {
+      if (!isOn) press.giveUp();
+      press.isOn = isOn;
+      markBody(mark, isOn);
+    },
+  };
+  hearFirst("pointerdown", (event) => {
+    if (!press.isOn || !isModePress(event)) return;
+    take(event);
+    const held = hear.begin(local(event));
+    if (held) press.held = { ...held, id: event.pointerId };
+    hear.draw?.();
+  });
+  hearFirst("pointermove", (event) => {
+    if (!press.isOn || (press.held && event.pointerId !== press.held.id)) return;
+    if (press.held) hear.drag(press.held, local(event));
+    else hear.hover?.(isOnPicture(event) ? local(event) : null, event);
+    hear.draw?.();
+  });
+  followPress(
+    () => press.held,
+    (event, held) => {
+      press.held = null;
+      hear.release(held, event);
+      hear.draw?.();
+    },
+    press.giveUp,
+  );
+  onDispose(() => markBody(mark, false));
+  return press;
+}
+
 /** Hear a digit of 1 to so many before viser's hot keys, which may mean something else. */
 export function onDigit(count: () => number, choose: (digit: number) => void): void {
   hearFirst("keydown", (event) => {
@@ -156,6 +215,48 @@ export function onDigit(count: () => number, choose: (digit: number) => void): v
     take(event);
     choose(digit);
   });
+}
+
+/** How far a key walks in a list that shows so many lines at a time; nothing for other keys. */
+export function linesWalked(event: KeyboardEvent, numShown: number): number | undefined {
+  const pageful = Math.max(1, Math.floor(numShown) - 1);
+  return {
+    ArrowDown: 1,
+    ArrowUp: -1,
+    PageDown: pageful,
+    PageUp: -pageful,
+    Home: Number.NEGATIVE_INFINITY,
+    End: Number.POSITIVE_INFINITY,
+  }[event.key];
+}
+
+/** Lines beside the pointer, or where there is room for them. */
+export class Tip {
+  private readonly box = make("div", "pd-tip", { role: "tooltip" });
+  constructor(parent: HTMLElement) {
+    this.hide();
+    parent.append(this.box);
+  }
+  hide(): void {
+    this.box.hidden = true;
+  }
+  tell(lines: readonly string[], [x, y]: Pixel): void {
+    this.box.hidden = !lines.length;
+    if (this.box.hidden) return;
+    this.box.replaceChildren(...lines.map((line) => make("div", "", {}, line)));
+    const [{ width, height }, { offsetWidth, offsetHeight }] = [pictureSize(), this.box];
+    const below = y + TIP_GAP_PX;
+    const fits = below + offsetHeight + 64 < height;
+    this.box.style.left = `${Math.max(Math.min(x + TIP_GAP_PX, width - offsetWidth - 8), 8)}px`;
+    this.box.style.top = `${fits ? below : y - offsetHeight - TIP_GAP_PX}px`;
+  }
+}
+
+/** Draw again and again, once a frame of the browser. */
+export function everyFrame(draw: () => void): void {
+  if (!isAlive) return;
+  draw();
+  requestAnimationFrame(() => everyFrame(draw));
 }
 
 /** Ask the server at most once in so many milliseconds, and at last of the newest place. */
@@ -212,20 +313,16 @@ function letGo(): void {
 }
 
 let lastView = "";
-function drawFrame(): void {
-  if (!isAlive) return;
+function lookAtView(): void {
   const [seen, element] = [camera(), canvas()];
-  if (seen && element) {
-    const view =
-      seen.matrixWorld.elements.map((value) => value.toPrecision(7)).join() +
-      [seen.fov, element.clientWidth, element.clientHeight].join();
-    if (view !== lastView) {
-      lastView = view;
-      fitToCanvas();
-      for (const listener of frameListeners) listener(seen);
-    }
-  }
-  requestAnimationFrame(drawFrame);
+  if (!seen || !element) return;
+  const view =
+    seen.matrixWorld.elements.map((value) => value.toPrecision(7)).join() +
+    [seen.fov, element.clientWidth, element.clientHeight].join();
+  if (view === lastView) return;
+  lastView = view;
+  fitToCanvas();
+  for (const listener of frameListeners) listener(seen);
 }
 
 function start(): void {
@@ -252,7 +349,7 @@ function start(): void {
   hearFirst("pointerup", () => setTimeout(letGo)); // after the click
   for (const type of ["pointercancel", "blur"] as const) listen(window, type, letGo);
   hearFirst("pointermove", (event) => event.buttons === 0 && letGo(), { passive: true });
-  requestAnimationFrame(drawFrame);
+  requestAnimationFrame(() => everyFrame(lookAtView));
   send("page", { kind: "ready" } satisfies Events["page"]);
 }
 

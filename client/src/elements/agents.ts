@@ -4,7 +4,7 @@
 // belong to.
 import { arranged, type Filter, MARKS, nextOrder, type Order } from "../agent_rows.ts";
 import { button, closeButton, hasModifier, isTyping, make, option } from "../dom.ts";
-import { define, hearFirst } from "../frame.ts";
+import { define, hearFirst, linesWalked } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { AgentsState } from "../messages.ts";
 import { agentUnderPointer } from "../shared.ts";
@@ -220,15 +220,7 @@ define("agents", (api) => {
   list.addEventListener("scroll", redraw);
   list.addEventListener("pointerleave", () => point(null));
   list.addEventListener("keydown", (event) => {
-    const pageful = Math.max(1, Math.floor(list.clientHeight / ROW_PX) - 1);
-    const by = {
-      ArrowDown: 1,
-      ArrowUp: -1,
-      PageDown: pageful,
-      PageUp: -pageful,
-      Home: Number.NEGATIVE_INFINITY,
-      End: Number.POSITIVE_INFINITY,
-    }[event.key];
+    const by = linesWalked(event, list.clientHeight / ROW_PX);
     if (!by || !shown.length) return;
     event.preventDefault();
     event.stopPropagation();

@@ -1,7 +1,7 @@
 // Marks of guidance terms on the road: flags, paths, way-points, stop lines, arrows and
 // badges. Flags, way-points and stop lines are dragged; a click on any mark chooses its term.
 import { ground, project } from "../bridge.ts";
-import { make, svg, within } from "../dom.ts";
+import { svg, within } from "../dom.ts";
 import {
   define,
   followPress,
@@ -13,7 +13,7 @@ import {
   onView,
   type Press,
   paced,
-  pictureSize,
+  Tip,
   take,
 } from "../frame.ts";
 import { along, bow, distance, type Ground, halfWay, head, isSeen, type Pixel, type Place } from "../geometry.ts";
@@ -49,9 +49,8 @@ const keyOf = ({ index, node, isOffer }: Drawn): string =>
 
 define("guidance_marks", (api) => {
   const layer = svg("svg", "pd-guide-marks");
-  const tip = make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
-  tip.hidden = true;
-  api.box.append(layer, tip);
+  api.box.append(layer);
+  const tip = new Tip(api.box);
   let state: GuidanceMarksState = { marks: [], agents: [], refusal: "" };
   let press: Hold | null = null; // the mark that is held
   let settling: Hold | null = null; // a mark that was dropped, until the server has answered
@@ -247,15 +246,7 @@ define("guidance_marks", (api) => {
     return all.find((mark) => keyOf(mark) === found.dataset.guide) ?? null;
   }
 
-  function tell(lines: readonly string[], at: Pixel) {
-    tip.hidden = !lines.length;
-    if (tip.hidden) return;
-    tip.replaceChildren(...lines.map((line) => make("div", "", {}, line)));
-    const left = Math.min(at[0] + 14, pictureSize().width - tip.offsetWidth - 8);
-    tip.style.left = `${Math.max(left, 8)}px`;
-    tip.style.top = `${at[1] + 14}px`;
-  }
-  const tellRefusal = (at: Pixel) => tell(state.refusal ? [state.refusal] : [], at);
+  const tellRefusal = (at: Pixel) => tip.tell(state.refusal ? [state.refusal] : [], at);
 
   const send = (kind: GuidanceMarksEvent["kind"], { mark, point, isFree }: Hold) =>
     api.send({ kind, index: mark.index, point, node: mark.node ?? null, isOffer: mark.isOffer === true, isFree });
@@ -267,7 +258,7 @@ define("guidance_marks", (api) => {
   function end(kind: "drop" | "cancel", held: Hold) {
     stopDrag();
     send(kind, held);
-    tip.hidden = true;
+    tip.hide();
     settling = kind === "drop" && held.point ? held : null;
     press = null;
     markBody("pd-guide-dragging", false);
@@ -281,7 +272,7 @@ define("guidance_marks", (api) => {
   }
 
   hearFirst("pointerdown", (event) => {
-    tip.hidden = true;
+    tip.hide();
     if (event.button !== 0 || isMode() || isPanPress()) return;
     const mark = markOf(event);
     if (!mark) return;
@@ -320,14 +311,14 @@ define("guidance_marks", (api) => {
       return;
     }
     if (event.buttons !== 0 || isMode()) {
-      tip.hidden = true;
+      tip.hide();
       return;
     }
     const isOver = isOverAgent(at);
     layer.classList.toggle("pd-guide-over-agent", isOver);
     const found = markOf(event);
     const mark = isOver && found?.shape === "arc" ? null : found;
-    tell(mark?.lines ?? [], at);
+    tip.tell(mark?.lines ?? [], at);
     const index = mark?.shape === "arc" ? mark.index : null;
     if (index !== pointed) api.send({ kind: "point", index });
     pointed = index;

@@ -2,26 +2,9 @@
 // is drawn by a drag, or from point to point by clicks: Enter, or another click on the last
 // point, such as a double click, ends it; Backspace takes the last point back. Points that
 // are clicked snap to lanes, unless Alt is held.
-//
-// While the mode is on, left presses on the picture belong to it: viser does not hear
-// them, so that neither the camera turns nor a rectangle is drawn.
 import { ground, project, ray } from "../bridge.ts";
-import { make, svg } from "../dom.ts";
-import {
-  define,
-  followPress,
-  hearFirst,
-  isModePress,
-  isOnPicture,
-  local,
-  markBody,
-  onDispose,
-  onView,
-  type Press,
-  paced,
-  pictureSize,
-  take,
-} from "../frame.ts";
+import { svg } from "../dom.ts";
+import { define, hearFirst, local, modePress, onView, paced, Tip, take } from "../frame.ts";
 import { along, bow, distance, type Ground, head, isSeen, type Pixel } from "../geometry.ts";
 import { flag, haloed } from "../guidance_shapes.ts";
 import type { GuidingState } from "../messages.ts";
@@ -33,14 +16,38 @@ const MAX_POINTS = 1500;
 
 define("guiding", (api) => {
   const layer = svg("svg", "pd-guide-marks pd-guide-drawing");
-  const tip = make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
-  tip.hidden = true;
-  api.box.append(layer, tip);
+  api.box.append(layer);
+  const tip = new Tip(api.box);
   let state: GuidingState | null = null;
   let at: Pixel | null = null;
-  let press: (Press & { points: Ground[] | null }) | null = null;
   let line: Ground[] = []; // Points that were clicked, after the agent's place.
   let isClicked = false; // Whether all of them were.
+  const press = modePress<{ at: Pixel; points: Ground[] | null }>("pd-guiding", {
+    begin(pixel) {
+      at = pixel;
+      const point = ground(...pixel);
+      return { at: pixel, points: state?.gesture === "draw" ? (point ? [point] : []) : null };
+    },
+    drag(held, pixel) {
+      at = pixel;
+      const isFar = held.points && distance(pixel, held.at) >= APART_PX;
+      const point = isFar ? ground(...pixel) : null;
+      if (!held.points || !point || held.points.length >= MAX_POINTS) return;
+      held.points.push(point);
+      held.at = pixel;
+    },
+    hover(pixel, event) {
+      at = pixel;
+      if (at && event.buttons === 0) ask();
+    },
+    release({ points }, event) {
+      const pixel = local(event);
+      const seen = points ? null : ray(...pixel);
+      if (state && points) addToLine(points, state, event.altKey);
+      else if (state && seen) api.send({ kind: "click", tool: state.kind, at: pixel, ray: seen });
+    },
+    draw,
+  });
 
   function stroke(parent: Element, pixels: readonly (Pixel | null)[], isArrow: boolean) {
     parent.append(...haloed(along(pixels)));
@@ -49,7 +56,7 @@ define("guiding", (api) => {
 
   function draw() {
     layer.replaceChildren();
-    tip.hidden = true;
+    tip.hide();
     if (!state?.isActive) return;
     const { kind, gesture, ghost } = state;
     const refused = ghost.isBad ? "pd-guide-refused" : "";
@@ -57,7 +64,7 @@ define("guiding", (api) => {
     layer.append(parent);
     if (gesture === "draw") {
       const next = line.length && at ? ground(...at) : null;
-      const rest = press?.points ?? (next ? [next] : []);
+      const rest = press.held?.points ?? (next ? [next] : []);
       const points = [...line, ...rest].map(project);
       if (points.length > 1) stroke(parent, points, true);
       for (const [cx, cy] of line.map(project).filter(isSeen))
@@ -72,49 +79,16 @@ define("guiding", (api) => {
       picture.setAttribute("transform", `translate(${at[0]} ${at[1]})`);
       parent.append(picture);
     }
-    tip.hidden = !at || press !== null || !ghost.text;
-    if (!at || tip.hidden) return;
-    tip.textContent = ghost.text;
-    tip.style.left = `${Math.min(at[0] + 18, pictureSize().width - 200)}px`;
-    tip.style.top = `${at[1] + 18}px`;
+    if (at && !press.held && ghost.text) tip.tell([ghost.text], at);
   }
 
   const { ask } = paced(ASK_MS, () => {
-    if (!state?.isActive || press || !at || state.gesture === "draw") return false;
+    if (!state?.isActive || press.held || !at || state.gesture === "draw") return false;
     const seen = ray(...at);
     if (seen) api.send({ kind: "point", tool: state.kind, at, ray: seen });
     return seen !== null;
   });
 
-  hearFirst("pointerdown", (event) => {
-    if (!state?.isActive || !isModePress(event)) return;
-    take(event);
-    at = local(event);
-    const point = ground(...at);
-    const points = state.gesture === "draw" ? (point ? [point] : []) : null;
-    press = { id: event.pointerId, at, points };
-    draw();
-  });
-
-  hearFirst("pointermove", (event) => {
-    if (!state?.isActive) return;
-    if (press && event.pointerId !== press.id) return;
-    at = press || isOnPicture(event) ? local(event) : null;
-    if (press?.points && at) {
-      const isFar = distance(at, press.at) >= APART_PX;
-      const point = isFar ? ground(...at) : null;
-      if (point && press.points.length < MAX_POINTS) {
-        press.points.push(point);
-        press.at = at;
-      }
-    } else if (at && event.buttons === 0) ask();
-    draw();
-  });
-
-  function giveUp() {
-    press = null;
-    draw();
-  }
   function finish({ kind }: GuidingState) {
     const rounded = (value: number) => Math.round(value * 100) / 100;
     const points = line.map(([x, y]): Ground => [rounded(x), rounded(y)]);
@@ -140,7 +114,7 @@ define("guiding", (api) => {
     if (isWhole) finish(mode);
   }
   hearFirst("keydown", (event) => {
-    if (!state?.isActive || !line.length || press) return;
+    if (!state?.isActive || !line.length || press.held) return;
     if (event.key !== "Enter" && event.key !== "Backspace") return;
     take(event);
     if (event.key === "Enter") finish(state);
@@ -148,24 +122,14 @@ define("guiding", (api) => {
     draw();
   });
 
-  followPress(
-    () => press,
-    (event, { points }) => {
-      const pixel = local(event);
-      const seen = points ? null : ray(...pixel);
-      if (state && points) addToLine(points, state, event.altKey);
-      else if (state && seen) api.send({ kind: "click", tool: state.kind, at: pixel, ray: seen });
-      giveUp();
-    },
-    giveUp,
-  );
-
   onView(draw);
-  onDispose(() => markBody("pd-guiding", false));
   return (next) => {
-    if (!next.isActive || next.kind !== state?.kind) [press, line] = [null, []];
+    if (!next.isActive || next.kind !== state?.kind) {
+      press.giveUp();
+      line = [];
+    }
     state = next;
-    markBody("pd-guiding", state.isActive);
+    press.turn(state.isActive);
     draw();
   };
 });

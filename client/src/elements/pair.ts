@@ -1,6 +1,6 @@
 // Two samples or branches side by side in top view: one camera and one clock, that of the timeline.
 import { button, closeButton, make, option } from "../dom.ts";
-import { define, onDispose } from "../frame.ts";
+import { define, everyFrame } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { PairSide, ScenePairState } from "../messages.ts";
 import { clock } from "../shared.ts";
@@ -69,18 +69,13 @@ define("pair", (api) => {
     }
   }
 
-  let isAlive = true;
-  onDispose(() => {
-    isAlive = false;
-  });
-  function run() {
-    if (!isAlive || !state?.isOpen) return;
+  everyFrame(() => {
+    if (!state?.isOpen) return;
     const [step, { sides: shown }] = [clock.step(), state];
     sides.forEach(({ canvas }, place) => {
       drawSide(canvas, shown[place], grounds[place], step);
     });
-    requestAnimationFrame(run);
-  }
+  });
 
   for (const { canvas } of sides) {
     canvas.addEventListener(
@@ -125,7 +120,6 @@ define("pair", (api) => {
     });
     if (wasOpen) return;
     view = { x: 0, y: 0, scale: sides[0].canvas.clientWidth / (2 * next.halfWidth) || 4 };
-    requestAnimationFrame(run);
     close.focus({ preventScroll: true });
   };
 });

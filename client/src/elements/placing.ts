@@ -1,24 +1,7 @@
 // Placing: a crosshair, a ghost under the pointer, a press that is dragged to turn it.
-//
-// While the mode is on, left presses on the picture belong to it: viser does not hear
-// them, so that neither the camera turns nor a rectangle is drawn.
 import { ground, project } from "../bridge.ts";
 import { svg } from "../dom.ts";
-import {
-  define,
-  followPress,
-  hearFirst,
-  isModePress,
-  isOnPicture,
-  local,
-  markBody,
-  onDigit,
-  onDispose,
-  onView,
-  type Press,
-  paced,
-  take,
-} from "../frame.ts";
+import { define, modePress, onDigit, onView, paced } from "../frame.ts";
 import { along, distance, type Ground, isSeen, type Pixel } from "../geometry.ts";
 import type { PlacingState } from "../messages.ts";
 
@@ -28,7 +11,28 @@ const ASK_MS = 60;
 define("placing", (api) => {
   let mode: PlacingState | null = null;
   let at: Pixel | null = null;
-  let press: (Press & { point: Ground; heading: number | null }) | null = null;
+  const press = modePress<{ at: Pixel; point: Ground; heading: number | null }>("pd-crosshair", {
+    begin(pixel) {
+      at = pixel;
+      const point = ground(...pixel);
+      return point && { at: pixel, point, heading: null };
+    },
+    drag(held, pixel) {
+      at = pixel;
+      const isFar = distance(pixel, held.at) > TURN_PX;
+      const point = isFar ? ground(...pixel) : null;
+      if (point) held.heading = Math.atan2(point[1] - held.point[1], point[0] - held.point[0]);
+      else if (!isFar) held.heading = null;
+    },
+    release({ point, heading }) {
+      api.send({ kind: "place", point, headingRad: heading });
+    },
+    hover(pixel, event) {
+      at = pixel;
+      if (at && event.buttons === 0) ask();
+    },
+    draw,
+  });
 
   const drawing = svg("svg", "pd-placing-ghost", { "aria-hidden": "true" });
   const [base, edges, arrow] = ["base", "edges", "arrow"].map((name) => svg("path", `pd-placing-${name}`));
@@ -36,8 +40,8 @@ define("placing", (api) => {
   api.box.append(drawing);
 
   function draw() {
-    const place = mode?.isActive ? (press?.point ?? (at && ground(...at))) : null;
-    const lines = mode && place && ghost(mode, place, press?.heading ?? mode.headingRad);
+    const place = press.isOn ? (press.held?.point ?? (at && ground(...at))) : null;
+    const lines = mode && place && ghost(mode, place, press.held?.heading ?? mode.headingRad);
     drawing.style.display = lines ? "" : "none";
     if (!mode || !lines) return;
     [base, edges, arrow].forEach((path, index) => {
@@ -75,60 +79,20 @@ define("placing", (api) => {
   }
 
   const { ask } = paced(ASK_MS, () => {
-    const point = mode?.isActive && !press && at ? ground(...at) : null;
+    const point = press.isOn && !press.held && at ? ground(...at) : null;
     if (point) api.send({ kind: "point", point });
     return point !== null;
   });
 
-  hearFirst("pointerdown", (event) => {
-    if (!mode?.isActive || !isModePress(event)) return;
-    take(event);
-    at = local(event);
-    const point = ground(...at);
-    if (point) press = { id: event.pointerId, at, point, heading: null };
-    draw();
-  });
-
-  hearFirst("pointermove", (event) => {
-    if (!mode?.isActive) return;
-    if (press) {
-      if (event.pointerId !== press.id) return;
-      at = local(event);
-      const isFar = distance(at, press.at) > TURN_PX;
-      const point = isFar ? ground(...at) : null;
-      if (point) press.heading = Math.atan2(point[1] - press.point[1], point[0] - press.point[0]);
-      else if (!isFar) press.heading = null;
-    } else {
-      at = isOnPicture(event) ? local(event) : null;
-      if (at && event.buttons === 0) ask();
-    }
-    draw();
-  });
-
-  function giveUp() {
-    press = null;
-    draw();
-  }
-  followPress(
-    () => press,
-    (_event, { point, heading }) => {
-      api.send({ kind: "place", point, headingRad: heading });
-      giveUp();
-    },
-    giveUp,
-  );
-
   onDigit(
-    () => (mode?.isActive ? mode.numKinds : 0),
+    () => (press.isOn && mode ? mode.numKinds : 0),
     (number) => api.send({ kind: "kind", number }),
   );
 
   onView(draw);
-  onDispose(() => markBody("pd-crosshair", false));
   return (state) => {
-    if (!state.isActive) press = null;
     mode = state;
-    markBody("pd-crosshair", state.isActive);
+    press.turn(state.isActive);
     draw();
   };
 });

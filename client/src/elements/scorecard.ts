@@ -1,7 +1,7 @@
 // The scorecard: metrics beside what is usual, and charts of the selected agents.
 import { button, closeButton, fill, make, svg } from "../dom.ts";
 import { define, pictureSize } from "../frame.ts";
-import { clamp } from "../geometry.ts";
+import { along, clamp, type Pixel } from "../geometry.ts";
 import type { Chart, ChartsState, ScorecardEvent, ScorecardState, ScoreLine } from "../messages.ts";
 import { playheadMoved } from "../shared.ts";
 
@@ -43,12 +43,8 @@ function chart({ title, lines }: Chart, time: readonly number[], ids: readonly s
     picture.append(svg("text", "pd-chart-text", { x: LEFT - 4, y: y(value) + 3.5 }, text));
   }
   for (const [index, line] of lines.entries()) {
-    const points = line.map((value, step) => {
-      if (value === null) return "";
-      const begins = (line[step - 1] ?? null) === null;
-      return `${begins ? "M" : "L"}${x(time[step]).toFixed(1)} ${y(value).toFixed(1)}`;
-    });
-    const drawn = svg("path", "pd-chart-line", { d: points.join("") });
+    const points = line.map((value, step): Pixel | null => (value === null ? null : [x(time[step]), y(value)]));
+    const drawn = svg("path", "pd-chart-line", { d: along(points) });
     drawn.style.stroke = COLORS[index];
     picture.append(drawn);
   }

@@ -3,7 +3,7 @@
 import { inWords } from "../clock.ts";
 import { button, icon, make, recall, remember, svg } from "../dom.ts";
 import { define, followPress, listen, paced, root } from "../frame.ts";
-import { clamp } from "../geometry.ts";
+import { along, clamp, type Pixel } from "../geometry.ts";
 import type { SpeedCurveState } from "../messages.ts";
 import { clock, playheadMoved, track } from "../shared.ts";
 
@@ -57,12 +57,6 @@ define("speedCurve", (api) => {
     return Math.round((at - share(0)) / (share(1) - share(0) || 1));
   }
 
-  function path(speeds: readonly (number | null)[]): string {
-    const pen = (value: number, index: number) =>
-      `${(speeds[index - 1] ?? null) === null ? "M" : "L"}${x(state.beginStep + index).toFixed(1)} ${y(value).toFixed(1)}`;
-    return speeds.map((value, index) => (value === null ? "" : pen(value, index))).join("");
-  }
-
   function draw() {
     const isShown = Boolean(state.agent) && !isFolded();
     box.hidden = !isShown;
@@ -76,7 +70,10 @@ define("speedCurve", (api) => {
       const known = [...state.speeds, ...state.former].filter((one) => one !== null);
       top = Math.max(5, Math.ceil((1.15 * Math.max(...known)) / 5) * 5);
     }
-    const line = (name: string, speeds: readonly (number | null)[]) => svg("path", name, { d: path(speeds) });
+    const pixel = (speed: number | null, index: number): Pixel | null =>
+      speed === null ? null : [x(state.beginStep + index), y(speed)];
+    const line = (name: string, speeds: readonly (number | null)[]) =>
+      svg("path", name, { d: along(speeds.map(pixel)) });
     const lastStep = state.beginStep + state.speeds.length - 1;
     const [begin, zero, end] = [x(state.beginStep), x(0), x(lastStep)];
     title.style.maxWidth = `${begin - GUTTER}px`; // It wraps beside the numbers of the axis.

@@ -1,7 +1,7 @@
 // The status chip, bottom right, and the list that it opens upwards.
 // The chip keeps its place and size whatever it says; the open list only grows.
 import { button, hasModifier, icon, make } from "../dom.ts";
-import { define, root } from "../frame.ts";
+import { define, linesWalked, root } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { ProblemRow, StatusState } from "../messages.ts";
 
@@ -131,15 +131,7 @@ define("status", (api) => {
   // Keys walk the rows, and choose them; a page's worth at a time as well.
   api.box.addEventListener("keydown", (event) => {
     if (!isOpen || hasModifier(event)) return;
-    const pageful = Math.max(1, Math.floor(rows.clientHeight / LINE_PX) - 1);
-    const step = {
-      ArrowDown: 1,
-      ArrowUp: -1,
-      PageDown: pageful,
-      PageUp: -pageful,
-      Home: Number.NEGATIVE_INFINITY,
-      End: Number.POSITIVE_INFINITY,
-    }[event.key];
+    const step = linesWalked(event, rows.clientHeight / LINE_PX);
     if (!step) return;
     event.preventDefault();
     event.stopPropagation();

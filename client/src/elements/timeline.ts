@@ -4,7 +4,7 @@
 // between two messages of the server, which stays the truth.
 import { inWords, secondsOf, stepAfter, ticks } from "../clock.ts";
 import { button, hasModifier, isTyping, make, svg, within } from "../dom.ts";
-import { define, hearFirst, onDispose, paced } from "../frame.ts";
+import { define, everyFrame, hearFirst, paced } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { PlayheadState, TimelineEvent, TimelineMark, TimelineState } from "../messages.ts";
 import { clock, playheadMoved, track as sharedTrack } from "../shared.ts";
@@ -172,15 +172,9 @@ define("timeline", (api) => {
     api.send({ kind: "step", value: steps * (event.shiftKey ? 10 : 1) });
   });
 
-  let isAlive = true;
-  onDispose(() => {
-    isAlive = false;
-  });
-  (function run() {
-    if (!isAlive) return;
+  everyFrame(() => {
     if (head.isPlaying && !isScrubbing) drawHead(clock.step());
-    requestAnimationFrame(run);
-  })();
+  });
 
   drawAxis();
   drawHead(head.step);
