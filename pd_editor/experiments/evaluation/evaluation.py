@@ -19,7 +19,7 @@ from pd_editor.experiments.evaluation.scene_rows import (
 from pd_editor.experiments.evaluation.trial import TrialPlan
 from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
 from pd_editor.scene.base_reference import MapWindow, SceneCut, part_name
-from pd_editor.scene.formats.dataset import DatasetIndex, no_scenario
+from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex, no_scenario
 
 ROWS_NAME: Final = "rows.parquet"
 _LOG: Final = logging.getLogger(__name__)
@@ -116,7 +116,7 @@ def scenes_of(data: Sequence[Path], limit: int | None = None) -> FoundScenes:
     num_skipped = 0
     for root in map(data_root, data):
         index = DatasetIndex(root)
-        for card in index.filter(min_agents=1):
+        for card in index.filter(CardFilter(min_agents=1)):
             if limit is not None and len(found) >= limit:
                 break
             scene = _scene(root, card.folder)

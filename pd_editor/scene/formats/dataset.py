@@ -66,8 +66,6 @@ class CardFilter:
     """Conditions on scenarios; None and the empty text accept all."""
 
     city: str | None = None
-    text: str | None = None
-    """Part of the id, in any case."""
     min_agents: int | None = None
     max_agents: int | None = None
     split: str | None = None
@@ -80,16 +78,15 @@ class CardFilter:
     without: Collection[Path] = ()
     """Folders of which it is none."""
 
-    def accepts_place(self, scenario_id: str, folder: Path) -> bool:
-        """Whether an id and a folder pass the filter; reads no file."""
-        is_named = not self.text or self.text.strip().lower() in scenario_id.lower()
+    def accepts_place(self, folder: Path) -> bool:
+        """Whether a folder passes the filter; reads no file."""
         is_asked = self.among is None or bool(self.words) or folder in self.among
-        return is_named and is_asked and folder not in self.without
+        return is_asked and folder not in self.without
 
     def accepts(self, card: ScenarioCard) -> bool:
         """Whether a scenario passes the filter."""
         return (
-            self.accepts_place(card.scenario_id, card.folder)
+            self.accepts_place(card.folder)
             and (self._has_words(card) or card.folder in (self.among or ()))
             and (not self.city or self.city == card.city)
             and (self.split is None or self.split == card.split)
@@ -101,6 +98,9 @@ class CardFilter:
     def _has_words(self, card: ScenarioCard) -> bool:
         text = f"{card.scenario_id} {card.city} {card.split}".lower()
         return all(one in text for one in self.words)
+
+
+EVERY: Final = CardFilter()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,18 +218,8 @@ class DatasetIndex:
         is_complete = self.is_complete and end == self.num_found
         return SearchStep(cards=tuple(cards), next_start=end, is_complete=is_complete)
 
-    def filter(
-        self,
-        *,
-        city: str | None = None,
-        text: str | None = None,
-        min_agents: int | None = None,
-        max_agents: int | None = None,
-    ) -> Iterator[ScenarioCard]:
+    def filter(self, wanted: CardFilter = EVERY) -> Iterator[ScenarioCard]:
         """Yield accepted scenarios as they are found."""
-        wanted = CardFilter(
-            city=city, text=text, min_agents=min_agents, max_agents=max_agents
-        )
         position = 0
         while self._has(position):
             card = self._card(position, wanted)
@@ -237,9 +227,7 @@ class DatasetIndex:
                 yield card
             position += 1
 
-    def after(
-        self, folder: Path, wanted: CardFilter | None = None
-    ) -> ScenarioCard | None:
+    def after(self, folder: Path, wanted: CardFilter = EVERY) -> ScenarioCard | None:
         """Next accepted scenario after the one in a folder; None at the end.
 
         Raises:
@@ -247,22 +235,20 @@ class DatasetIndex:
         """
         position = self._position(folder) + 1
         while self._has(position):
-            card = self._card(position, wanted or CardFilter())
+            card = self._card(position, wanted)
             if card is not None:
                 return card
             position += 1
         return None
 
-    def before(
-        self, folder: Path, wanted: CardFilter | None = None
-    ) -> ScenarioCard | None:
+    def before(self, folder: Path, wanted: CardFilter = EVERY) -> ScenarioCard | None:
         """Last accepted scenario before the one in a folder; None at the start.
 
         Raises:
             InputError: the folder is not in the dataset.
         """
         for position in reversed(range(self._position(folder))):
-            card = self._card(position, wanted or CardFilter())
+            card = self._card(position, wanted)
             if card is not None:
                 return card
         return None
@@ -282,7 +268,7 @@ class DatasetIndex:
     def _card(self, position: int, wanted: CardFilter) -> ScenarioCard | None:
         """Scenario at a position if it is accepted and readable, else None."""
         found = self._found[position]
-        if not wanted.accepts_place(found.scenario_id, found.folder):
+        if not wanted.accepts_place(found.folder):
             return None
         if position not in self._cards:
             card = self._read(found)

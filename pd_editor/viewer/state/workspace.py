@@ -44,7 +44,12 @@ from pd_editor.experiments.scene_index.query import FoundScene
 from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.exporters.bundle import zip_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
-from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex, ScenarioCard
+from pd_editor.scene.formats.dataset import (
+    EVERY,
+    CardFilter,
+    DatasetIndex,
+    ScenarioCard,
+)
 from pd_editor.scene.policy import DrivenPlans
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
@@ -183,7 +188,7 @@ class Workspace:
         """Opens another part of what was opened, or was to be opened, last."""
         self._uploaded: tuple[Scenario, Mapping[str, bytes]] | None = None
         """Base of the scenario that was uploaded last, and its files."""
-        self.search = None if dataset is None else DatasetSearch(dataset, CardFilter())
+        self.search = None if dataset is None else DatasetSearch(dataset, EVERY)
 
     def open_reference(self, reference: str, cut: SceneCut | None = None) -> None:
         """Open a demo or a scenario folder, or a part of it.
