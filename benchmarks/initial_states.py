@@ -286,7 +286,7 @@ def floor_line(recorded: Sequence[Values]) -> str:
                 lambda one, two, bins=histogram: bins.distance(one, two).root,
                 num_agents=agents,
             )
-            cells.append(f"{floor.mean:6.3f}")
+            cells.append(f"{floor:6.3f}")
     return f"{'noise floor':22s}" + " " * 56 + " ".join(cells)
 
 

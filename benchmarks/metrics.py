@@ -132,10 +132,7 @@ def print_movers(views: list[TrafficView]) -> None:
             lambda a, b, histogram=histogram: histogram.distance(a, b).root,
             num_agents=400,
         )
-        print(
-            f"{histogram.metric:28s} {histogram.source:6s} {floor.mean:.3f} "
-            f"+- {floor.std:.3f}"
-        )
+        print(f"{histogram.metric:28s} {histogram.source:6s} {floor:.3f}")
 
 
 def main() -> None:

@@ -36,17 +36,17 @@ def check_path(path: str | Path, error: type[PdEditorError] = InputError) -> Non
         )
 
 
-def user_path(text: str, error: type[PdEditorError] = InputError) -> Path:
+def user_path(text: str) -> Path:
     """Path that a user typed, in which a home folder may be ~ or ~name.
 
     Raises:
-        PdEditorError: of the type ``error``: it is no path, or there is no such user.
+        InputError: it is no path, or there is no such user.
     """
-    check_path(text, error)
+    check_path(text)
     # Unlike pathlib's, this does not raise for an unknown user.
     path = os.path.expanduser(text)
     if path == text and text.startswith("~"):
-        raise error(f"{text}: there is no home folder of this name.")
+        raise InputError(f"{text}: there is no home folder of this name.")
     return Path(path)
 
 

@@ -260,7 +260,6 @@ class LaneDeviation:
     """Whether the agent moves within 2 m of the centre line of a lane."""
     lane: Int[np.ndarray, "A H"]
     """Row in the lane graph of the nearest reachable lane."""
-    is_reachable: Bool[np.ndarray, "A L"]
 
     def values(self) -> dict[str, MetricValues]:
         """Lane metrics by name, each [A]; the current step does not count."""
@@ -322,7 +321,6 @@ def lane_deviation(view: TrafficView) -> LaneDeviation:
         is_wrong_way=on_lane & ~with_lane,
         can_be_wrong_way=on_lane,
         lane=lane,
-        is_reachable=reachable,
     )
 
 

@@ -54,8 +54,6 @@ class Statistic:
     """Mean values [M W G]."""
     difference: Estimate
     """Mean differences to the log on the same agents, recorded to the end [M W G]."""
-    num_values: Int[np.ndarray, "M W G"]
-    """Number of values: agents times samples."""
     num_scenes: Int[np.ndarray, "M W G"]
     num_pairs: Int[np.ndarray, "M W G"]
 
@@ -251,7 +249,6 @@ def _statistic(
     return Statistic(
         mean=mean_over_scenes(sums, counts, weights),
         difference=mean_over_scenes(apart, pairs, weights),
-        num_values=counts.sum(axis=-1).astype(int),
         num_scenes=(counts > 0).sum(axis=-1),
         num_pairs=pairs.sum(axis=-1).astype(int),
     )

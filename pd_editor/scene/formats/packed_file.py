@@ -37,13 +37,13 @@ def ending_of(path: Path) -> str:
     return Path(unpacked_name(path.name)).suffix.lower()
 
 
-def head_of(path: Path, most_bytes: int = _HEAD_BYTES) -> bytes:
+def head_of(path: Path) -> bytes:
     """First bytes of a file, in lower case, without XML comments; empty if unreadable."""
     try:
         with path.open("rb") as file:
-            head = file.read(most_bytes)
+            head = file.read(_HEAD_BYTES)
         if head.startswith(_MAGIC):
-            head = zlib.decompressobj(wbits=31).decompress(head, most_bytes)
+            head = zlib.decompressobj(wbits=31).decompress(head, _HEAD_BYTES)
     except (OSError, zlib.error):
         return b""
     # Of a text in UTF-16, every other byte is 0; comments hold options, as <osm-files>.

@@ -39,15 +39,6 @@ class WarpSummary:
     """Smallest radius of curvature; infinite if the road stays straight."""
     speed_limit_mps: float
     """Highest speed within the friction limit; infinite on a straight road."""
-    lateral_shift_m: float
-    """Shift to the left at the end of the bends."""
-
-
-def road_curvature(
-    warp: RoadWarp, x_m: Float[np.ndarray, "N"]
-) -> Float[np.ndarray, "N"]:
-    """Signed curvature, 1/m, of a warped straight road at distances ahead of the anchor."""
-    return warp.curvature(x_m)
 
 
 def friction_limited_speed(
@@ -70,19 +61,18 @@ def _edges_m(term: WarpTerm) -> tuple[float, ...]:
 def summarise(
     warp: RoadWarp, friction_coefficient: float = DRY_ROAD_FRICTION
 ) -> WarpSummary:
-    """Sharpest bend, speed limit and shift of a straight road under a warp."""
+    """Sharpest bend and speed limit of a straight road under a warp."""
     end = warp.extent_m()
     x = np.linspace(0.0, end, max(int(end / SAMPLE_SPACING_M), 1) + 1)
     # The second derivative jumps where a bend ends, so both sides are evaluated.
     edges = np.array([edge for term in warp.terms for edge in _edges_m(term)])
     x = np.concatenate([x, edges - 1e-9, edges + 1e-9])
-    sharpest = float(np.abs(road_curvature(warp, x)).max(initial=0.0))
+    sharpest = float(np.abs(warp.curvature(x)).max(initial=0.0))
     limit = friction_limited_speed(np.array([sharpest]), friction_coefficient)
     return WarpSummary(
         max_curvature_per_m=sharpest,
         min_radius_m=1 / sharpest if sharpest > 0 else float("inf"),
         speed_limit_mps=float(limit[0]),
-        lateral_shift_m=float(warp.derivative(np.array([end]), 0)[0]),
     )
 
 

@@ -78,10 +78,8 @@ def test_the_noise_floor_falls_with_the_number_of_agents():
 
     few = noise_floor(scenes, root, num_agents=20)
     many = noise_floor(scenes, root, num_agents=2000)
-    assert few.num_resamples == 200
-    assert 0 < many.mean < few.mean / 3
+    assert 0 < many < few / 3
     assert noise_floor(scenes, root, num_agents=20) == few
-    assert noise_floor(scenes, root, num_agents=20, seed=1) != few
 
 
 @pytest.mark.parametrize("num_agents", [1, 7, 100])

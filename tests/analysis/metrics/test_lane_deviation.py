@@ -7,6 +7,7 @@ from pd_editor.analysis.metrics.lanes import (
     nearest_edge,
     off_lane,
     path_length_m,
+    reachable_lanes,
 )
 from pd_editor.analysis.metrics.road import map_points, nearest_points, paths_within
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
@@ -98,6 +99,13 @@ def test_nearest_lanes_are_those_of_shapely(av2_scenario_folders):
         view = recorded_traffic(read_scenario(folder))
         graph, agents = lane_graph(view.scenario.road_map), view.agents
         found = lane_deviation(view)
+        reachable = reachable_lanes(
+            view.scenario.road_map,
+            agents.position_m[:, 0],
+            agents.heading_rad[:, 0],
+            agents.kinds,
+            path_length_m(agents.position_m, agents.is_valid),
+        )
         lines = []
         for line, after in zip(graph.centerlines_m, graph.successors, strict=True):
             along = (line[-1] - line[-2]) / np.linalg.norm(line[-1] - line[-2])
@@ -107,7 +115,7 @@ def test_nearest_lanes_are_those_of_shapely(av2_scenario_folders):
         for row in np.flatnonzero(found.is_valid.any(axis=1)):
             steps = np.flatnonzero(found.is_valid[row])
             points = shapely.points(agents.position_m[row, steps])
-            lanes = lines[found.is_reachable[row]]
+            lanes = lines[reachable[row]]
             least = shapely.distance(points[:, None], lanes).min(axis=1)
             np.testing.assert_allclose(found.lateral_m[row, steps], least, atol=1e-6)
             mine = shapely.distance(points, lines[found.lane[row, steps]])

@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.perturbation.friction import (
     friction_limited_speed,
-    road_curvature,
     summarise,
 )
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, RoadWarp, WarpTerm
@@ -38,7 +37,6 @@ def test_double_turn_of_power_9():
     assert summary.max_curvature_per_m == pytest.approx(0.18, rel=1e-3)
     assert summary.min_radius_m == pytest.approx(1 / 0.18, rel=1e-3)
     assert summary.speed_limit_mps == pytest.approx(6.2, abs=0.05)
-    assert summary.lateral_shift_m == pytest.approx(9.0)
 
 
 @given(st.sampled_from(list(DEFAULT_LENGTH_M)), st.floats(0.1, 10))
@@ -52,14 +50,13 @@ def test_curvature_is_that_of_the_curve(kind, power):
     away = np.ones(len(x), bool)
     for edge in (0, 5, 15, 25, 65, 70):
         away &= np.abs(x - edge) > 0.05
-    np.testing.assert_allclose(road_curvature(warp, x)[away], numeric[away], atol=1e-3)
+    np.testing.assert_allclose(warp.curvature(x)[away], numeric[away], atol=1e-3)
 
 
 def test_straight_road_has_no_limit():
     warp = one("smooth-turn", 0.0)
     summary = summarise(warp)
     assert summary.speed_limit_mps == summary.min_radius_m == float("inf")
-    assert summary.lateral_shift_m == 0
 
 
 @given(st.floats(1e-4, 1), st.floats(0.1, 1))

@@ -186,12 +186,12 @@ def _floor(rows: _Rows, histogram: Histogram) -> str:
     )
     if not num_agents:
         return "-"
-    found = noise_floor(
+    floor = noise_floor(
         scenes,
         lambda one, two: histogram.distance(one, two).root,
         num_agents=num_agents,
     )
-    return f"{found.mean:.3f}"
+    return f"{floor:.3f}"
 
 
 def _cell(

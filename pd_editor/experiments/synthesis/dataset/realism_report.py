@@ -164,7 +164,7 @@ def _row(
         name=quantity.name,
         unit=quantity.unit,
         distance=distance(synthetic),
-        noise_floor=noise_floor(real, quantity.distance, num_agents=num_rows).mean,
+        noise_floor=noise_floor(real, quantity.distance, num_agents=num_rows),
         other_real=distance(other_real) if _num_rows(other_real) else None,
         synthetic=_summary(quantity, _pooled(synthetic)),
         real=_summary(quantity, pool),

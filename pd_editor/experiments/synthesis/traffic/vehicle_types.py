@@ -85,7 +85,6 @@ PEDESTRIAN_SIZE_M: Final = (0.65, 0.7)
 class SampledType:
     """Sampled type of one road user, and its SUMO element."""
 
-    type_id: str
     kind: AgentKind
     size_m: tuple[float, float]
     element: ElementTree.Element
@@ -144,7 +143,6 @@ def sample_vehicle_type(
         "jmTimegapMinor": random.uniform(1.0, 2.0),
     }
     return SampledType(
-        type_id=type_id,
         kind=model.kind,
         size_m=(length, width),
         element=ElementTree.Element("vType", _as_text(attributes)),
@@ -166,7 +164,6 @@ def sample_pedestrian_type(type_id: str, random: np.random.Generator) -> Sampled
         "speedFactor": 1.0,
     }
     return SampledType(
-        type_id=type_id,
         kind=AgentKind.PEDESTRIAN,
         size_m=(size[0], size[1]),
         element=ElementTree.Element("vType", _as_text(attributes)),
