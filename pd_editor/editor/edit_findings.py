@@ -106,14 +106,7 @@ def scene_outcomes(
     ]
     if not terms or not rows:
         return ()
-    sample = TrafficSample(
-        ids=tuple(agents.ids[row] for row in rows),
-        kinds=tuple(agents.kinds[row] for row in rows),
-        size_m=agents.size_m[rows],
-        position_m=agents.position_m[rows, now:],
-        heading_rad=agents.heading_rad[rows, now:],
-        velocity_mps=agents.velocity_mps[rows, now:],
-    )
+    sample = TrafficSample.of(agents.taken(rows).from_step(now))
     return term_outcomes(scenario, sample, terms)
 
 

@@ -100,17 +100,7 @@ def samples_of(
             strict=True,
         ):
             table[has] = values[index, sampled[has]]
-        samples.append(
-            TrafficSample(
-                ids=tuple(agents.ids[row] for row in rows),
-                kinds=tuple(agents.kinds[row] for row in rows),
-                size_m=agents.size_m[rows],
-                position_m=here[0],
-                heading_rad=here[1],
-                velocity_mps=here[2],
-                activity=activity,
-            )
-        )
+        samples.append(TrafficSample.of(agents.taken(rows), here, activity))
     return tuple(samples)
 
 

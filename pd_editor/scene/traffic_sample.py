@@ -1,6 +1,6 @@
 """Trajectories that a generator has sampled."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.scene.agent_kind import Activity, AgentKind
-from pd_editor.scene.agent_states import MOTION
+from pd_editor.scene.agent_states import MOTION, AgentStates
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scene_limits import MAX_LENGTH_M
 
@@ -34,6 +34,24 @@ class TrafficSample:
                 f"The generated size_m holds a value that is not above 0 and at most "
                 f"{MAX_LENGTH_M:g} m."
             )
+
+    @classmethod
+    def of(
+        cls,
+        agents: AgentStates,
+        motion: Iterable[np.ndarray] | None = None,
+        activity: tuple[Activity, ...] = (),
+    ) -> "TrafficSample":
+        """Trajectories of agents: their own, or other positions, headings and velocities."""
+        own = (getattr(agents, name) for name in MOTION)
+        named = zip(MOTION, own if motion is None else motion, strict=True)
+        return cls(
+            ids=agents.ids,
+            kinds=agents.kinds,
+            size_m=agents.size_m,
+            activity=activity,
+            **dict(named),
+        )
 
     def check(self, num_steps: int | None = None, what: str = "The generated") -> None:
         """Refuse arrays that are not of its agents, or of other numbers of steps.

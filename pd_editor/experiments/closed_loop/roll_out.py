@@ -332,17 +332,12 @@ class _Drivers:
             position = np.concatenate([seen.ego.position_m[:, -1], plan.position_m])
             self.plans_m.setdefault(name, {})[world.step] = position
             heading = np.append(seen.ego.heading_rad[0, -1], plan.heading_rad)
+            velocity = velocity_of(
+                position[None], seen.ego.velocity_mps[:, -1], seen.step_s
+            )
+            motion = (position[None], heading[None], velocity)
             samples.append(
-                TrafficSample(
-                    ids=(name,),
-                    kinds=seen.ego.kinds,
-                    size_m=seen.ego.size_m,
-                    position_m=position[None, : HORIZON + 1],
-                    heading_rad=heading[None, : HORIZON + 1],
-                    velocity_mps=velocity_of(
-                        position[None], seen.ego.velocity_mps[:, -1], seen.step_s
-                    )[:, : HORIZON + 1],
-                )
+                TrafficSample.of(seen.ego, (one[:, : HORIZON + 1] for one in motion))
             )
         for one in samples:
             world = world.planned(one)

@@ -85,14 +85,7 @@ def guidance_outcomes(
         num_steps = min(own, default=there.shape[1])
         some = rows[count >= num_steps]
         steps = slice(now, now + num_steps)
-        sample = TrafficSample(
-            ids=tuple(agents.ids[row] for row in some),
-            kinds=tuple(agents.kinds[row] for row in some),
-            size_m=agents.size_m[some],
-            position_m=agents.position_m[some, steps],
-            heading_rad=agents.heading_rad[some, steps],
-            velocity_mps=agents.velocity_mps[some, steps],
-        )
+        sample = TrafficSample.of(agents.taken(some).cut_to(steps))
         part = with_length(after, agents.cut_to(slice(now + num_steps)))
         (one,) = term_outcomes(part, sample, (term,))
         if num_steps < there.shape[1]:

@@ -91,15 +91,8 @@ def _view(
     velocity_mps: Float[np.ndarray, "A H 2"],
 ) -> TrafficView:
     agents = request.scenario.agents
-    rows = agents.rows(request.agent_ids)
-    sample = TrafficSample(
-        ids=request.agent_ids,
-        kinds=tuple(agents.kinds[row] for row in rows),
-        size_m=agents.size_m[rows],
-        position_m=position_m,
-        heading_rad=heading_rad,
-        velocity_mps=velocity_mps,
-    )
+    motion = (position_m, heading_rad, velocity_mps)
+    sample = TrafficSample.of(agents.taken(agents.rows(request.agent_ids)), motion)
     return generated_traffic(request.scenario, sample)
 
 

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.base.errors import PdEditorError
 from pd_editor.editor.commands import SetRoadWarp, traffic_command
 from pd_editor.editor.library.thumbnail import thumbnail
@@ -77,7 +76,7 @@ def export_case(
     if not condition.is_plain:
         session.apply(_warp_command(condition, session, item))
     if item.method.name != GROUND_TRUTH:
-        sample = _sample(traffic.samples[0])
+        sample = TrafficSample.of(traffic.samples[0].agents)
         generated = GeneratedTraffic(
             samples=(sample,),
             generator=item.method.generator_name,
@@ -144,16 +143,4 @@ def _warp_command(
     return SetRoadWarp(
         warp=condition.warp_of(session.scenario),
         friction_coefficient=item.friction_coefficient,
-    )
-
-
-def _sample(view: TrafficView) -> TrafficSample:
-    agents = view.agents
-    return TrafficSample(
-        ids=agents.ids,
-        kinds=agents.kinds,
-        size_m=agents.size_m,
-        position_m=agents.position_m,
-        heading_rad=agents.heading_rad,
-        velocity_mps=agents.velocity_mps,
     )

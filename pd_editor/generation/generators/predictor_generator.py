@@ -95,11 +95,6 @@ def _sample(
     moves = np.hypot(step[..., 0], step[..., 1]) >= _LEAST_STEP_M
     turns = np.concatenate([np.ones((len(step), 1), bool), moves], axis=1)
     last = np.maximum.accumulate(np.where(turns, np.arange(turns.shape[1]), 0), axis=1)
-    return TrafficSample(
-        ids=agents.ids,
-        kinds=agents.kinds,
-        size_m=agents.size_m,
-        position_m=position,
-        heading_rad=np.take_along_axis(heading, last, axis=1),
-        velocity_mps=np.concatenate([now_mps, step / step_s], axis=1),
-    )
+    heading = np.take_along_axis(heading, last, axis=1)
+    velocity = np.concatenate([now_mps, step / step_s], axis=1)
+    return TrafficSample.of(agents, (position, heading, velocity))

@@ -14,11 +14,11 @@ from pd_editor.generation.lane_follower.intentions import (
     sample_intentions,
 )
 from pd_editor.generation.lane_follower.simulated_traffic import (
-    Traffic,
     initial_traffic,
     simulate,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
+from pd_editor.scene.agent_states import MOTION
 from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationProgress,
@@ -65,7 +65,8 @@ class LaneFollower:
             traffic = initial.copy()
             steps = simulate(traffic, drivers, wants, scenario.time_axis)
             yield from _reports(steps, index, request)
-            samples.append(_sample(request, rows, traffic))
+            motion = (getattr(traffic, name)[rows] for name in MOTION)
+            samples.append(TrafficSample.of(scenario.agents.taken(rows), motion))
         return GeneratedTraffic(
             samples=tuple(samples),
             generator=self.name,
@@ -113,20 +114,6 @@ def _reports(
                 fraction=(sample + step / total) / request.num_samples,
                 message=f"Sample {sample + 1} of {request.num_samples}",
             )
-
-
-def _sample(
-    request: GenerationRequest, rows: Int[np.ndarray, "G"], traffic: Traffic
-) -> TrafficSample:
-    agents = request.scenario.agents
-    return TrafficSample(
-        ids=request.agent_ids,
-        kinds=tuple(agents.kinds[row] for row in rows),
-        size_m=agents.size_m[rows],
-        position_m=traffic.position_m[rows],
-        heading_rad=traffic.heading_rad[rows],
-        velocity_mps=traffic.velocity_mps[rows],
-    )
 
 
 def _notes(request: GenerationRequest, drivers: Drivers) -> tuple[str, ...]:
