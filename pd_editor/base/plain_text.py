@@ -10,7 +10,6 @@ from typing import Final
 MAX_ID_CHARACTERS: Final = 255
 MAX_TEXT_CHARACTERS: Final = 8192
 """Longest text of a recipe, a journal or a scenario's field."""
-_SHOWN_CHARACTERS: Final = 800
 _SPACES: Final = str.maketrans("\n\r\t", "   ")
 
 
@@ -32,7 +31,7 @@ def is_note(text: str) -> bool:
     )
 
 
-def one_line(text: str, max_characters: int = _SHOWN_CHARACTERS) -> str:
+def one_line(text: str, max_characters: int = 800) -> str:
     """Escape unprintable characters of a text and shorten it in the middle."""
     if not text.isprintable():
         text = "".join(

@@ -210,9 +210,6 @@ def described(name: str, tags: tuple[str, ...] = (), note: str = "") -> Variant:
     return Variant(name=name, tags=tags_from_text(*tags), note=note)
 
 
-_MOST_BYTES = 1 << 26
-
-
 def _place(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}-plans.json")
 
@@ -239,7 +236,7 @@ def read_plans(folder: Path, scenario: Scenario) -> DrivenPlans:
     if not path.exists():
         return {}
     try:
-        data = json_value(read_regular(path, max_bytes=_MOST_BYTES))
+        data = json_value(read_regular(path, max_bytes=1 << 26))
         plans = {
             name: {
                 int(at): np.asarray(line, dtype=float) - scenario.origin_city_m

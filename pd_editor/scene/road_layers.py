@@ -14,7 +14,6 @@ from shapely.validation import make_valid
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.road_map import Crosswalk, LaneKind, LaneMark, RoadMap
 
-MARKING_WIDTH_M: Final = 0.17
 EDGE_WIDTH_M: Final = 0.08
 DASH_M: Final = 3.0
 GAP_M: Final = 6.0
@@ -67,7 +66,7 @@ def marked_lines(road_map: RoadMap, spacing_m: float) -> Iterator[MarkedLines]:
         for style, side in zip(styles, (offset, -offset), strict=False):
             yield MarkedLines(
                 color_name="yellow_marking" if "YELLOW" in mark else "white_marking",
-                width_m=MARKING_WIDTH_M,
+                width_m=0.17,
                 is_dashed=style == "dashed",
                 lines=some.offset(side) if side else some,
             )

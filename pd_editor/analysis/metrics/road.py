@@ -117,7 +117,6 @@ MAX_WAY_TO_ROAD_M: Final = 5.0
 _EXIT_BEHIND_M: Final = 6.0
 _EXIT_AHEAD_M: Final = 60.0
 """Drivable areas often extend past the last lane by up to this length."""
-_PAST_END_M: Final = 2.0
 _EXIT_HALF_WIDTH_M: Final = 4.0
 _EXIT_COSINE: Final = 0.85
 """Least cosine between an agent that leaves the map and the lane that ends there."""
@@ -220,7 +219,7 @@ def is_past_lanes(
     road_map: RoadMap,
     position_m: Float[np.ndarray, "N 2"],
     way: Float[np.ndarray, "N 2"],
-    least_m: float = _PAST_END_M,
+    least_m: float = 2.0,
 ) -> Bool[np.ndarray, "N"]:
     """Whether points lie past the end of a lane without a successor, and on no lane.
 

@@ -13,7 +13,6 @@ _GAP_M: Final = 0.4
 """Gaps between shapes up to twice this width are closed."""
 _SPIKE_M: Final = 0.2
 """Parts narrower than twice this width are removed."""
-_MITRE_LIMIT: Final = 1.5
 _SIMPLIFY_M: Final = 0.05
 _MIN_AREA_M2: Final = 4.0
 _MIN_HOLE_M2: Final = 40.0
@@ -24,7 +23,7 @@ def paved_rings(shapes: Iterable[BaseGeometry]) -> list[Float[np.ndarray, "_ 2"]
     """Open rings that together cover all shapes, with small gaps closed."""
     paved = shapely.union_all(list(shapes))
     for swell in (_GAP_M, -_GAP_M - _SPIKE_M, _SPIKE_M):
-        paved = paved.buffer(swell, join_style="mitre", mitre_limit=_MITRE_LIMIT)
+        paved = paved.buffer(swell, join_style="mitre", mitre_limit=1.5)
     paved = paved.simplify(_SIMPLIFY_M)
     return [
         np.asarray(ring.exterior.coords)[:-1, :2]

@@ -22,7 +22,6 @@ from pd_editor.viewer.server.viser_adapter import GuardedServer
 
 TOKEN_FIELD: Final = "token"
 """Name of the token in the query of an address."""
-MAX_CONNECTIONS: Final = 100
 _ROUNDING: Final = 1e-9
 """Tolerance of a slider's bounds."""
 _LOG: Final = logging.getLogger(__name__)
@@ -73,7 +72,7 @@ def guarded_server(
     host: str,
     port: int,
     token: str | None = None,
-    max_connections: int = MAX_CONNECTIONS,
+    max_connections: int = 100,
 ) -> viser.ViserServer:
     """A viser server that refuses foreign requests and cannot be shared publicly.
 

@@ -12,9 +12,6 @@ from pd_editor.generation.core.config_limits import check_settings
 
 MAX_STEPS: Final = 1_000_000_000
 MAX_MINUTES: Final = 1e6
-MAX_COPIES: Final = 64
-MAX_WINDOWS: Final = 40
-MAX_JITTER_M: Final = 1_000.0
 Precision = Literal["32", "bf16"]
 
 
@@ -122,7 +119,7 @@ class Augmentation:
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             if name in ("jitter_m", "center_m"):
-                _check_range(self, 0, MAX_JITTER_M, name)
+                _check_range(self, 0, 1_000.0, name)
             elif not isinstance(value, tuple):
                 _check_range(self, 0, 1, name)
 
@@ -162,8 +159,8 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         _check_range(self, 0, 2**63 - 1, "seed")
-        _check_range(self, 1, MAX_COPIES, "copies")
-        _check_range(self, 1, MAX_WINDOWS, "windows")
+        _check_range(self, 1, 64, "copies")
+        _check_range(self, 1, 40, "windows")
         if self.weights and len(self.weights) != len(self.data):
             raise TrainingError(
                 f"{len(self.weights)} weights were given for {len(self.data)} data "

@@ -44,7 +44,6 @@ SECTIONS: Final[Mapping[str, Mapping[str, type[Any]]]] = {
     for stage in STAGES
 }
 """Types of the sections that can be set, for each stage."""
-_MAX_BYTES: Final = 1_000_000
 _KINDS: Final[Mapping[Any, str]] = {
     bool: "true or false",
     int: "a whole number",
@@ -183,7 +182,7 @@ def _check_name(place: str, name: str, known: Iterable[str]) -> None:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    text = read_regular(file, max_bytes=_MAX_BYTES, error=TrainingError)
+    text = read_regular(file, max_bytes=1_000_000, error=TrainingError)
     try:
         return tomllib.loads(text.decode() if isinstance(text, bytes) else text)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -42,7 +42,6 @@ from pd_editor.scene.scenario import Scenario
 
 PART_SIZE: Final = 400
 """Scenarios per part; an interrupted preparation loses at most the running parts."""
-BASIS_SCENARIOS: Final = 2000
 _FIT_SIZE: Final = 100
 
 
@@ -216,7 +215,7 @@ def prepare_features(
 def fit_basis(
     roots: Sequence[Path],
     *,
-    count: int = BASIS_SCENARIOS,
+    count: int = 2000,
     workers: int | None = None,
     augmentation: Augmentation | None = DEFAULT_AUGMENTATION,
     seed: int = 1,

@@ -10,7 +10,6 @@ from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.training.loop.run_folder import RunFolder
 
 FOLDER_NAME: Final = "tensorboard"
-_FLUSH_S: Final = 20
 
 
 def check_installed() -> None:
@@ -35,7 +34,7 @@ def tensorboard_log(run: RunFolder, first_step: int) -> Iterator[None]:
     from torch.utils.tensorboard import SummaryWriter
 
     folder = str(run.path / FOLDER_NAME)
-    with SummaryWriter(folder, purge_step=first_step, flush_secs=_FLUSH_S) as writer:
+    with SummaryWriter(folder, purge_step=first_step, flush_secs=20) as writer:
 
         def add(entry: Mapping[str, Any]) -> None:
             for name, value in scalars_of(entry).items():
