@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (a197207a6c936131); not to be edited. */
+/* Built by .ci/client.py from client/ (437fa44e83809167); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -215,6 +215,7 @@
   };
 
   // src/frame.ts
+  var TIP_GAP_PX = 14;
   var former = window.pdOverlay;
   former?.dispose();
   var definitions = /* @__PURE__ */ new Map();
@@ -286,6 +287,47 @@
       giveUp();
     });
   }
+  function modePress(mark, hear) {
+    const press = {
+      isOn: false,
+      held: null,
+      giveUp() {
+        if (!press.held) return;
+        press.held = null;
+        hear.giveUp?.();
+        hear.draw?.();
+      },
+      turn(isOn) {
+        if (!isOn) press.giveUp();
+        press.isOn = isOn;
+        markBody(mark, isOn);
+      }
+    };
+    hearFirst("pointerdown", (event) => {
+      if (!press.isOn || !isModePress(event)) return;
+      take(event);
+      const held = hear.begin(local(event));
+      if (held) press.held = { ...held, id: event.pointerId };
+      hear.draw?.();
+    });
+    hearFirst("pointermove", (event) => {
+      if (!press.isOn || press.held && event.pointerId !== press.held.id) return;
+      if (press.held) hear.drag(press.held, local(event));
+      else hear.hover?.(isOnPicture(event) ? local(event) : null, event);
+      hear.draw?.();
+    });
+    followPress(
+      () => press.held,
+      (event, held) => {
+        press.held = null;
+        hear.release(held, event);
+        hear.draw?.();
+      },
+      press.giveUp
+    );
+    onDispose(() => markBody(mark, false));
+    return press;
+  }
   function onDigit(count, choose) {
     hearFirst("keydown", (event) => {
       const digit = Number(event.key);
@@ -293,6 +335,42 @@
       take(event);
       choose(digit);
     });
+  }
+  function linesWalked(event, numShown) {
+    const pageful = Math.max(1, Math.floor(numShown) - 1);
+    return {
+      ArrowDown: 1,
+      ArrowUp: -1,
+      PageDown: pageful,
+      PageUp: -pageful,
+      Home: Number.NEGATIVE_INFINITY,
+      End: Number.POSITIVE_INFINITY
+    }[event.key];
+  }
+  var Tip = class {
+    box = make("div", "pd-tip", { role: "tooltip" });
+    constructor(parent) {
+      this.hide();
+      parent.append(this.box);
+    }
+    hide() {
+      this.box.hidden = true;
+    }
+    tell(lines, [x, y]) {
+      this.box.hidden = !lines.length;
+      if (this.box.hidden) return;
+      this.box.replaceChildren(...lines.map((line) => make("div", "", {}, line)));
+      const [{ width, height }, { offsetWidth, offsetHeight }] = [pictureSize(), this.box];
+      const below = y + TIP_GAP_PX;
+      const fits = below + offsetHeight + 64 < height;
+      this.box.style.left = `${Math.max(Math.min(x + TIP_GAP_PX, width - offsetWidth - 8), 8)}px`;
+      this.box.style.top = `${fits ? below : y - offsetHeight - TIP_GAP_PX}px`;
+    }
+  };
+  function everyFrame(draw) {
+    if (!isAlive) return;
+    draw();
+    requestAnimationFrame(() => everyFrame(draw));
   }
   function paced(pauseMs, act) {
     let actedAt = Number.NEGATIVE_INFINITY;
@@ -339,18 +417,14 @@
     for (const [name, state] of waiting) overlay.update(name, state);
   }
   var lastView = "";
-  function drawFrame() {
-    if (!isAlive) return;
+  function lookAtView() {
     const [seen, element] = [camera(), canvas()];
-    if (seen && element) {
-      const view = seen.matrixWorld.elements.map((value) => value.toPrecision(7)).join() + [seen.fov, element.clientWidth, element.clientHeight].join();
-      if (view !== lastView) {
-        lastView = view;
-        fitToCanvas();
-        for (const listener of frameListeners) listener(seen);
-      }
-    }
-    requestAnimationFrame(drawFrame);
+    if (!seen || !element) return;
+    const view = seen.matrixWorld.elements.map((value) => value.toPrecision(7)).join() + [seen.fov, element.clientWidth, element.clientHeight].join();
+    if (view === lastView) return;
+    lastView = view;
+    fitToCanvas();
+    for (const listener of frameListeners) listener(seen);
   }
   function start() {
     if (!isAlive) return;
@@ -375,7 +449,7 @@
     hearFirst("pointerup", () => setTimeout(letGo));
     for (const type of ["pointercancel", "blur"]) listen(window, type, letGo);
     hearFirst("pointermove", (event) => event.buttons === 0 && letGo(), { passive: true });
-    requestAnimationFrame(drawFrame);
+    requestAnimationFrame(() => everyFrame(lookAtView));
     send("page", { kind: "ready" });
   }
   var overlay = {
@@ -870,15 +944,7 @@
     list.addEventListener("scroll", redraw2);
     list.addEventListener("pointerleave", () => point(null));
     list.addEventListener("keydown", (event) => {
-      const pageful = Math.max(1, Math.floor(list.clientHeight / ROW_PX) - 1);
-      const by = {
-        ArrowDown: 1,
-        ArrowUp: -1,
-        PageDown: pageful,
-        PageUp: -pageful,
-        Home: Number.NEGATIVE_INFINITY,
-        End: Number.POSITIVE_INFINITY
-      }[event.key];
+      const by = linesWalked(event, list.clientHeight / ROW_PX);
       if (!by || !shown.length) return;
       event.preventDefault();
       event.stopPropagation();
@@ -954,48 +1020,38 @@
   // src/elements/bending.ts
   var PULL_MS = 30;
   define("bending", (api) => {
-    let mode = null;
-    let press = null;
+    let numKinds = 0;
     const { ask, stop } = paced(PULL_MS, () => {
-      if (press) api.send({ kind: "pull", point: press.point });
-      return press !== null;
+      if (press.held) api.send({ kind: "pull", point: press.held.point });
+      return press.held !== null;
     });
-    hearFirst("pointerdown", (event) => {
-      if (!mode?.isActive || !isModePress(event)) return;
-      take(event);
-      const point = ground(...local(event));
-      if (!point) return;
-      press = { id: event.pointerId, point };
-      api.send({ kind: "grab", point });
-    });
-    hearFirst("pointermove", (event) => {
-      if (!press || event.pointerId !== press.id) return;
-      press.point = ground(...local(event)) ?? press.point;
-      ask();
-    });
-    function end(kind) {
-      if (!press) return;
-      stop();
-      press = null;
-      api.send({ kind });
-    }
-    followPress(
-      () => press,
-      (_event, { point }) => {
-        api.send({ kind: "pull", point });
-        end("end");
+    const press = modePress("pd-bending", {
+      begin(at) {
+        const point = ground(...at);
+        if (point) api.send({ kind: "grab", point });
+        return point && { point };
       },
-      () => end("cancel")
-    );
+      drag(held, at) {
+        held.point = ground(...at) ?? held.point;
+        ask();
+      },
+      release({ point }) {
+        stop();
+        api.send({ kind: "pull", point });
+        api.send({ kind: "end" });
+      },
+      giveUp() {
+        stop();
+        api.send({ kind: "cancel" });
+      }
+    });
     onDigit(
-      () => mode?.isActive ? mode.numKinds : 0,
+      () => press.isOn ? numKinds : 0,
       (number2) => api.send({ kind: "kind", number: number2 })
     );
-    onDispose(() => markBody("pd-bending", false));
     return (state) => {
-      if (!state.isActive) end("cancel");
-      mode = state;
-      markBody("pd-bending", state.isActive);
+      numKinds = state.numKinds;
+      press.turn(state.isActive);
     };
   });
 
@@ -1256,9 +1312,8 @@
   var keyOf = ({ index, node, isOffer }) => node == null ? String(index) : `${index} ${node} ${isOffer}`;
   define("guidance_marks", (api) => {
     const layer = svg("svg", "pd-guide-marks");
-    const tip = make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
-    tip.hidden = true;
-    api.box.append(layer, tip);
+    api.box.append(layer);
+    const tip = new Tip(api.box);
     let state = { marks: [], agents: [], refusal: "" };
     let press = null;
     let settling = null;
@@ -1423,15 +1478,7 @@
       const all = state.marks.flatMap((mark) => mark.shape === "badge" ? mark.badges : [mark]);
       return all.find((mark) => keyOf(mark) === found.dataset.guide) ?? null;
     }
-    function tell(lines, at) {
-      tip.hidden = !lines.length;
-      if (tip.hidden) return;
-      tip.replaceChildren(...lines.map((line) => make("div", "", {}, line)));
-      const left = Math.min(at[0] + 14, pictureSize().width - tip.offsetWidth - 8);
-      tip.style.left = `${Math.max(left, 8)}px`;
-      tip.style.top = `${at[1] + 14}px`;
-    }
-    const tellRefusal = (at) => tell(state.refusal ? [state.refusal] : [], at);
+    const tellRefusal = (at) => tip.tell(state.refusal ? [state.refusal] : [], at);
     const send2 = (kind, { mark, point, isFree }) => api.send({ kind, index: mark.index, point, node: mark.node ?? null, isOffer: mark.isOffer === true, isFree });
     const { ask: sendDrag, stop: stopDrag } = paced(SEND_MS, () => {
       if (press?.point) send2("drag", press);
@@ -1440,7 +1487,7 @@
     function end(kind, held) {
       stopDrag();
       send2(kind, held);
-      tip.hidden = true;
+      tip.hide();
       settling = kind === "drop" && held.point ? held : null;
       press = null;
       markBody("pd-guide-dragging", false);
@@ -1453,7 +1500,7 @@
       draw();
     }
     hearFirst("pointerdown", (event) => {
-      tip.hidden = true;
+      tip.hide();
       if (event.button !== 0 || isMode() || isPanPress()) return;
       const mark = markOf(event);
       if (!mark) return;
@@ -1491,14 +1538,14 @@
         return;
       }
       if (event.buttons !== 0 || isMode()) {
-        tip.hidden = true;
+        tip.hide();
         return;
       }
       const isOver = isOverAgent(at);
       layer.classList.toggle("pd-guide-over-agent", isOver);
       const found = markOf(event);
       const mark = isOver && found?.shape === "arc" ? null : found;
-      tell(mark?.lines ?? [], at);
+      tip.tell(mark?.lines ?? [], at);
       const index = mark?.shape === "arc" ? mark.index : null;
       if (index !== pointed) api.send({ kind: "point", index });
       pointed = index;
@@ -1809,21 +1856,45 @@
   var MAX_POINTS = 1500;
   define("guiding", (api) => {
     const layer = svg("svg", "pd-guide-marks pd-guide-drawing");
-    const tip = make("div", "pd-tip pd-guide-tip", { role: "tooltip" });
-    tip.hidden = true;
-    api.box.append(layer, tip);
+    api.box.append(layer);
+    const tip = new Tip(api.box);
     let state = null;
     let at = null;
-    let press = null;
     let line = [];
     let isClicked = false;
+    const press = modePress("pd-guiding", {
+      begin(pixel) {
+        at = pixel;
+        const point = ground(...pixel);
+        return { at: pixel, points: state?.gesture === "draw" ? point ? [point] : [] : null };
+      },
+      drag(held, pixel) {
+        at = pixel;
+        const isFar = held.points && distance(pixel, held.at) >= APART_PX2;
+        const point = isFar ? ground(...pixel) : null;
+        if (!held.points || !point || held.points.length >= MAX_POINTS) return;
+        held.points.push(point);
+        held.at = pixel;
+      },
+      hover(pixel, event) {
+        at = pixel;
+        if (at && event.buttons === 0) ask();
+      },
+      release({ points }, event) {
+        const pixel = local(event);
+        const seen = points ? null : ray(...pixel);
+        if (state && points) addToLine(points, state, event.altKey);
+        else if (state && seen) api.send({ kind: "click", tool: state.kind, at: pixel, ray: seen });
+      },
+      draw
+    });
     function stroke(parent, pixels, isArrow) {
       parent.append(...haloed(along(pixels)));
       if (isArrow) parent.append(svg("path", "pd-guide-line", { d: head(pixels) }));
     }
     function draw() {
       layer.replaceChildren();
-      tip.hidden = true;
+      tip.hide();
       if (!state?.isActive) return;
       const { kind, gesture, ghost } = state;
       const refused = ghost.isBad ? "pd-guide-refused" : "";
@@ -1831,7 +1902,7 @@
       layer.append(parent);
       if (gesture === "draw") {
         const next = line.length && at ? ground(...at) : null;
-        const rest = press?.points ?? (next ? [next] : []);
+        const rest = press.held?.points ?? (next ? [next] : []);
         const points = [...line, ...rest].map(project);
         if (points.length > 1) stroke(parent, points, true);
         for (const [cx, cy] of line.map(project).filter(isSeen))
@@ -1846,45 +1917,14 @@
         picture2.setAttribute("transform", `translate(${at[0]} ${at[1]})`);
         parent.append(picture2);
       }
-      tip.hidden = !at || press !== null || !ghost.text;
-      if (!at || tip.hidden) return;
-      tip.textContent = ghost.text;
-      tip.style.left = `${Math.min(at[0] + 18, pictureSize().width - 200)}px`;
-      tip.style.top = `${at[1] + 18}px`;
+      if (at && !press.held && ghost.text) tip.tell([ghost.text], at);
     }
     const { ask } = paced(ASK_MS, () => {
-      if (!state?.isActive || press || !at || state.gesture === "draw") return false;
+      if (!state?.isActive || press.held || !at || state.gesture === "draw") return false;
       const seen = ray(...at);
       if (seen) api.send({ kind: "point", tool: state.kind, at, ray: seen });
       return seen !== null;
     });
-    hearFirst("pointerdown", (event) => {
-      if (!state?.isActive || !isModePress(event)) return;
-      take(event);
-      at = local(event);
-      const point = ground(...at);
-      const points = state.gesture === "draw" ? point ? [point] : [] : null;
-      press = { id: event.pointerId, at, points };
-      draw();
-    });
-    hearFirst("pointermove", (event) => {
-      if (!state?.isActive) return;
-      if (press && event.pointerId !== press.id) return;
-      at = press || isOnPicture(event) ? local(event) : null;
-      if (press?.points && at) {
-        const isFar = distance(at, press.at) >= APART_PX2;
-        const point = isFar ? ground(...at) : null;
-        if (point && press.points.length < MAX_POINTS) {
-          press.points.push(point);
-          press.at = at;
-        }
-      } else if (at && event.buttons === 0) ask();
-      draw();
-    });
-    function giveUp() {
-      press = null;
-      draw();
-    }
     function finish({ kind }) {
       const rounded = (value) => Math.round(value * 100) / 100;
       const points = line.map(([x, y]) => [rounded(x), rounded(y)]);
@@ -1908,30 +1948,21 @@
       if (isWhole) finish(mode);
     }
     hearFirst("keydown", (event) => {
-      if (!state?.isActive || !line.length || press) return;
+      if (!state?.isActive || !line.length || press.held) return;
       if (event.key !== "Enter" && event.key !== "Backspace") return;
       take(event);
       if (event.key === "Enter") finish(state);
       else if (line.pop() && line.length === 1) line = [];
       draw();
     });
-    followPress(
-      () => press,
-      (event, { points }) => {
-        const pixel = local(event);
-        const seen = points ? null : ray(...pixel);
-        if (state && points) addToLine(points, state, event.altKey);
-        else if (state && seen) api.send({ kind: "click", tool: state.kind, at: pixel, ray: seen });
-        giveUp();
-      },
-      giveUp
-    );
     onView(draw);
-    onDispose(() => markBody("pd-guiding", false));
     return (next) => {
-      if (!next.isActive || next.kind !== state?.kind) [press, line] = [null, []];
+      if (!next.isActive || next.kind !== state?.kind) {
+        press.giveUp();
+        line = [];
+      }
       state = next;
-      markBody("pd-guiding", state.isActive);
+      press.turn(state.isActive);
       draw();
     };
   });
@@ -2683,14 +2714,35 @@
   define("placing", (api) => {
     let mode = null;
     let at = null;
-    let press = null;
+    const press = modePress("pd-crosshair", {
+      begin(pixel) {
+        at = pixel;
+        const point = ground(...pixel);
+        return point && { at: pixel, point, heading: null };
+      },
+      drag(held, pixel) {
+        at = pixel;
+        const isFar = distance(pixel, held.at) > TURN_PX;
+        const point = isFar ? ground(...pixel) : null;
+        if (point) held.heading = Math.atan2(point[1] - held.point[1], point[0] - held.point[0]);
+        else if (!isFar) held.heading = null;
+      },
+      release({ point, heading }) {
+        api.send({ kind: "place", point, headingRad: heading });
+      },
+      hover(pixel, event) {
+        at = pixel;
+        if (at && event.buttons === 0) ask();
+      },
+      draw
+    });
     const drawing = svg("svg", "pd-placing-ghost", { "aria-hidden": "true" });
     const [base, edges, arrow] = ["base", "edges", "arrow"].map((name) => svg("path", `pd-placing-${name}`));
     drawing.append(base, edges, arrow);
     api.box.append(drawing);
     function draw() {
-      const place = mode?.isActive ? press?.point ?? (at && ground(...at)) : null;
-      const lines = mode && place && ghost(mode, place, press?.heading ?? mode.headingRad);
+      const place = press.isOn ? press.held?.point ?? (at && ground(...at)) : null;
+      const lines = mode && place && ghost(mode, place, press.held?.heading ?? mode.headingRad);
       drawing.style.display = lines ? "" : "none";
       if (!mode || !lines) return;
       [base, edges, arrow].forEach((path, index) => {
@@ -2724,55 +2776,18 @@
       ];
     }
     const { ask } = paced(ASK_MS2, () => {
-      const point = mode?.isActive && !press && at ? ground(...at) : null;
+      const point = press.isOn && !press.held && at ? ground(...at) : null;
       if (point) api.send({ kind: "point", point });
       return point !== null;
     });
-    hearFirst("pointerdown", (event) => {
-      if (!mode?.isActive || !isModePress(event)) return;
-      take(event);
-      at = local(event);
-      const point = ground(...at);
-      if (point) press = { id: event.pointerId, at, point, heading: null };
-      draw();
-    });
-    hearFirst("pointermove", (event) => {
-      if (!mode?.isActive) return;
-      if (press) {
-        if (event.pointerId !== press.id) return;
-        at = local(event);
-        const isFar = distance(at, press.at) > TURN_PX;
-        const point = isFar ? ground(...at) : null;
-        if (point) press.heading = Math.atan2(point[1] - press.point[1], point[0] - press.point[0]);
-        else if (!isFar) press.heading = null;
-      } else {
-        at = isOnPicture(event) ? local(event) : null;
-        if (at && event.buttons === 0) ask();
-      }
-      draw();
-    });
-    function giveUp() {
-      press = null;
-      draw();
-    }
-    followPress(
-      () => press,
-      (_event, { point, heading }) => {
-        api.send({ kind: "place", point, headingRad: heading });
-        giveUp();
-      },
-      giveUp
-    );
     onDigit(
-      () => mode?.isActive ? mode.numKinds : 0,
+      () => press.isOn && mode ? mode.numKinds : 0,
       (number2) => api.send({ kind: "kind", number: number2 })
     );
     onView(draw);
-    onDispose(() => markBody("pd-crosshair", false));
     return (state) => {
-      if (!state.isActive) press = null;
       mode = state;
-      markBody("pd-crosshair", state.isActive);
+      press.turn(state.isActive);
       draw();
     };
   });
@@ -2781,7 +2796,19 @@
   var PARTS = 16;
   define("region", (api) => {
     let state = { isActive: false, leastM: 10, square: null };
-    let press = null;
+    const press = modePress("pd-drawing-region", {
+      begin(at) {
+        const point = ground(...at);
+        return point && { from: point, to: point };
+      },
+      drag(held, at) {
+        held.to = ground(...at) ?? held.to;
+      },
+      release({ from, to }) {
+        if (from[0] !== to[0] || from[1] !== to[1]) api.send({ kind: "drawn", start: from, end: to });
+      },
+      draw
+    });
     const drawing = svg("svg", "pd-region-drawing", { "aria-hidden": "true" });
     const paths = ["area", "halo", "edge"].map((name) => svg("path", `pd-region-${name}`));
     drawing.append(...paths);
@@ -2795,7 +2822,8 @@
     label.append(text, close);
     api.box.append(drawing, label);
     function draw() {
-      const square = press ? squareBetween(press.from, press.to) : state.square;
+      const { held } = press;
+      const square = held ? squareBetween(held.from, held.to) : state.square;
       const ring = square && square[2] > 0 ? outlineOf(square, PARTS) : [];
       const seen = ring.map(project).filter(isSeen);
       const isShown = square !== null && seen.length > 2;
@@ -2804,48 +2832,22 @@
       if (!isShown) return;
       for (const path of paths) path.setAttribute("d", `${along(seen)}Z`);
       const side = 2 * square[2];
-      const isSmall = press !== null && side < state.leastM;
+      const isSmall = held !== null && side < state.leastM;
       drawing.classList.toggle("pd-region-small", isSmall);
       const width = side.toFixed(side < 100 ? 1 : 0);
       text.textContent = isSmall ? `${width} m: at least ${state.leastM} m` : `Region ${width} × ${width} m`;
-      close.hidden = press !== null;
-      label.classList.toggle("pd-solid", !press);
+      close.hidden = held !== null;
+      label.classList.toggle("pd-solid", !held);
       const top = seen.reduce((one, other) => other[1] < one[1] ? other : one);
       const picture2 = pictureSize();
       const x = clamp(top[0], 90, picture2.width - 90).toFixed(1);
       const y = clamp(top[1], 96, picture2.height - 72).toFixed(1);
       label.style.transform = `translate(${x}px, ${y}px) translate(-50%, -130%)`;
     }
-    hearFirst("pointerdown", (event) => {
-      if (!state.isActive || !isModePress(event)) return;
-      take(event);
-      const point = ground(...local(event));
-      if (point) press = { id: event.pointerId, from: point, to: point };
-      draw();
-    });
-    hearFirst("pointermove", (event) => {
-      if (!press || event.pointerId !== press.id) return;
-      press.to = ground(...local(event)) ?? press.to;
-      draw();
-    });
-    function giveUp() {
-      press = null;
-      draw();
-    }
-    followPress(
-      () => press,
-      (_event, { from, to }) => {
-        if (from[0] !== to[0] || from[1] !== to[1]) api.send({ kind: "drawn", start: from, end: to });
-        giveUp();
-      },
-      giveUp
-    );
     onView(draw);
-    onDispose(() => markBody("pd-drawing-region", false));
     return (next) => {
-      if (!next.isActive) press = null;
       state = next;
-      markBody("pd-drawing-region", state.isActive);
+      press.turn(state.isActive);
       draw();
     };
   });
@@ -2909,18 +2911,13 @@
         pen.restore();
       }
     }
-    let isAlive2 = true;
-    onDispose(() => {
-      isAlive2 = false;
-    });
-    function run() {
-      if (!isAlive2 || !state?.isOpen) return;
+    everyFrame(() => {
+      if (!state?.isOpen) return;
       const [step, { sides: shown }] = [clock.step(), state];
       sides.forEach(({ canvas: canvas2 }, place) => {
         drawSide(canvas2, shown[place], grounds[place], step);
       });
-      requestAnimationFrame(run);
-    }
+    });
     for (const { canvas: canvas2 } of sides) {
       canvas2.addEventListener(
         "wheel",
@@ -2963,7 +2960,6 @@
       });
       if (wasOpen) return;
       view = { x: 0, y: 0, scale: sides[0].canvas.clientWidth / (2 * next.halfWidth) || 4 };
-      requestAnimationFrame(run);
       close.focus({ preventScroll: true });
     };
   });
@@ -3590,12 +3586,8 @@
       picture2.append(svg("text", "pd-chart-text", { x: LEFT - 4, y: y(value) + 3.5 }, text));
     }
     for (const [index, line] of lines.entries()) {
-      const points = line.map((value, step2) => {
-        if (value === null) return "";
-        const begins = (line[step2 - 1] ?? null) === null;
-        return `${begins ? "M" : "L"}${x(time[step2]).toFixed(1)} ${y(value).toFixed(1)}`;
-      });
-      const drawn = svg("path", "pd-chart-line", { d: points.join("") });
+      const points = line.map((value, step2) => value === null ? null : [x(time[step2]), y(value)]);
+      const drawn = svg("path", "pd-chart-line", { d: along(points) });
       drawn.style.stroke = COLORS2[index];
       picture2.append(drawn);
     }
@@ -3835,15 +3827,7 @@
     });
     api.box.addEventListener("keydown", (event) => {
       if (!isOpen || hasModifier(event)) return;
-      const pageful = Math.max(1, Math.floor(rows.clientHeight / LINE_PX) - 1);
-      const step = {
-        ArrowDown: 1,
-        ArrowUp: -1,
-        PageDown: pageful,
-        PageUp: -pageful,
-        Home: Number.NEGATIVE_INFINITY,
-        End: Number.POSITIVE_INFINITY
-      }[event.key];
+      const step = linesWalked(event, rows.clientHeight / LINE_PX);
       if (!step) return;
       event.preventDefault();
       event.stopPropagation();
@@ -4068,15 +4052,9 @@
       event.stopPropagation();
       api.send({ kind: "step", value: steps * (event.shiftKey ? 10 : 1) });
     });
-    let isAlive2 = true;
-    onDispose(() => {
-      isAlive2 = false;
-    });
-    (function run() {
-      if (!isAlive2) return;
+    everyFrame(() => {
       if (head2.isPlaying && !isScrubbing) drawHead(clock.step());
-      requestAnimationFrame(run);
-    })();
+    });
     drawAxis();
     drawHead(head2.step);
     return (state) => {
@@ -4137,10 +4115,6 @@
       const share = (step) => track.share(step) * width();
       return Math.round((at - share(0)) / (share(1) - share(0) || 1));
     }
-    function path(speeds) {
-      const pen = (value2, index) => `${(speeds[index - 1] ?? null) === null ? "M" : "L"}${x(state.beginStep + index).toFixed(1)} ${y(value2).toFixed(1)}`;
-      return speeds.map((value2, index) => value2 === null ? "" : pen(value2, index)).join("");
-    }
     function draw() {
       const isShown = Boolean(state.agent) && !isFolded();
       box.hidden = !isShown;
@@ -4154,7 +4128,8 @@
         const known = [...state.speeds, ...state.former].filter((one) => one !== null);
         top = Math.max(5, Math.ceil(1.15 * Math.max(...known) / 5) * 5);
       }
-      const line = (name, speeds) => svg("path", name, { d: path(speeds) });
+      const pixel = (speed, index) => speed === null ? null : [x(state.beginStep + index), y(speed)];
+      const line = (name, speeds) => svg("path", name, { d: along(speeds.map(pixel)) });
       const lastStep = state.beginStep + state.speeds.length - 1;
       const [begin, zero, end2] = [x(state.beginStep), x(0), x(lastStep)];
       title.style.maxWidth = `${begin - GUTTER}px`;
@@ -4412,11 +4387,8 @@
   // src/elements/tooltip.ts
   var REST_MS = 400;
   var STILL_PX4 = 3;
-  var GAP_PX2 = 14;
   define("tooltip", (api) => {
-    const tip = make("div", "pd-tip", { role: "tooltip" });
-    tip.hidden = true;
-    api.box.append(tip);
+    const tip = new Tip(api.box);
     let at = null;
     let timer;
     let asks = 0;
@@ -4428,7 +4400,7 @@
     }
     function hide() {
       clearTimeout(timer);
-      tip.hidden = true;
+      tip.hide();
       tell(null);
       asks += 1;
     }
@@ -4453,15 +4425,8 @@
     onView(hide);
     return ({ at: point, lines, agent: under, asked }) => {
       if (asked !== asks || !lines.length) return;
-      tip.replaceChildren(...lines.map((line) => make("div", "", {}, line)));
-      tip.hidden = false;
+      tip.tell(lines, point);
       tell(under);
-      const { width, height } = pictureSize();
-      const left = Math.min(point[0] + GAP_PX2, width - tip.offsetWidth - 8);
-      const below = point[1] + GAP_PX2;
-      const fits = below + tip.offsetHeight + 64 < height;
-      tip.style.left = `${Math.max(left, 8)}px`;
-      tip.style.top = `${fits ? below : point[1] - tip.offsetHeight - GAP_PX2}px`;
     };
   });
 

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (a197207a6c936131); not to be edited. */
+/* Built by .ci/client.py from client/ (437fa44e83809167); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts
