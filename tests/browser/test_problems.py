@@ -373,6 +373,7 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     known = [problem.key for problem in watch.new]
     expect(rows(editor)).to_have_count(len(known))
     places[1].wait_for()
+    still = [place.bounding_box() for place in places]
 
     def active() -> int | None:
         status = editor.shown("status")
@@ -382,8 +383,6 @@ def test_twenty_problems_are_walked_by_mouse_and_keys(editor):
     # The focus is on the chip that opened the list: keys walk from there.
     page.keyboard.press("ArrowDown")
     editor.until(lambda: active() == 0, "the first row")
-    page.locator(".pd-problem-row[aria-current=true]").wait_for()
-    still = [place.bounding_box() for place in places]
     for key, wanted in (("End", len(known) - 1), ("Home", 0)):
         page.keyboard.press(key)
         editor.until(lambda wanted=wanted: active() == wanted, key)

@@ -177,7 +177,6 @@ define("status", (api) => {
     if (wanted === drawnCures) return;
     drawnCures = wanted;
     drawCures();
-    items()[place(next.active?.id)]?.scrollIntoView({ block: "nearest" });
     if (!isCuring || !isOpen) return;
     // Keys go on from the row that was cured, or from the one in its place.
     const all = items();

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (437fa44e83809167); not to be edited. */
+/* Built by .ci/client.py from client/ (ce65226a17bc5eb4); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3869,7 +3869,6 @@
       if (wanted === drawnCures) return;
       drawnCures = wanted;
       drawCures();
-      items()[place(next.active?.id)]?.scrollIntoView({ block: "nearest" });
       if (!isCuring || !isOpen) return;
       const all = items();
       const now = place(next.active?.id);
