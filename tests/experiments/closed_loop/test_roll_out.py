@@ -123,7 +123,7 @@ def test_queues_wait_for_green_and_go_then(junction):
     found = rolled(scene, model="path-diffuser", duration_s=40.0).scenario
     against_red, crossings, started, waited = obedience(found)
     assert against_red <= 0.15 * crossings
-    assert started >= 0.6 * waited > 1
+    assert started >= 0.6 * waited > 2
     states = [one.states[scene.current_step :] for one in found.signals]
     assert sum(((own[:-1] == 1) & (own[1:] == 3)).sum() for own in states) >= 2
 
@@ -428,21 +428,23 @@ def test_who_is_not_parked_waits_or_drives(junction):
 
 
 def test_who_waits_on_free_road_starts():
-    """Of recorded vehicles 29 % do within 6 s, of these 9 % did: queues stood for good."""
+    """Queues stood for good: at exactly 0 m/s the network starts hardly anyone."""
     along, beside = (-80.0, -20.0, 40.0, 100.0), (0.0, LANE_WIDTH_M)
     places = [(x, y, 0.0, 0.0) for x in along for y in beside]
     world = World.beginning(scenario_with(straight_drivers(places)), 1, seed=0)
     ids = world.generated_ids(())
-    request = GenerationRequest(
-        scenario=world.window(),
-        agent_ids=ids,
-        num_samples=16,
-        back_casts=False,
-        drift=NoiseDrift(ids=ids, place=0.0),
+    asked = GenerationRequest(
+        scenario=world.window(), agent_ids=ids, num_samples=32, back_casts=False
     )
-    traffic = run_to_end(make_generator("path-diffuser").generate(request))
-    ways = [one.position_m[:, -1] - one.position_m[:, 0] for one in traffic.samples]
-    assert (np.linalg.norm(ways, axis=-1) > MOVED_M).mean() > 0.2
+
+    def share(request: GenerationRequest) -> float:
+        traffic = run_to_end(make_generator("path-diffuser").generate(request))
+        ways = [one.position_m[:, -1] - one.position_m[:, 0] for one in traffic.samples]
+        return (np.linalg.norm(ways, axis=-1) > MOVED_M).mean()
+
+    in_roll_out = share(replace(asked, drift=NoiseDrift(ids=ids, place=0.0)))
+    assert in_roll_out > 1.2 * share(asked)
+
 
 
 def test_locked_tracks_are_replayed(junction):
