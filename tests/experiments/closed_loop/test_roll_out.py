@@ -446,7 +446,6 @@ def test_who_waits_on_free_road_starts():
     assert in_roll_out > 1.2 * share(asked)
 
 
-
 def test_locked_tracks_are_replayed(junction):
     agents, now = junction.agents, junction.current_step
     whole = agents.is_valid[:, now:].all(axis=1)
