@@ -77,6 +77,8 @@ def test_folders_open_by_keys(open_editor):
     for key, is_open in (("Enter", True), (" ", False), ("Enter", True)):
         editor.page.keyboard.press(key)
         expect(head).to_have_attribute("aria-expanded", str(is_open).lower())
+    # It opens over frames, which a busy machine draws late.
+    head.locator("+ div:not([inert])").wait_for()
     editor.page.keyboard.press("Tab")
     expect(editor.row("Folder").locator("input")).to_be_focused()
 
