@@ -109,31 +109,20 @@ def test_problems_are_listed_beside_the_strip_on_a_laptop(editor, size):
     expect(problems).to_be_hidden()
 
 
-def test_a_low_list_keeps_its_buttons_and_problems_their_rows(editor):
-    """Buttons hung out of a list over branches; half of the problems' list was empty."""
+def test_a_low_list_keeps_its_buttons(editor):
+    """Buttons hung out of a list over branches."""
     page = editor.page
     page.set_viewport_size({"width": 1280, "height": 720})
     editor.select(editor.session.scenario.agents.ids[:1])
     editor.key("Control+f")
+    # The field takes the focus, and would take the next key, too.
+    expect(page.get_by_placeholder("Search by id, kind, focal, ego")).to_be_focused()
     editor.key("u")
     expect(page.get_by_role("region", name="Branches", exact=True)).to_be_visible()
     agents = page.get_by_role("region", name="Agent list")
     lock = agents.get_by_role("button", name="Lock", exact=True)
     lock.scroll_into_view_if_needed()
     assert box_of(lock)[3] <= box_of(agents)[3]
-    editor.key("u")
-    collide(editor, 12)
-    expect(page.locator(".pd-chip")).to_contain_text("problems")
-    page.locator(".pd-chip-main").click()
-    row, detail = page.locator(".pd-problem-row"), page.locator(".pd-problem-detail")
-    row.nth(11).wait_for()
-    assert box_of(detail)[3] - box_of(detail)[1] < 60
-    in_sight = [one for one in row.all() if box_of(one)[3] <= box_of(detail)[1]]
-    in_sight[-1].click()
-    detail.get_by_role("button").first.wait_for()
-    assert box_of(detail)[3] - box_of(detail)[1] > 60
-    chosen = page.locator(".pd-problem-row[aria-current=true]")
-    assert box_of(chosen)[3] <= box_of(detail)[1]
 
 
 def test_the_legend_beside_a_list_keeps_off_the_focal_agent(editor):
