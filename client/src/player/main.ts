@@ -143,10 +143,14 @@ function toggleAbout() {
 }
 const pressed = (one: HTMLElement, is: boolean) => one.setAttribute("aria-pressed", String(is));
 
+/** The view as the last fit left it: the picture may change its size after it. */
+let fitted = "";
+const viewNow = () => [camera.middle, camera.scale, camera.turn].join();
 function fit() {
   if (!scene) return;
   setFollows(false);
   camera.fit(boundsOf(scene), { top: 64, bottom: 32, left: 16, right: 16 });
+  fitted = viewNow();
   isRoadOld = true;
 }
 
@@ -208,14 +212,14 @@ function resize() {
   look.ratio = window.devicePixelRatio || 1;
   const { width: whole, height } = stage.getBoundingClientRect();
   const width = isPair ? whole / 2 : whole;
-  const isFirst = camera.width <= 1;
+  const wasFitted = viewNow() === fitted;
   [camera.width, camera.height] = [width, height];
   for (const canvas of [road, traffic, otherRoad, otherTraffic]) {
     canvas.width = Math.round(width * look.ratio);
     canvas.height = Math.round(height * look.ratio);
   }
   isRoadOld = true;
-  if (isFirst) fit();
+  if (wasFitted) fit();
 }
 
 function showLabel(label: HTMLElement, id: string | null, among = shown, from = camera, left0 = 0) {
@@ -233,8 +237,7 @@ function showLabel(label: HTMLElement, id: string | null, among = shown, from = 
 
 function frame() {
   requestAnimationFrame(frame);
-  const [under, over] = [road.getContext("2d"), traffic.getContext("2d")];
-  if (!scene || !under || !over || !(head.isPlaying || isRoadOld || isTrafficOld)) return;
+  if (!scene || !(head.isPlaying || isRoadOld || isTrafficOld)) return;
   const step = stepNow();
   const followed = follows && scene.agents.find(({ id }) => id === look.chosen);
   const pose = followed && poseAt(followed, step);
@@ -242,9 +245,11 @@ function frame() {
     camera.middle = pose.at;
     isRoadOld = true;
   }
-  if (isRoadOld) drawRoad(under, scene, camera, look);
-  shown = drawTraffic(over, scene, camera, look, step);
-  drawOther(step);
+  shown = draw(road, traffic, scene, camera, step);
+  if (other) {
+    Object.assign(otherCamera, camera, { middle: [camera.middle[0] + shift[0], camera.middle[1] + shift[1]] });
+    otherShown = draw(otherRoad, otherTraffic, other, otherCamera, otherStep(step, scene, other));
+  }
   isRoadOld = isTrafficOld = false;
   slider.value = String(step);
   const words = inWords(step - scene.current, scene);
@@ -257,12 +262,11 @@ function frame() {
   if (other) showLabel(otherLabel, look.hovered ?? look.chosen, otherShown, otherCamera, camera.width);
 }
 
-function drawOther(step: number) {
-  const [under, over] = [otherRoad.getContext("2d"), otherTraffic.getContext("2d")];
-  if (!scene || !other || !under || !over) return;
-  Object.assign(otherCamera, camera, { middle: [camera.middle[0] + shift[0], camera.middle[1] + shift[1]] });
-  if (isRoadOld) drawRoad(under, other, otherCamera, look);
-  otherShown = drawTraffic(over, other, otherCamera, look, otherStep(step, scene, other));
+function draw(under: HTMLCanvasElement, over: HTMLCanvasElement, of: Scene, from: Camera, step: number): Shown[] {
+  const [pen, above] = [under.getContext("2d"), over.getContext("2d")];
+  if (!pen || !above) return [];
+  if (isRoadOld) drawRoad(pen, of, from, look);
+  return drawTraffic(above, of, from, look, step);
 }
 
 /** The agent under a pixel, or so many pixels from it. */

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (419eb8e858e4693f); not to be edited. */
+/* Built by .ci/client.py from client/ (2d793871d6219afd); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts
@@ -477,10 +477,13 @@
     pressed(info, !about.hidden);
   }
   var pressed = (one, is) => one.setAttribute("aria-pressed", String(is));
+  var fitted = "";
+  var viewNow = () => [camera.middle, camera.scale, camera.turn].join();
   function fit() {
     if (!scene) return;
     setFollows(false);
     camera.fit(boundsOf(scene), { top: 64, bottom: 32, left: 16, right: 16 });
+    fitted = viewNow();
     isRoadOld = true;
   }
   async function open(index) {
@@ -536,14 +539,14 @@
     look.ratio = window.devicePixelRatio || 1;
     const { width: whole, height } = stage.getBoundingClientRect();
     const width = isPair ? whole / 2 : whole;
-    const isFirst = camera.width <= 1;
+    const wasFitted = viewNow() === fitted;
     [camera.width, camera.height] = [width, height];
     for (const canvas of [road, traffic, otherRoad, otherTraffic]) {
       canvas.width = Math.round(width * look.ratio);
       canvas.height = Math.round(height * look.ratio);
     }
     isRoadOld = true;
-    if (isFirst) fit();
+    if (wasFitted) fit();
   }
   function showLabel(label, id, among = shown, from = camera, left0 = 0) {
     const found = among.find(({ agent: agent2 }) => agent2.id === id);
@@ -560,8 +563,7 @@ ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
   }
   function frame() {
     requestAnimationFrame(frame);
-    const [under, over] = [road.getContext("2d"), traffic.getContext("2d")];
-    if (!scene || !under || !over || !(head.isPlaying || isRoadOld || isTrafficOld)) return;
+    if (!scene || !(head.isPlaying || isRoadOld || isTrafficOld)) return;
     const step = stepNow();
     const followed = follows && scene.agents.find(({ id }) => id === look.chosen);
     const pose = followed && poseAt(followed, step);
@@ -569,9 +571,11 @@ ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
       camera.middle = pose.at;
       isRoadOld = true;
     }
-    if (isRoadOld) drawRoad(under, scene, camera, look);
-    shown = drawTraffic(over, scene, camera, look, step);
-    drawOther(step);
+    shown = draw(road, traffic, scene, camera, step);
+    if (other) {
+      Object.assign(otherCamera, camera, { middle: [camera.middle[0] + shift[0], camera.middle[1] + shift[1]] });
+      otherShown = draw(otherRoad, otherTraffic, other, otherCamera, otherStep(step, scene, other));
+    }
     isRoadOld = isTrafficOld = false;
     slider.value = String(step);
     const words = inWords(step - scene.current, scene);
@@ -583,12 +587,11 @@ ${agent.kind} · ${pose.speed.toFixed(1)} m/s`;
     showLabel(labels[1], look.hovered === look.chosen ? null : look.hovered);
     if (other) showLabel(otherLabel, look.hovered ?? look.chosen, otherShown, otherCamera, camera.width);
   }
-  function drawOther(step) {
-    const [under, over] = [otherRoad.getContext("2d"), otherTraffic.getContext("2d")];
-    if (!scene || !other || !under || !over) return;
-    Object.assign(otherCamera, camera, { middle: [camera.middle[0] + shift[0], camera.middle[1] + shift[1]] });
-    if (isRoadOld) drawRoad(under, other, otherCamera, look);
-    otherShown = drawTraffic(over, other, otherCamera, look, otherStep(step, scene, other));
+  function draw(under, over, of, from, step) {
+    const [pen, above] = [under.getContext("2d"), over.getContext("2d")];
+    if (!pen || !above) return [];
+    if (isRoadOld) drawRoad(pen, of, from, look);
+    return drawTraffic(above, of, from, look, step);
   }
   function agentAt(pixel, reach) {
     const [among, from] = isOther ? [otherShown, otherCamera] : [shown, camera];

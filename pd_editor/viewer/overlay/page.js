@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (419eb8e858e4693f); not to be edited. */
+/* Built by .ci/client.py from client/ (2d793871d6219afd); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
