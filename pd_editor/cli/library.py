@@ -1,4 +1,4 @@
-"""``pd-editor library``: keep scenarios in a folder, find, describe, check and hand them on."""
+"""Keep scenarios in a folder, find, describe, check and hand them on."""
 
 import json as json_text
 from collections.abc import Callable, Iterable, Mapping

@@ -11,6 +11,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
 
@@ -142,29 +143,38 @@ def _run(words: list[str]) -> object:
 
         return run
 
+    def parsed(args: list[str]) -> object:
+        return tyro.extras.subcommand_cli_from_dict(
+            {name: begun(one) for name, one in functions.items()},
+            prog=" ".join(["pd-editor", *group]),
+            description=_outline(group[0]).__doc__
+            if group
+            else "Edit traffic scenarios on real and perturbed roads. "
+            "SCENARIO is an Argoverse 2 scenario folder, a file of another format, "
+            "or the name of a demo: "
+            f"{', '.join(demo_names())}. Each command takes {FORMATS} "
+            "package.module:attribute, which adds formats of your own.",
+            args=args,
+        )
+
+    args = words[len(group) :]
     with contextlib.ExitStack() as quiet:
         quiet.enter_context(contextlib.redirect_stderr(message))
         try:
-            return tyro.extras.subcommand_cli_from_dict(
-                {name: begun(one) for name, one in functions.items()},
-                prog=" ".join(["pd-editor", *group]),
-                description=_outline(group[0]).__doc__
-                if group
-                else "Edit traffic scenarios on real and perturbed roads. "
-                "SCENARIO is an Argoverse 2 scenario folder, a file of another format, "
-                "or the name of a demo: "
-                f"{', '.join(demo_names())}. Each command takes {FORMATS} "
-                "package.module:attribute, which adds formats of your own.",
-                args=words[len(group) :],
-            )
+            return parsed(args)
         except SystemExit as stop:
             if has_begun and not isinstance(stop, WorkDone):
                 # No command ends like this, only code of others that it runs.
                 raise PdEditorError("The command ended before its work.") from stop
             if not stop.code:
                 raise
+    told = io.StringIO()
+    if args[:1] and args[0] in functions:
+        with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
+            parsed([args[0], "--help"])
+    known = re.findall(r"(?<!\S)--([a-z][a-z-]+)", told.getvalue())
     raise InputError(
-        usage_error(message.getvalue(), words[len(group) :], tuple(functions), *group)
+        usage_error(message.getvalue(), args, tuple(functions), *group, options=known)
     )
 
 
@@ -262,7 +272,11 @@ def _answered(words: list[str]) -> int:
 
 
 def usage_error(
-    box: str, arguments: Sequence[str], commands: Sequence[str], *group: str
+    box: str,
+    arguments: Sequence[str],
+    commands: Sequence[str],
+    *group: str,
+    options: Sequence[str],
 ) -> str:
     """Convert the parser's output to one sentence.
 
@@ -271,6 +285,7 @@ def usage_error(
         arguments: The command line.
         commands: All subcommands.
         group: The command that they are actions of.
+        options: All options of the command.
     """
     body: list[str] = []
     for line in box.splitlines()[1:]:
@@ -287,6 +302,11 @@ def usage_error(
         for pattern, words in _REWORDED:
             sentence = re.sub(pattern, words, sentence)
     sentence = sentence.rstrip(". ") or "the arguments cannot be read"
+    unknown = re.search(r"Unrecognized options:\W*?--([\w-]+)", box)
+    if unknown:
+        near = [one for one in options if one.startswith(unknown[1])]
+        if near := near or get_close_matches(unknown[1], options, n=1):
+            sentence = f"there is no --{unknown[1]}; the nearest is --{near[0]}"
     if arguments and arguments[0] not in commands and not arguments[0].startswith("-"):
         sentence = f"there is no command {arguments[0]!r}; choose among "
         sentence += ", ".join(commands)

@@ -116,7 +116,15 @@ def test_a_bug_exits_with_1_and_a_traceback(tmp_path):
         ),
         (
             "generate x --sed 3 --out o",
-            "Unknown arguments: --sed, 3; see pd-editor generate --help",
+            "There is no --sed; the nearest is --seed; see pd-editor generate --help",
+        ),
+        # What is missing is told when what there is can be read.
+        ("generate x --resample", "There is no --resample; the nearest is --resample-"),
+        ("library find x y --jsn", "There is no --jsn; the nearest is --json; see "),
+        ("generate x --bogus", "Missing --out; see pd-editor generate --help"),
+        (
+            "generate x --bogus --out o",
+            "Unknown arguments: --bogus; see pd-editor generate --help",
         ),
         ("bogus", "There is no command 'bogus'; choose among edit, warp, generate, "),
         ("--bogus", "Unknown arguments: --bogus; see pd-editor --help"),
