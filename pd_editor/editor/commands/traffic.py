@@ -1,11 +1,12 @@
 """Commands that apply generated traffic, alone or for an edit."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 import numpy as np
 
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
 from pd_editor.analysis.repair.back_casting import made_up_past, with_past
 from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
@@ -102,6 +103,8 @@ class ReplaceTraffic(Command):
     seed: int = 0
     request: RequestSummary
     past: MadeUpPast | None = None
+    left_out_ids: tuple[str, ...] = ()
+    """Ids of agents that the recording shows later, where sampled agents are then."""
 
     def __post_init__(self) -> None:
         self.sample.check()
@@ -142,14 +145,23 @@ class ReplaceTraffic(Command):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remark for the user on agents whose past is short."""
-        if self.past is None or self.past.exists.all():
-            return ()
-        late = int((~self.past.exists.all(axis=1)).sum())
-        appear = f"agents appear{'s' if late == 1 else ''}"
-        return (
-            f"{late} of {len(self.past.ids)} {appear} after the scene's start: others are in the way before.",
-        )
+        """Remarks for the user on agents whose past is short, and on those left out."""
+        notes, late = [], 0
+        if self.past is not None:
+            late = int((~self.past.exists.all(axis=1)).sum())
+        if self.past is not None and late:
+            appear = f"agents appear{'s' if late == 1 else ''}"
+            notes.append(
+                f"{late} of {len(self.past.ids)} {appear} after the scene's start: others are in the way before."
+            )
+        if gone := len(self.left_out_ids):
+            who = (
+                "agent that appears later is"
+                if gone == 1
+                else "agents that appear later are"
+            )
+            notes.append(f"{gone} {who} left out: sampled ones are in the way.")
+        return tuple(notes)
 
     def apply(self, scenario: Scenario) -> Scenario:
         """Scenario with the generated traffic."""
@@ -175,7 +187,10 @@ class ReplaceTraffic(Command):
             f" seed {self.seed}."
         )
         agents = self._with_motion(self._with_new(scenario), scenario)
-        return with_focal_agent(scenario.with_agents(agents, note), place)
+        scenario = scenario.with_agents(agents, note)
+        gone = [name for name in self.left_out_ids if name in agents.row_of]
+        gone = [name for name in gone if name not in scenario.locks]
+        return with_focal_agent(scenario.without_agents(gone), place)
 
     def _check_steps(self, scenario: Scenario) -> None:
         sample, axis = self.sample, scenario.time_axis
@@ -288,17 +303,36 @@ def traffic_command(
             **{name: getattr(request, name) for name in _REQUEST_FIELDS},
         ),
     )
-    if not request.back_casts:
+    if not (request.back_casts or request.samples_states):
         return command
     kept = replace(command, request=replace(command.request, removed_ids=()))
     scenario = kept.apply(request.scenario)
     agents, now = scenario.agents, scenario.current_step
+    if request.samples_states:
+        later = _hit_later(scenario, command.sample.ids)
+        command = replace(command, left_out_ids=later)
+    if not request.back_casts:
+        return command
     rows = agents.rows(command.sample.ids)
     rows = rows[~agents.is_valid[rows, :now].any(axis=1)]
     if not now or not len(rows):
         return command
     seed = request.scene_seed + sample_index
     return replace(command, past=made_up_past(scenario, rows, seed))
+
+
+def _hit_later(scenario: Scenario, sampled_ids: Sequence[str]) -> tuple[str, ...]:
+    """Agents that appear after the current step, and that sampled ones collide with.
+
+    They belong to the recorded traffic, which the sampled one takes the place of.
+    """
+    agents, now = scenario.agents, scenario.current_step
+    is_sampled = np.isin(np.arange(len(agents)), agents.rows(sampled_ids))
+    pairs, _ = first_overlap(agents, np.arange(now, agents.num_steps))
+    pairs = pairs[is_sampled[pairs].any(axis=1)]
+    is_hit = np.isin(np.arange(len(agents)), pairs) & ~agents.is_valid[:, now]
+    names = [agents.ids[row] for row in np.flatnonzero(is_hit)]
+    return tuple(name for name in names if name not in (EGO_ID, scenario.focal_id))
 
 
 def _with_unused_ids(

@@ -29,7 +29,9 @@ from pd_editor.scene.generation import (
     TrafficSample,
     run_to_end,
 )
+from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.roles.traffic_choice import road_user_ids
+from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import MadeUpPast
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
 from tests.editor.fake_generators import DriftGenerator, PlacingGenerator
@@ -389,3 +391,56 @@ def test_agents_that_enter_late_are_told(steps, told):
     assert command.notes == tuple(
         f"{one}: others are in the way before." for one in told
     )
+
+
+def appearing(position_m: tuple[float, float], after: int = 10) -> Scenario:
+    """The scenario whose absent agent appears some steps after the current one."""
+    agents = BASE.agents
+    row = agents.row_of[ABSENT_ID]
+    later = np.arange(agents.num_steps) >= NOW + after
+    track = np.broadcast_to(position_m, (agents.num_steps, 2))
+    agents = agents.with_rows(
+        np.array([row]),
+        position_m=track[None].copy(),
+        is_valid=later[None],
+        observed=agents.observed[[row]] & later,
+    )
+    return replace(BASE, agents=agents)
+
+
+def placed_anew(scenario: Scenario, **changes: object) -> ReplaceTraffic:
+    """Agent 104 placed at the origin, where it stays."""
+    asked = {"agent_ids": ("104",), "resampled_state_ids": ("104",), **changes}
+    request = GenerationRequest(scenario=scenario, **asked)
+    return traffic_command(request, run_to_end(PlacingGenerator().generate(request)))
+
+
+def test_agents_that_appear_later_in_sampled_ones_are_left_out_and_told():
+    scenario = appearing((1.0, 0.5))
+    command = placed_anew(scenario, back_casts=True)
+    assert command.left_out_ids == (ABSENT_ID,)
+    assert command.notes[-1] == (
+        "1 agent that appears later is left out: sampled ones are in the way."
+    )
+    after = command.apply(scenario)
+    assert ABSENT_ID not in after.agents.row_of
+    assert set(after.agents.ids) == set(scenario.agents.ids) - {ABSENT_ID}
+    session = EditorSession(scenario)
+    session.apply(command)
+    again = replay(Recipe.from_text(session.recipe().to_text()), scenario)
+    assert again.agents.ids == after.agents.ids
+    session.undo()
+    assert ABSENT_ID in session.scenario.agents.row_of
+
+
+def test_agents_that_appear_elsewhere_or_beside_recorded_traffic_stay():
+    assert not placed_anew(appearing((1.0, 30.0))).left_out_ids
+    # There now, though on the same place.
+    here = appearing((1.0, 0.5), after=0)
+    assert not placed_anew(here).left_out_ids
+    # Its states are recorded, and yielding to others is the generator's.
+    hit = appearing((1.0, 0.5))
+    assert not placed_anew(hit, resampled_state_ids=()).left_out_ids
+    locked = replace(hit, locks={ABSENT_ID: TRAJECTORY_LOCK})
+    command = placed_anew(locked)
+    assert ABSENT_ID in command.apply(locked).agents.row_of
