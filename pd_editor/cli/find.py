@@ -11,7 +11,12 @@ import tyro
 from pd_editor.analysis.manoeuvres import EVENT_KINDS
 from pd_editor.base.plain_text import number_of, one_line
 from pd_editor.cli.options import Switch
-from pd_editor.experiments.scene_index.query import FoundScene, find_scenes
+from pd_editor.experiments.scene_index.index_file import SceneIndex
+from pd_editor.experiments.scene_index.query import (
+    FoundScene,
+    find_scenes,
+    texts_missed,
+)
 from pd_editor.experiments.work_engine.work_engine import WorkFailure
 
 
@@ -23,13 +28,35 @@ class Found:
     is_json: bool = False
     failures: Mapping[str, WorkFailure] = field(default_factory=dict)
     noun: str = "scene"
+    hints: tuple[str, ...] = ()
+    """Why none was found."""
 
     def __str__(self) -> str:
         """A line per event, or per scene without one; or JSON."""
         if self.is_json:
             return json_text.dumps([asdict(one) for one in self.scenes], indent=1)
         lines = [line for one in self.scenes for line in _lines(one)]
-        return "\n".join([*lines, f"{number_of(len(self.scenes), self.noun)}."])
+        told = f"{number_of(len(self.scenes), self.noun)}."
+        return "\n".join([*lines, " ".join([told, *self.hints])])
+
+
+def found_in(
+    index: SceneIndex,
+    query: str,
+    *,
+    is_json: bool,
+    noun: str = "scene",
+    failures: Mapping[str, WorkFailure] | None = None,
+) -> Found:
+    """What a query finds in an index, and of which texts there is none."""
+    scenes = find_scenes(index, query)
+    return Found(
+        scenes=scenes,
+        is_json=is_json,
+        failures=failures or {},
+        noun=noun,
+        hints=() if scenes else texts_missed(index, query),
+    )
 
 
 def find(
@@ -50,7 +77,7 @@ def find(
         query: Events (lane-change-left, left-turn, cut-in, yielding, near-miss ...), quantities (pet, ttc, headway, gap, braking, turn, lag) and facts (agents, density, speed, city, junction, format, edited ...).
         json: Print JSON, with all facts.
     """
-    return Found(scenes=find_scenes(index, query), is_json=json)
+    return found_in(SceneIndex.read(index), query, is_json=json)
 
 
 def _lines(scene: FoundScene) -> list[str]:

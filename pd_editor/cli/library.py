@@ -14,7 +14,7 @@ from pd_editor.base.errors import ExportError, InputError
 from pd_editor.base.plain_text import aligned, nearest_or_all, number_of, one_line
 from pd_editor.base.regular_file import state_folder, user_path, write_whole
 from pd_editor.cli.export import ZIP_NAME, opened_session
-from pd_editor.cli.find import Found
+from pd_editor.cli.find import Found, found_in
 from pd_editor.cli.many_scenes import all_scenes, engine_of
 from pd_editor.cli.options import (
     FolderOption,
@@ -151,8 +151,8 @@ def find(
     find_scenes(writer.index().beside(facts), query)
     with engine_of(EngineChoice(num_workers=workers)) as engine:
         failures = writer.read_missing(engine, work_shown("scenarios"))
-    found = find_scenes(writer.index().beside(facts), query)
-    return Found(scenes=found, is_json=json, failures=failures, noun="scenario")
+    index = writer.index().beside(facts)
+    return found_in(index, query, is_json=json, noun="scenario", failures=failures)
 
 
 def tag(

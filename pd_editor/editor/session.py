@@ -526,7 +526,9 @@ class EditorSession:
             # sees the entry sees its scenario as well.
             self._now = after
             if self.can_redo:
+                # The name stays with the branch that has it; a new one is of its edits.
                 self._variants[before.tip] = self._variant
+                self._variant = replace(self._variant, name="", is_proposed=False)
             self._history.push(entry)
             if self._journal is not None:
                 self._journal.committed(command, start.selection, moment)

@@ -125,6 +125,23 @@ def test_what_happens_in_them_is_found(folder: Path, shell: Shell):
     assert "is not known" in shell.refused("library", "find", folder, "cutin")
 
 
+def test_what_cannot_be_found_yet_says_what_to_do(folder: Path, shell: Shell):
+    """A metric was an unknown word, and a city without scenes no more than 0 scenarios."""
+    told = shell.refused("library", "find", folder, "path_length > 5")
+    assert "'path_length' is a metric" in told
+    assert "'pd-editor library metrics' computes it" in told
+    near = shell.refused("library", "find", folder, "path_lenght > 5")
+    assert "the nearest is path_length" in near
+    none = shell.run("library", "find", folder, "city = berlin or name = gone")
+    assert none.lines == [
+        "0 scenarios. No scene has city = berlin; there are synthetic. No scene has"
+        " name = gone; there are bent, crosswalk."
+    ]
+    assert shell.run("library", "find", folder, "city = berlin", "--json").out == "[]\n"
+    some = shell.run("library", "find", folder, "city = berlin or agents > 0")
+    assert some.lines[-1] == "2 scenarios."
+
+
 def test_any_of_them_are_exported_in_any_format(
     folder: Path, shell: Shell, tmp_path: Path
 ):

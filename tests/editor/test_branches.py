@@ -100,6 +100,24 @@ def test_names_tags_and_notes_are_of_a_branch():
     assert [one.variant.name for one in session.branches] == ["", "two", "ten"]
 
 
+def test_a_new_branch_is_named_after_its_edit(tmp_path: Path):
+    """It had the name that the branch was given which it leaves."""
+    session = two_branches(journal=Journal(tmp_path))
+    session.describe(Variant(name="ten", tags=("far",), note="seen"))
+    session.undo()
+    session.apply(shift(3.0))
+    assert session.variant == Variant(tags=("far",), note="seen")
+    assert "ten" not in session.name
+    assert [one.variant.name for one in session.branches] == ["", "", "ten", ""]
+    session.close()
+    (work,) = find_unfinished(tmp_path)
+    again = restore(work, BASE)
+    assert [one.variant for one in again.branches] == [
+        one.variant for one in session.branches
+    ]
+    again.close()
+
+
 def test_a_dropped_branch_is_not_offered_until_it_is_taken_back():
     session = two_branches()
     session.drop_branches({2})

@@ -19,6 +19,7 @@ from jaxtyping import Bool, Int
 from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, scene_content
 from pd_editor.analysis.manoeuvres.limits import LIMITS
 from pd_editor.base.errors import InputError
+from pd_editor.base.plain_text import listed, one_line
 from pd_editor.base.regular_file import check_path, write_whole
 from pd_editor.editor.library.library import CARD_NAME, THUMBNAIL_NAME
 from pd_editor.editor.scenario_store import open_scenario
@@ -301,6 +302,12 @@ class EventTable:
             own = column.to_numpy()
             return np.asarray(COMPARISONS[sign](own, value), bool) & ~np.isnan(own)
         return _is_in(column.combine_chunks(), (str(value),)) == (sign == "=")
+
+    def told_missing(self, fact: str, text: str) -> str:
+        """Which texts of a fact there are, for a text that no scene has."""
+        there = sorted(filter(None, self.table.column(fact).unique().to_pylist()))
+        have = f"there are {listed(there, 10)}" if there else "none of them has one"
+        return f"No scene has {fact} = {one_line(text, 60)}; {one_line(have)}."
 
     def events(
         self, kinds: tuple[str, ...], by: str, towards: str

@@ -11,10 +11,15 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Bool
 
+from pd_editor.analysis.findings.scorecard import ROWS
 from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, SceneEvent
 from pd_editor.analysis.manoeuvres.scene_facts import FACT_VALUES
 from pd_editor.base.errors import InputError
-from pd_editor.base.plain_text import MAX_TEXT_CHARACTERS, nearest_or_all, one_line
+from pd_editor.base.plain_text import (
+    MAX_TEXT_CHARACTERS,
+    nearest_or_all,
+    one_line,
+)
 from pd_editor.experiments.scene_index.index_file import (
     COMPARISONS,
     EventTable,
@@ -39,6 +44,8 @@ class Answer:
 
     scenes: Bool[np.ndarray, "S"]
     events: Bool[np.ndarray, "E"]
+    missed: tuple[str, ...] = ()
+    """Texts that no scene has, each with those that there are."""
 
 
 def answer(text: str, table: EventTable) -> Answer:
@@ -57,8 +64,8 @@ def answer(text: str, table: EventTable) -> Answer:
         raise parser.wrong("and, or, by, with, or the end")
     if parser.asks_content:
         # Of what was not read yet, nothing holds, its opposite included.
-        return replace(found, scenes=found.scenes & table.is_read)
-    return found
+        found = replace(found, scenes=found.scenes & table.is_read)
+    return replace(found, missed=tuple(dict.fromkeys(parser.missed)))
 
 
 class _Parser:
@@ -69,6 +76,8 @@ class _Parser:
         self._next = self._depth = 0
         self.asks_content = False
         """Whether a condition is about what happens in scenes."""
+        self.missed: list[str] = []
+        """Texts that were asked for, and that no scene has."""
 
     def peek(self) -> str:
         """The next word in small letters; empty at the end."""
@@ -140,13 +149,23 @@ class _Parser:
                 raise self.wrong(f"= or != ({name} is a text)")
             value = self._number() if facts[name] is float else self._text(name, sign)
             scenes = self._table.having(name, sign, value)
+            if sign == "=" and isinstance(value, str) and not scenes.any():
+                self.missed.append(self._table.told_missing(name, value))
             none = self._table.events((), "", "")
             return Answer(scenes=scenes, events=none)
         compares = self._words[self._next + 1 : self._next + 2]
         is_quantity = bool(compares) and compares[0][0] in COMPARISONS
         kinds = tuple(EVENT_KINDS)
         if not (name in _QUANTITIES and (is_quantity or name not in EVENT_WORDS)):
-            known = {**EVENT_WORDS, **facts, **dict.fromkeys(sorted(_QUANTITIES))}
+            if name in ROWS:
+                fault = "is a metric, which none of these scenes has in a card;"
+                run = "'pd-editor library metrics' computes it for those of a library"
+                raise self.wrong("", f"{fault} {run}")
+            known = {
+                **EVENT_WORDS,
+                **facts,
+                **dict.fromkeys((*sorted(_QUANTITIES), *ROWS)),
+            }
             kinds = EVENT_WORDS.get(name, ())
             if not kinds:
                 raise self._unknown(known, _CONDITION)
@@ -231,6 +250,11 @@ def find_places(index: SceneIndex, query: str) -> set[str]:
     rows = np.flatnonzero(answer(query, EventTable.of(index.table)).scenes)
     paths = index.table.column("path").take(pa.array(rows)).to_pylist()
     return set(map(index.place_of, paths))
+
+
+def texts_missed(index: SceneIndex, query: str) -> tuple[str, ...]:
+    """Texts that a query asks for and no scene has, with those that there are, as sentences."""
+    return answer(query, EventTable.of(index.table)).missed
 
 
 def find_scenes(index: str | Path | SceneIndex, query: str) -> tuple[FoundScene, ...]:
