@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pd_editor.base.errors import PdEditorError
-from pd_editor.experiments.synthesis.av2_to_sumo.network_conversion import (
+from pd_editor.experiments.synthesis.av2_to_sumo.net_file import (
     Av2Network,
     network_of_map,
 )

@@ -16,7 +16,7 @@ from pd_editor.experiments.synthesis.dataset.builder import (
     DatasetPlan,
     build_dataset,
 )
-from pd_editor.experiments.synthesis.dataset.scene_source import scenario_folders
+from pd_editor.experiments.synthesis.dataset.realism_report import scenario_folders
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.scene.av2_io.write import check_with_official_loaders
 

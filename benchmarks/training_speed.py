@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 
-from pd_editor.experiments.training.config.presets import PRESETS
 from pd_editor.experiments.training.config.run_config import Budget, RunConfig
+from pd_editor.experiments.training.config.settings import PRESETS
 from pd_editor.experiments.training.data.training_data import (
     BatchSampler,
     default_cache,

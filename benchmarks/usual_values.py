@@ -15,7 +15,7 @@ from pd_editor.analysis.findings import scorecard as scorecard_module
 from pd_editor.analysis.findings.scorecard import ROWS, UsualRange, scorecard
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.palette import LIGHT
-from pd_editor.viewer.findings.findings_view import finding_primitives
+from pd_editor.viewer.findings.scorecard_drawer import finding_primitives
 from pd_editor.viewer.meshes.flat_mesh import glb_of
 
 TARGET = Path(scorecard_module.__file__).with_name("usual_values.csv")

@@ -12,7 +12,7 @@ from pd_editor.cli.evaluate import within
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
 from pd_editor.experiments.evaluation.road_condition import road_conditions
-from pd_editor.experiments.work_engine.engine_choice import EngineChoice, EngineName
+from pd_editor.experiments.work_engine.ray_cluster import EngineChoice, EngineName
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.generators import make_generator
 from pd_editor.scene.generation import MAX_SAMPLES, MAX_SEED

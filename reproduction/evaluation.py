@@ -17,7 +17,7 @@ from pd_editor.experiments.evaluation.evaluation import (
     splits_of,
 )
 from pd_editor.experiments.report import Figure
-from pd_editor.experiments.work_engine.engine_choice import EngineChoice
+from pd_editor.experiments.work_engine.ray_cluster import EngineChoice
 from pd_editor.experiments.work_engine.work_engine import WorkEngine
 from pd_editor.experiments.work_engine.work_folder import WorkFolder
 from pd_editor.generation.generators import shipped_models

@@ -23,9 +23,9 @@ from pd_editor.base.errors import PdEditorError, TrainingError
 from pd_editor.cli.model import model
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
-from pd_editor.experiments.training.config.presets import SAMPLING
 from pd_editor.experiments.training.config.run_config import RunConfig
 from pd_editor.experiments.training.config.run_request import (
+    SAMPLING,
     RunRequest,
     StageName,
     new_config,

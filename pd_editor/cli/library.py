@@ -33,7 +33,7 @@ from pd_editor.editor.recipe import moment
 from pd_editor.editor.variant import Variant, tags_from_text
 from pd_editor.experiments.scene_index.index_file import IndexWriter, index_place
 from pd_editor.experiments.scene_index.query import find_scenes
-from pd_editor.experiments.work_engine.engine_choice import EngineChoice
+from pd_editor.experiments.work_engine.ray_cluster import EngineChoice
 from pd_editor.experiments.work_engine.work_engine import (
     WorkFailure,
     failure_of,

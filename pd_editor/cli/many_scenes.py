@@ -35,7 +35,7 @@ from pd_editor.editor.scenario_store import (
     read_once,
 )
 from pd_editor.editor.variant import short_id
-from pd_editor.experiments.work_engine.engine_choice import EngineChoice, EngineName
+from pd_editor.experiments.work_engine.ray_cluster import EngineChoice, EngineName
 from pd_editor.experiments.work_engine.work_engine import (
     InThisProcess,
     WorkEngine,

@@ -1,18 +1,65 @@
-"""``pd-editor model``: join the trained stages into one model."""
+"""``pd-editor model``: join the trained stages into one model, with its card."""
 
 import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from pd_editor.base.errors import ModelError
+from pd_editor.base.plain_text import markdown_table
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.options import FolderOption, OptionalFolders, folders
 from pd_editor.cli.output import preparation_shown
+from pd_editor.experiments.training.loop.run_folder import CURVES_NAME, MODEL_NAME
 
 if TYPE_CHECKING:
-    from pd_editor.generation.checkpoints.model_folder import TrainedStage
+    from pd_editor.generation.checkpoints.model_folder import StageKind, TrainedStage
+
+LICENCE_OF_RECORDED: Final = (
+    "**Licence.** These weights were trained on recordings. If they are of Argoverse 2, "
+    "its licence, CC BY-NC-SA 4.0, holds for what is made of them: no commercial use, "
+    "attribution to Argoverse 2 (Wilson et al., 2021), and the same licence when they are "
+    "passed on."
+)
+CARD_NAME: Final = "MODEL_CARD.md"
+_ABOUT: Final = {
+    "scenes": "scenes",
+    "steps": "steps",
+    "minutes": "minutes",
+    "held_out_loss": "held-out loss",
+}
+
+
+def card_of(name: str, stages: Mapping[str, "TrainedStage"]) -> str:
+    """Write the card of a model from its training records, as Markdown."""
+    header = ("stage", "parameters", "data", *_ABOUT.values())
+    rows = [
+        (
+            key,
+            f"{sum(one.numel() for one in stage.model.parameters()):,}",
+            " + ".join(stage.about.get("roots", [])),
+            *(str(stage.about.get(one)) for one in _ABOUT),
+        )
+        for key, stage in sorted(stages.items())
+    ]
+    parts = [f"# {name}", "Weights in float16; `config.json` has their hashes."]
+    parts.append(markdown_table(header, rows))
+    if any(stage.about.get("is_recorded") for stage in stages.values()):
+        parts.append(LICENCE_OF_RECORDED)
+    return "\n\n".join(parts) + "\n"
+
+
+def copied_curves(run: Path, folder: Path, kind: "StageKind") -> list[Path]:
+    """Copy the plot of a run's losses beside the weights, if there is one."""
+    source = run / CURVES_NAME
+    if not os.path.isfile(source):
+        return []
+    target = folder / f"{Path(kind.file_name).stem}_loss.png"
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+    return [target]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,12 +89,6 @@ def model(
         traj: Folder of a run that trained trajectories, or of a model; of several likewise.
         measure: Training data, on which to measure what the sampler of initial states needs to know; for weights that were trained before it was measured.
     """
-    from pd_editor.experiments.training.loop.run_folder import MODEL_NAME
-    from pd_editor.experiments.training.model_card import (
-        CARD_NAME,
-        card_of,
-        copied_curves,
-    )
     from pd_editor.generation.checkpoints.model_folder import (
         CONFIG_NAME,
         averaged_stage,

@@ -25,10 +25,10 @@ from pd_editor.experiments.synthesis.dataset.builder import (
     DatasetRecord,
     build_dataset,
 )
-from pd_editor.experiments.synthesis.dataset.realism_report import realism_report
-from pd_editor.experiments.synthesis.dataset.scene_source import (
+from pd_editor.experiments.synthesis.dataset.realism_report import (
     dataset_scenes,
     real_scenes,
+    realism_report,
     scenario_folders,
 )
 

@@ -10,9 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.config.presets import LOSSES
 from pd_editor.experiments.training.config.run_config import OwnSamplesConfig
-from pd_editor.experiments.training.config.settings import with_settings
+from pd_editor.experiments.training.config.settings import LOSSES, with_settings
 from pd_editor.experiments.training.loop.run_folder import MODEL_NAME
 from pd_editor.experiments.training.loop.train_loop import Loss
 from pd_editor.experiments.training.sample_losses import (

@@ -51,12 +51,13 @@ from pd_editor.experiments.training.loop.train_loop import (
     TrainLoop,
     spent,
 )
-from pd_editor.experiments.training.loop.training_curves import (
+from pd_editor.experiments.training.monitoring import (
+    Monitoring,
+    SampleWatch,
     check_installed,
     loss_curves_png,
     tensorboard_log,
 )
-from pd_editor.experiments.training.monitoring import Monitoring, SampleWatch
 from pd_editor.experiments.training.stage_objective import (
     STAGES,
     basis_of,

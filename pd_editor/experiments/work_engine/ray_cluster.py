@@ -1,4 +1,4 @@
-"""Runs work items on a Ray cluster (extra ``cluster``)."""
+"""A Ray cluster that runs work items (extra ``cluster``), and the choice between engines."""
 
 import importlib
 import logging
@@ -8,13 +8,18 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 from pd_editor.base.errors import InputError
-from pd_editor.experiments.work_engine.local_processes import ONE_THREAD, PROCESS_DIED
+from pd_editor.experiments.work_engine.local_processes import (
+    ONE_THREAD,
+    PROCESS_DIED,
+    LocalProcesses,
+)
 from pd_editor.experiments.work_engine.time_limit import WORKER_MARK
 from pd_editor.experiments.work_engine.work_engine import (
     WAIT_S,
+    WorkEngine,
     WorkResult,
     failure_of,
     result_of,
@@ -191,3 +196,45 @@ def _result_of(ray: Any, reference: Any, key: str) -> WorkResult[Any]:
         return WorkResult(key=key, failure=PROCESS_DIED)
     except Exception as error:  # noqa: BLE001  (pickling raises errors of any class)
         return WorkResult(key=key, failure=failure_of(error))
+
+
+EngineName = Literal["local", "ray"]
+
+MAX_WORKERS: Final = {"local": 256, "ray": 100_000}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineChoice:
+    """Processes of this machine, or Ray; the results do not depend on it.
+
+    Raises:
+        InputError: the number of workers is out of range, or an address is given that
+            the engine does not take.
+    """
+
+    name: EngineName = "local"
+    address: str | None = None
+    """Address of a Ray cluster; None starts one on this machine."""
+    num_workers: int | None = None
+    """Number of items that run at a time; None: one per core."""
+
+    def __post_init__(self) -> None:
+        most = MAX_WORKERS[self.name]
+        if self.num_workers is not None and not 1 <= self.num_workers <= most:
+            raise InputError(f"--workers is {self.num_workers}; expected 1 to {most}.")
+        if self.address is not None and self.name != "ray":
+            raise InputError("--address is for --engine ray.")
+
+    @contextmanager
+    def engine(self) -> Iterator[WorkEngine]:
+        """The engine; a connection to a cluster ends with the context.
+
+        Raises:
+            InputError: Ray is not installed, or the cluster does not answer.
+        """
+        if self.name == "local":
+            yield LocalProcesses(num_workers=self.num_workers)
+            return
+        cluster = RayCluster(address=self.address, num_workers=self.num_workers)
+        with cluster.connected():
+            yield cluster

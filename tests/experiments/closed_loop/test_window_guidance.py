@@ -15,8 +15,7 @@ from pd_editor.editor.commands import AddGuidance, SetLocks
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.experiments.closed_loop.policies import policy_of
-from pd_editor.experiments.closed_loop.roll_out import RollOutRequest
-from pd_editor.experiments.closed_loop.window_guidance import guidance_now
+from pd_editor.experiments.closed_loop.roll_out import RollOutRequest, guidance_now
 from pd_editor.experiments.closed_loop.world import HORIZON, World
 from pd_editor.scene.locks import Lock
 from tests.builders import scenario_with, straight_drivers

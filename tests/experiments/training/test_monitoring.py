@@ -4,12 +4,12 @@ import pytest
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.training_curves import (
+from pd_editor.experiments.training.loop.train_loop import TrainState
+from pd_editor.experiments.training.monitoring import (
     FOLDER_NAME,
+    Monitoring,
     tensorboard_log,
 )
-from pd_editor.experiments.training.loop.training_state import TrainState
-from pd_editor.experiments.training.monitoring import Monitoring
 from tests.experiments.training.fake_stage import loop_of
 
 # TensorBoard's libraries use what NumPy and protobuf advise against.

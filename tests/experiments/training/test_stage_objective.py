@@ -7,13 +7,13 @@ from lightning_fabric import Fabric
 from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.shards import shard_bytes
-from pd_editor.experiments.training.config.presets import PRESETS
 from pd_editor.experiments.training.config.run_config import (
     Budget,
     Optimisation,
     Precision,
     RunConfig,
 )
+from pd_editor.experiments.training.config.settings import PRESETS
 from pd_editor.experiments.training.data.training_data import (
     prepared_data,
     training_data,

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.scene.formats.right_of_way import Way, meetings
+from pd_editor.scene.formats.sumo_writer import Way, meetings
 
 ANGLES = st.floats(-3.1, 3.1).map(lambda angle: round(angle, 1))
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pd_editor.scene.palette import LIGHT
-from pd_editor.viewer.findings.findings_view import MARGIN_M, finding_primitives
+from pd_editor.viewer.findings.scorecard_drawer import MARGIN_M, finding_primitives
 from pd_editor.viewer.scene.ribbons_view import HEIGHT_M as RIBBON_HEIGHT_M
 from tests.analysis.findings.builders import finding
 from tests.builders import scenario_with, straight_drivers

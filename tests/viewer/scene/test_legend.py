@@ -3,7 +3,7 @@ from dataclasses import replace
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.locks import Lock
 from pd_editor.scene.palette import DARK, LIGHT
-from pd_editor.viewer.scene.legend import Legend
+from pd_editor.viewer.scene.picture import Legend
 from tests.builders import scenario_with, straight_drivers
 from tests.scene.test_signals import signalled
 from tests.viewer.fake_page import FakePage

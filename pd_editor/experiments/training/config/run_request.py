@@ -7,14 +7,6 @@ from typing import Any, TypeVar
 import torch
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.config.presets import (
-    LOSSES,
-    NETWORKS,
-    PRESETS,
-    SAMPLING,
-    Preset,
-    PresetName,
-)
 from pd_editor.experiments.training.config.run_config import (
     Augmentation,
     Budget,
@@ -24,6 +16,12 @@ from pd_editor.experiments.training.config.run_config import (
     RunConfig,
 )
 from pd_editor.experiments.training.config.settings import (
+    LOSSES,
+    NETWORKS,
+    PRESETS,
+    SAMPLING,
+    Preset,
+    PresetName,
     Settings,
     StageName,
     with_settings,

@@ -9,7 +9,7 @@ import shapely
 import sumolib
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.av2_to_sumo.network_conversion import (
+from pd_editor.experiments.synthesis.av2_to_sumo.net_file import (
     Av2Network,
     network_of_map,
 )

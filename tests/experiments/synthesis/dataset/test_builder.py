@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.base.errors import ExportError, InputError, SynthesisError
 from pd_editor.experiments.recordings.shards import ShardReader
-from pd_editor.experiments.synthesis.dataset import network_worker as corpus_networks
+from pd_editor.experiments.synthesis.dataset import builder as corpus_networks
 from pd_editor.experiments.synthesis.dataset.builder import (
     WINDOWS_PER_SHARD,
     DatasetFolder,

@@ -11,13 +11,11 @@ from scipy.spatial.distance import jensenshannon
 
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.synthesis.dataset.realism_report import (
+    QUANTITIES,
+    MeasuredScene,
     RealismReport,
     RealismRow,
     realism_report,
-)
-from pd_editor.experiments.synthesis.dataset.scene_statistics import (
-    QUANTITIES,
-    MeasuredScene,
 )
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario

@@ -4,13 +4,13 @@ from dataclasses import replace
 import pytest
 
 from pd_editor.base.errors import ModelError, TrainingError
-from pd_editor.experiments.training.config.presets import PRESETS
 from pd_editor.experiments.training.config.run_config import (
     Budget,
     Optimisation,
     RunConfig,
 )
 from pd_editor.experiments.training.config.run_request import (
+    PRESETS,
     RunRequest,
     continued_config,
     new_config,

@@ -1,6 +1,6 @@
 import struct
 
-from pd_editor.experiments.training.loop.training_curves import loss_curves_png
+from pd_editor.experiments.training.monitoring import loss_curves_png
 
 
 def entry(minutes, loss, *, held_out=False, **parts):

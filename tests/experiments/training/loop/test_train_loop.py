@@ -7,8 +7,11 @@ import torch
 from pd_editor.base.errors import ModelError, TrainingError
 from pd_editor.experiments.training.config.run_config import Budget, Optimisation
 from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.train_loop import learning_rate, spent
-from pd_editor.experiments.training.loop.training_state import TrainState
+from pd_editor.experiments.training.loop.train_loop import (
+    TrainState,
+    learning_rate,
+    spent,
+)
 from tests.experiments.training.fake_stage import (
     Numbers,
     config_of,
