@@ -78,8 +78,8 @@ class GenerateOptions(WishOptions, PartsOptions, ManyOptions):
 
     Args:
         out: Folder that receives DIR/<name>/; several samples get -1, -2, ...
-        agents: Ids of the agents to drive; the others keep their trajectories.
-        resample_states: Resample the initial states of these agents, too. Without a region, agents more than 20 m from all lanes keep theirs. Those that the recording shows later, in the way of sampled ones, are left out.
+        agents: Ids of the agents to drive; the others keep their trajectories. Without ids all are driven, and those that the recording shows later in their way are left out.
+        resample_states: Resample the initial states of these agents, too. Without a region, agents more than 20 m from all lanes keep theirs.
         num_agents: Replace all agents but the ego and the focal agent by new ones: 20 (vehicles), vehicle=12 pedestrian=4, or fit (as many as suit the road).
         add: Keep the present agents and add the new ones.
         replace_ego_and_focal: Let new agents replace the ego and the focal agent as well.

@@ -19,7 +19,12 @@ from pd_editor.editor.commands.edit_limits import (
     check_velocities,
 )
 from pd_editor.editor.commands.locks import locked_agents_error
-from pd_editor.scene.agent_kind import Activity, AgentCategory, AgentKind
+from pd_editor.scene.agent_kind import (
+    ROAD_USER_KINDS,
+    Activity,
+    AgentCategory,
+    AgentKind,
+)
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.generation import (
     GeneratedTraffic,
@@ -104,7 +109,7 @@ class ReplaceTraffic(Command):
     request: RequestSummary
     past: MadeUpPast | None = None
     left_out_ids: tuple[str, ...] = ()
-    """Ids of agents that the recording shows later, where sampled agents are then."""
+    """Ids of agents that the recording shows later, where generated agents are then."""
 
     def __post_init__(self) -> None:
         self.sample.check()
@@ -160,7 +165,7 @@ class ReplaceTraffic(Command):
                 if gone == 1
                 else "agents that appear later are"
             )
-            notes.append(f"{gone} {who} left out: sampled ones are in the way.")
+            notes.append(f"{gone} {who} left out: generated ones are in the way.")
         return tuple(notes)
 
     def apply(self, scenario: Scenario) -> Scenario:
@@ -303,12 +308,13 @@ def traffic_command(
             **{name: getattr(request, name) for name in _REQUEST_FIELDS},
         ),
     )
-    if not (request.back_casts or request.samples_states):
+    replaces_all = _replaces_all(request)
+    if not (request.back_casts or replaces_all):
         return command
     kept = replace(command, request=replace(command.request, removed_ids=()))
     scenario = kept.apply(request.scenario)
     agents, now = scenario.agents, scenario.current_step
-    if request.samples_states:
+    if replaces_all:
         later = _hit_later(scenario, command.sample.ids)
         command = replace(command, left_out_ids=later)
     if not request.back_casts:
@@ -321,18 +327,27 @@ def traffic_command(
     return replace(command, past=made_up_past(scenario, rows, seed))
 
 
-def _hit_later(scenario: Scenario, sampled_ids: Sequence[str]) -> tuple[str, ...]:
-    """Agents that appear after the current step, and that sampled ones collide with.
+def _replaces_all(request: GenerationRequest) -> bool:
+    """Whether the traffic takes the place of the recorded one, all of which it drives."""
+    agents, now = request.scenario.agents, request.scenario.current_step
+    drives = agents.is_valid[:, now] & agents.kind_mask(ROAD_USER_KINDS)
+    ids = {agents.ids[row] for row in np.flatnonzero(drives)}
+    is_whole = ids.issubset({*request.agent_ids, *request.scenario.locks})
+    return request.samples_states or (is_whole and request.before_edit is None)
 
-    They belong to the recorded traffic, which the sampled one takes the place of.
+
+def _hit_later(scenario: Scenario, generated_ids: Sequence[str]) -> tuple[str, ...]:
+    """Agents that appear after the current step, and that generated ones collide with.
+
+    They belong to the recorded traffic. Those that guidance is about stay.
     """
     agents, now = scenario.agents, scenario.current_step
-    is_sampled = np.isin(np.arange(len(agents)), agents.rows(sampled_ids))
+    named = {name for term in scenario.guidance for name in term.named_ids}
+    named |= {EGO_ID, scenario.focal_id}
     pairs, _ = first_overlap(agents, np.arange(now, agents.num_steps))
-    pairs = pairs[is_sampled[pairs].any(axis=1)]
-    is_hit = np.isin(np.arange(len(agents)), pairs) & ~agents.is_valid[:, now]
-    names = [agents.ids[row] for row in np.flatnonzero(is_hit)]
-    return tuple(name for name in names if name not in (EGO_ID, scenario.focal_id))
+    pairs = pairs[np.isin(pairs, agents.rows(generated_ids)).any(axis=1)]
+    rows = np.unique(pairs[~agents.is_valid[pairs, now]]).tolist()
+    return tuple(agents.ids[row] for row in rows if agents.ids[row] not in named)
 
 
 def _with_unused_ids(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pd_editor.analysis.guidance.kinds.speed import SpeedLimit
 from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.editor.commands import (
     DeleteAgents,
@@ -30,7 +31,7 @@ from pd_editor.scene.generation import (
     run_to_end,
 )
 from pd_editor.scene.locks import TRAJECTORY_LOCK
-from pd_editor.scene.roles.traffic_choice import road_user_ids
+from pd_editor.scene.roles.traffic_choice import drivable_agent_ids, road_user_ids
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.traffic_sample import MadeUpPast
 from tests.editor.command_strategies import ABSENT_ID, busy_scenario
@@ -420,7 +421,7 @@ def test_agents_that_appear_later_in_sampled_ones_are_left_out_and_told():
     command = placed_anew(scenario, back_casts=True)
     assert command.left_out_ids == (ABSENT_ID,)
     assert command.notes[-1] == (
-        "1 agent that appears later is left out: sampled ones are in the way."
+        "1 agent that appears later is left out: generated ones are in the way."
     )
     after = command.apply(scenario)
     assert ABSENT_ID not in after.agents.row_of
@@ -438,9 +439,17 @@ def test_agents_that_appear_elsewhere_or_beside_recorded_traffic_stay():
     # There now, though on the same place.
     here = appearing((1.0, 0.5), after=0)
     assert not placed_anew(here).left_out_ids
-    # Its states are recorded, and yielding to others is the generator's.
+    # Most of the recorded traffic stays; then all of it is driven anew.
     hit = appearing((1.0, 0.5))
     assert not placed_anew(hit, resampled_state_ids=()).left_out_ids
+    everyone = {"agent_ids": drivable_agent_ids(hit), "resampled_state_ids": ()}
+    on_another = appearing((30.0, 3.5))
+    assert placed_anew(on_another, **everyone).left_out_ids == (ABSENT_ID,)
+    live = placed_anew(on_another, **everyone, before_edit=on_another)
+    assert not live.left_out_ids
+    term = SpeedLimit(speed_mps=5.0, agent_ids=(ABSENT_ID,))
+    guided = replace(on_another, guidance=(term,))
+    assert not placed_anew(guided, **everyone).left_out_ids
     locked = replace(hit, locks={ABSENT_ID: TRAJECTORY_LOCK})
     command = placed_anew(locked)
     assert ABSENT_ID in command.apply(locked).agents.row_of

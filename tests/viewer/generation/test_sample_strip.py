@@ -219,11 +219,12 @@ def test_the_key_compares_whatever_is_pointed_at(strip, page, tab):
 
 def test_cards_count_collisions_with_agents_that_appear_later():
     """(W14) A card told "No collisions" beside a problem of the same sample."""
-    agents = straight_drivers([(0, 0, 0, 5), (20, 0, 0, 0)])
+    # One agent keeps its trajectory: without it, who appears later would be left out.
+    agents = straight_drivers([(0, 0, 0, 5), (20, 0, 0, 0), (0, 50, 0, 5)])
     is_valid = agents.is_valid.copy()
     is_valid[1, :60] = False
-    scenario = scenario_with(agents.with_rows(np.arange(2), is_valid=is_valid))
-    (driver, _), now = agents.ids, scenario.current_step
+    scenario = scenario_with(agents.with_rows(np.arange(3), is_valid=is_valid))
+    (driver, _, _), now = agents.ids, scenario.current_step
     sample = sample_of((driver,), agents.position_m[:1, now:])
     request = GenerationRequest(scenario=scenario, agent_ids=(driver,))
     traffic = GeneratedTraffic(samples=(sample,), generator="fake")
