@@ -51,7 +51,7 @@ class GuidanceCost:
             "off_road": "moving agents are off the road for {:.0%} instead of {:.0%} of "
             "the time",
             "lateral_deviation_m": "agents are {:.1f} instead of {:.1f} m from their lanes",
-            "acceleration_mps2": "agents accelerate with {:.1f} instead of {:.1f} m/s2",
+            "acceleration_mps2": "agents accelerate with {:.1f} instead of {:.1f} m/s²",
         }
         values = {
             name: (getattr(self.guided, name), getattr(self.unguided, name))

@@ -153,7 +153,7 @@ def _check_possible(plan: Plan, observation: Observation, name: str) -> None:
     turned = np.cumsum(wrap_angle(np.diff(heading, prepend=heading[0])))
     # No recorded track has more, noise included.
     for what, values, most, unit in (
-        ("an acceleration", velocity, 30.0, "m/s2"),
+        ("an acceleration", velocity, 30.0, "m/s²"),
         ("a yaw rate", turned[:, None], 4.0, "rad/s"),
     ):
         change = np.linalg.norm(values[apart:] - values[:-apart], axis=-1)

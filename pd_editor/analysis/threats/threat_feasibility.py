@@ -152,7 +152,7 @@ def _in_words(found: Encounter, approach: Approach) -> str:
         f"relative speed {found.relative_speed_mps:.1f} m/s",
     ]
     if approach == "brakes":
-        parts.append(f"braking {found.braking_mps2:.1f} m/s2")
+        parts.append(f"braking {found.braking_mps2:.1f} m/s²")
     time = found.least_time_to_collision_s
     if time is not None and not found.is_contact:
         parts.append(f"time to collision {time:.1f} s")

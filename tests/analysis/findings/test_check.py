@@ -219,14 +219,14 @@ def test_problems_of_the_recording_are_a_group_of_their_own():
 
 
 def test_a_recorded_finding_that_an_edit_made_clearly_worse_is_new():
-    """41043 brakes with 7.7 m/s2 before a bend, 8.4 after: it was in the recording."""
+    """41043 brakes with 7.7 m/s² before a bend, 8.4 after: it was in the recording."""
     was = finding("harsh-motion", "a", value=7.7)
     for value, words, is_new in (
         (8.4, "8.4", True),
         (7.8, "7.8", False),
         (6, "6", False),
     ):
-        one = replace(was, value=value, headline=f"a brakes with {words} m/s2")
+        one = replace(was, value=value, headline=f"a brakes with {words} m/s²")
         check = split([one], [was], unmoved=("a",), untouched=("a",))
         assert bool(check.new) == is_new
         assert len(check.all) == 1

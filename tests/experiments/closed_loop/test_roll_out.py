@@ -201,7 +201,7 @@ def test_an_agent_that_leaves_by_the_end_of_the_road_was_never_off_it(junction):
         (ZeroDivisionError("oh"), "failed (ZeroDivisionError: oh"),
         (
             Controls(acceleration_mps2=np.full(9, 35.0), curvature_1pm=np.zeros(9)),
-            "an acceleration of 35.0 m/s2 over 0.5 s; expected at most 30 m/s2",
+            "an acceleration of 35.0 m/s² over 0.5 s; expected at most 30 m/s²",
         ),
         (
             Controls(acceleration_mps2=np.zeros(9), curvature_1pm=np.full(9, 5.0)),

@@ -83,7 +83,7 @@ def guided(tab: FakeTab) -> FakeTab:
         outcomes=(outcome,),
         cost=GuidanceCost(guided=realism(2), unguided=realism(0)),
         unguided=sample_at(scenario, agent_id, 3.0),
-        motion_problems=("Agent 100 brakes with 9.1 m/s2.",),
+        motion_problems=("Agent 100 brakes with 9.1 m/s².",),
     )
     ready: Any = ReadyGenerator((sample_at(scenario, agent_id, 5.0),), (report,))
     run = tab.elements.generation.result
@@ -119,7 +119,7 @@ def test_a_run_tells_asked_and_achieved_and_what_it_cost(guided: FakeTab):
     ]
     tones = {line["text"]: line["tone"] for line in state["report"]}
     assert tones["Guidance met: 1 of 1"] == "good"
-    assert tones["Agent 100 brakes with 9.1 m/s2."] == "warn"
+    assert tones["Agent 100 brakes with 9.1 m/s²."] == "warn"
     (worse,) = (text for text in tones if text.startswith("Guidance made the scene"))
     assert "2 instead of 0 agents collide" in worse
     (collisions,) = (row for row in state["figures"] if "collide" in row[0])

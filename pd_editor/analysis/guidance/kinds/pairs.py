@@ -94,7 +94,7 @@ def yield_problems(term: YieldTo, plan: Plan) -> Found:
     elif needed > MAX_BRAKING_MPS2:
         yield (
             f"To let {other.name} pass, {agent.name} would have to brake with "
-            f"{needed:.1f} m/s2 in {room:.0f} m from {agent.speed_mps:.1f} m/s; choose "
+            f"{needed:.1f} m/s² in {room:.0f} m from {agent.speed_mps:.1f} m/s; choose "
             "the other one to yield."
         )
 

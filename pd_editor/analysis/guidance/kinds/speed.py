@@ -123,7 +123,7 @@ def _stop_problems(term: StopAtLine, plan: Plan) -> Found:
     elif needed > MAX_BRAKING_MPS2:
         yield (
             f"To stop at its line in {ahead:.0f} m, {agent.name} would have to brake with "
-            f"{needed:.1f} m/s2 from {agent.speed_mps:.1f} m/s; put the line further "
+            f"{needed:.1f} m/s² from {agent.speed_mps:.1f} m/s; put the line further "
             "ahead."
         )
 
@@ -432,12 +432,12 @@ def _comfort_outcome(term: ComfortLimits, driven: Driven) -> Measured | None:
     return Measured(
         asked=(
             f"at most {term.max_acceleration_mps2:.1f} forwards, "
-            f"{term.max_braking_mps2:.1f} braking, {term.max_lateral_mps2:.1f} m/s2 "
+            f"{term.max_braking_mps2:.1f} braking, {term.max_lateral_mps2:.1f} m/s² "
             "sideways"
         ),
-        achieved="within all" if error == 0 else f"{error:.1f} m/s2 more {what}",
+        achieved="within all" if error == 0 else f"{error:.1f} m/s² more {what}",
         error=error,
-        unit="m/s2",
+        unit="m/s²",
         is_obeyed=error <= OBEYED.acceleration_mps2,
         worst_id=worst if error > 0 else None,
     )
