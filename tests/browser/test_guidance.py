@@ -255,6 +255,21 @@ def test_path_stop_line_and_agents_are_drawn_and_picked(steered):
     expect(page.locator("[data-guide='1'] .pd-guide-line")).to_have_count(1)
 
 
+def test_the_focus_stays_on_a_tool_that_keys_use(steered):
+    """Each state made the tools anew, and the focus was lost."""
+    editor, page = steered.editor, steered.page
+    tool = page.get_by_role("toolbar", name="Add guidance").get_by_role("button").first
+    tool.focus()
+    page.keyboard.press("Enter")
+    expect(tool).to_have_attribute("aria-pressed", "true")
+    editor.settle()
+    expect(tool).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(tool).to_have_attribute("aria-pressed", "false")
+    editor.settle()
+    expect(tool).to_be_focused()
+
+
 def test_terms_are_switched_weighed_changed_and_deleted_in_the_list(steered):
     editor, page, session = steered.editor, steered.page, steered.session
     steered.tool("Speed")

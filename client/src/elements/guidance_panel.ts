@@ -1,10 +1,10 @@
 // The list of guidance terms in viser's panel: tools to add terms, and one row per term
 // with its strength, switch, values, and what is said of it.
 import { TAB } from "../bridge.ts";
-import { button, make, option, within } from "../dom.ts";
+import { button, fill, make, option, within } from "../dom.ts";
 import { define, listen, onDispose } from "../frame.ts";
 import { guidanceIcon } from "../guidance_shapes.ts";
-import type { GuidancePanelEvent, GuidancePanelState, GuidanceRow, Note } from "../messages.ts";
+import type { GuidancePanelEvent, GuidancePanelState, GuidanceRow, GuidanceTool, Note } from "../messages.ts";
 
 const HOST = "[data-pd-host='guidance']";
 const NUM_FIRST_TOOLS = 3; // Of those that can be used; the others are asked for.
@@ -133,36 +133,40 @@ define("guidance_panel", (api) => {
     };
   }
 
+  function toolOf({ kind, title, hint, isActive, isEnabled }: GuidanceTool) {
+    const use = () => {
+      isUnfolded = false;
+      send({ kind: "tool", tool: kind });
+    };
+    const made = button("pd-guidance-tool", "", use, {
+      title: hint,
+      "aria-label": title,
+      "aria-pressed": String(isActive),
+      "aria-disabled": String(!isEnabled),
+    });
+    made.append(guidanceIcon(kind), make("span", "", {}, title));
+    return made;
+  }
+
+  function foldOf(more: string) {
+    const fold = button("pd-guidance-more", isUnfolded ? "Fewer" : more, () => {
+      isUnfolded = !isUnfolded;
+      if (!state) return;
+      showTools(state);
+      showPossible(state);
+      tools.querySelector<HTMLElement>(".pd-guidance-more")?.focus();
+    });
+    fold.setAttribute("aria-expanded", String(isUnfolded));
+    return fold;
+  }
+
   function showTools(state: GuidancePanelState) {
     const first = state.tools.filter((tool) => tool.isEnabled).slice(0, isShort(state) ? 0 : NUM_FIRST_TOOLS);
     const isFirst = (tool: (typeof first)[number]) => tool.isActive || first.includes(tool);
     const shown = state.tools.filter((tool) => isUnfolded || isFirst(tool));
     const others = state.tools.filter((tool) => !isFirst(tool)).slice(0, 3);
     const more = `${others.map((tool) => tool.title).join(", ")} ...`;
-    const fold = button("pd-guidance-more", isUnfolded ? "Fewer" : more, () => {
-      isUnfolded = !isUnfolded;
-      showTools(state);
-      showPossible(state);
-      tools.querySelector<HTMLElement>(".pd-guidance-more")?.focus();
-    });
-    fold.setAttribute("aria-expanded", String(isUnfolded));
-    tools.replaceChildren(
-      ...shown.map((tool) => {
-        const use = () => {
-          isUnfolded = false;
-          send({ kind: "tool", tool: tool.kind });
-        };
-        const made = button("pd-guidance-tool", "", use, {
-          title: tool.hint,
-          "aria-label": tool.title,
-          "aria-pressed": String(tool.isActive),
-          "aria-disabled": String(!tool.isEnabled),
-        });
-        made.append(guidanceIcon(tool.kind), make("span", "", {}, tool.title));
-        return made;
-      }),
-      fold,
-    );
+    fill(tools, [shown, isUnfolded, more], () => [...shown.map(toolOf), foldOf(more)]);
   }
 
   function number(row: GuidanceRow, place: number): [Field, Follow] {
@@ -298,18 +302,21 @@ define("guidance_panel", (api) => {
   }
 
   function showFoot({ report, figures, action }: GuidancePanelState) {
-    foot.replaceChildren(...report.map(noted));
     foot.hidden = !report.length && !action;
-    if (figures.length) {
-      const table = make("table", "", { "aria-label": "Realism of the last run" });
-      for (const [place, [name, guided, unguided, title]] of figures.entries()) {
-        const line = make("tr", "", { title });
-        for (const cell of [name, guided, unguided]) line.append(make(place ? "td" : "th", "", {}, cell));
-        table.append(line);
+    fill(foot, [report, figures, action], () => {
+      const parts: Node[] = report.map(noted);
+      if (figures.length) {
+        const table = make("table", "", { "aria-label": "Realism of the last run" });
+        for (const [place, [name, guided, unguided, title]] of figures.entries()) {
+          const line = make("tr", "", { title });
+          for (const cell of [name, guided, unguided]) line.append(make(place ? "td" : "th", "", {}, cell));
+          table.append(line);
+        }
+        parts.push(table);
       }
-      foot.append(table);
-    }
-    if (action) foot.append(button("pd-guidance-take", action, () => send({ kind: "take" })));
+      if (action) parts.push(button("pd-guidance-take", action, () => send({ kind: "take" })));
+      return parts;
+    });
   }
 
   return (next) => {

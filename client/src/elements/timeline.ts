@@ -3,7 +3,7 @@
 // Steps are counted from the current step, so t = step * stepS. The playhead runs here
 // between two messages of the server, which stays the truth.
 import { inWords, secondsOf, stepAfter, ticks } from "../clock.ts";
-import { button, hasModifier, isTyping, make, svg, within } from "../dom.ts";
+import { button, fill, hasModifier, isTyping, make, svg, within } from "../dom.ts";
 import { define, everyFrame, hearFirst, paced } from "../frame.ts";
 import { clamp } from "../geometry.ts";
 import type { PlayheadState, TimelineEvent, TimelineMark, TimelineState } from "../messages.ts";
@@ -182,7 +182,7 @@ define("timeline", (api) => {
     axis = state;
     drawAxis();
     hint.hidden = true;
-    problems.replaceChildren(...state.marks.map(markOf));
+    fill(problems, state, () => state.marks.map(markOf));
     drawHead(clock.step());
   };
 });

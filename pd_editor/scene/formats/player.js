@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (2d793871d6219afd); not to be edited. */
+/* Built by .ci/client.py from client/ (62bda9a25ca8340c); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (2d793871d6219afd); not to be edited. */
+/* Built by .ci/client.py from client/ (62bda9a25ca8340c); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -1667,36 +1667,38 @@
         if (awaited <= (state?.answered ?? 0)) show(next);
       };
     }
+    function toolOf({ kind, title, hint, isActive, isEnabled }) {
+      const use = () => {
+        isUnfolded = false;
+        send2({ kind: "tool", tool: kind });
+      };
+      const made = button("pd-guidance-tool", "", use, {
+        title: hint,
+        "aria-label": title,
+        "aria-pressed": String(isActive),
+        "aria-disabled": String(!isEnabled)
+      });
+      made.append(guidanceIcon(kind), make("span", "", {}, title));
+      return made;
+    }
+    function foldOf(more) {
+      const fold = button("pd-guidance-more", isUnfolded ? "Fewer" : more, () => {
+        isUnfolded = !isUnfolded;
+        if (!state) return;
+        showTools(state);
+        showPossible(state);
+        tools.querySelector(".pd-guidance-more")?.focus();
+      });
+      fold.setAttribute("aria-expanded", String(isUnfolded));
+      return fold;
+    }
     function showTools(state2) {
       const first = state2.tools.filter((tool) => tool.isEnabled).slice(0, isShort(state2) ? 0 : NUM_FIRST_TOOLS);
       const isFirst = (tool) => tool.isActive || first.includes(tool);
       const shown = state2.tools.filter((tool) => isUnfolded || isFirst(tool));
       const others = state2.tools.filter((tool) => !isFirst(tool)).slice(0, 3);
       const more = `${others.map((tool) => tool.title).join(", ")} ...`;
-      const fold = button("pd-guidance-more", isUnfolded ? "Fewer" : more, () => {
-        isUnfolded = !isUnfolded;
-        showTools(state2);
-        showPossible(state2);
-        tools.querySelector(".pd-guidance-more")?.focus();
-      });
-      fold.setAttribute("aria-expanded", String(isUnfolded));
-      tools.replaceChildren(
-        ...shown.map((tool) => {
-          const use = () => {
-            isUnfolded = false;
-            send2({ kind: "tool", tool: tool.kind });
-          };
-          const made = button("pd-guidance-tool", "", use, {
-            title: tool.hint,
-            "aria-label": tool.title,
-            "aria-pressed": String(tool.isActive),
-            "aria-disabled": String(!tool.isEnabled)
-          });
-          made.append(guidanceIcon(tool.kind), make("span", "", {}, tool.title));
-          return made;
-        }),
-        fold
-      );
+      fill(tools, [shown, isUnfolded, more], () => [...shown.map(toolOf), foldOf(more)]);
     }
     function number2(row, place) {
       const input = row.inputs[place];
@@ -1824,18 +1826,21 @@
       all.find((one) => one.getAttribute("aria-label") === focus)?.focus();
     }
     function showFoot({ report, figures, action }) {
-      foot.replaceChildren(...report.map(noted));
       foot.hidden = !report.length && !action;
-      if (figures.length) {
-        const table = make("table", "", { "aria-label": "Realism of the last run" });
-        for (const [place, [name, guided, unguided, title]] of figures.entries()) {
-          const line = make("tr", "", { title });
-          for (const cell of [name, guided, unguided]) line.append(make(place ? "td" : "th", "", {}, cell));
-          table.append(line);
+      fill(foot, [report, figures, action], () => {
+        const parts = report.map(noted);
+        if (figures.length) {
+          const table = make("table", "", { "aria-label": "Realism of the last run" });
+          for (const [place, [name, guided, unguided, title]] of figures.entries()) {
+            const line = make("tr", "", { title });
+            for (const cell of [name, guided, unguided]) line.append(make(place ? "td" : "th", "", {}, cell));
+            table.append(line);
+          }
+          parts.push(table);
         }
-        foot.append(table);
-      }
-      if (action) foot.append(button("pd-guidance-take", action, () => send2({ kind: "take" })));
+        if (action) parts.push(button("pd-guidance-take", action, () => send2({ kind: "take" })));
+        return parts;
+      });
     }
     return (next) => {
       state = next;
@@ -4060,7 +4065,7 @@
       axis = state;
       drawAxis();
       hint.hidden = true;
-      problems.replaceChildren(...state.marks.map(markOf));
+      fill(problems, state, () => state.marks.map(markOf));
       drawHead(clock.step());
     };
   });
