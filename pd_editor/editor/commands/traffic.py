@@ -339,11 +339,11 @@ def _replaces_all(request: GenerationRequest) -> bool:
 def _hit_later(scenario: Scenario, generated_ids: Sequence[str]) -> tuple[str, ...]:
     """Agents that appear after the current step, and that generated ones collide with.
 
-    They belong to the recorded traffic. Those that guidance is about stay.
+    They belong to the recorded traffic. Those that guidance names or locks keep stay.
     """
     agents, now = scenario.agents, scenario.current_step
     named = {name for term in scenario.guidance for name in term.named_ids}
-    named |= {EGO_ID, scenario.focal_id}
+    named |= {EGO_ID, scenario.focal_id, *scenario.locks}
     pairs, _ = first_overlap(agents, np.arange(now, agents.num_steps))
     pairs = pairs[np.isin(pairs, agents.rows(generated_ids)).any(axis=1)]
     rows = np.unique(pairs[~agents.is_valid[pairs, now]]).tolist()

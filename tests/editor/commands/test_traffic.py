@@ -452,4 +452,7 @@ def test_agents_that_appear_elsewhere_or_beside_recorded_traffic_stay():
     assert not placed_anew(guided, **everyone).left_out_ids
     locked = replace(hit, locks={ABSENT_ID: TRAJECTORY_LOCK})
     command = placed_anew(locked)
+    assert not command.left_out_ids
+    # It is locked only after the run.
+    command = placed_anew(hit)
     assert ABSENT_ID in command.apply(locked).agents.row_of

@@ -181,7 +181,8 @@ def test_real_locked_agents_are_bit_identical(
         scenario=held, agent_ids=free, resampled_state_ids=states, only_on_road=True
     )
     traffic = run_to_end(make_generator(DEFAULT_GENERATOR).generate(request))
-    after = apply_within_locks(traffic_command(request, traffic), held)
+    command = traffic_command(request, traffic)
+    after = apply_within_locks(command, held)
     is_kept = held.kept_steps()
     for name in held.locks:
         row, other = held.agents.row_of[name], after.agents.row_of[name]
@@ -189,4 +190,5 @@ def test_real_locked_agents_are_bit_identical(
             one = getattr(held.agents, field)[row][is_kept[row]]
             two = getattr(after.agents, field)[other][is_kept[row]]
             assert one.tobytes() == two.tobytes()
-    assert len(after.agents) == len(held.agents)
+    assert not held.locks.keys() & set(command.left_out_ids)
+    assert len(after.agents) + len(command.left_out_ids) == len(held.agents)
