@@ -169,7 +169,7 @@ def _run(words: list[str]) -> object:
             if not stop.code:
                 raise
     told = io.StringIO()
-    if args[:1] and args[0] in functions:
+    if "Unrecognized options" in message.getvalue() and args[0] in functions:
         with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
             parsed([args[0], "--help"])
     known = re.findall(r"(?<!\S)--([a-z][a-z-]+)", told.getvalue())

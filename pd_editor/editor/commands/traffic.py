@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.analysis.metrics.box_overlaps import overlaps_of_pairs, pairs_that_meet
 from pd_editor.analysis.repair.back_casting import made_up_past, with_past
 from pd_editor.base.errors import EditError, GenerationError
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain
@@ -160,12 +160,8 @@ class ReplaceTraffic(Command):
                 f"{late} of {len(self.past.ids)} {appear} after the scene's start: others are in the way before."
             )
         if gone := len(self.left_out_ids):
-            who = (
-                "agent that appears later is"
-                if gone == 1
-                else "agents that appear later are"
-            )
-            notes.append(f"{gone} {who} left out: generated ones are in the way.")
+            who = " that appears later is" if gone == 1 else "s that appear later are"
+            notes.append(f"{gone} agent{who} left out: generated ones are in the way.")
         return tuple(notes)
 
     def apply(self, scenario: Scenario) -> Scenario:
@@ -192,9 +188,11 @@ class ReplaceTraffic(Command):
             f" seed {self.seed}."
         )
         agents = self._with_motion(self._with_new(scenario), scenario)
-        scenario = scenario.with_agents(agents, note)
         gone = [name for name in self.left_out_ids if name in agents.row_of]
-        gone = [name for name in gone if name not in scenario.locks]
+        gone = tuple(name for name in gone if name not in scenario.locks)
+        if gone:
+            note += f" Left out, in its way later: {agents_in_words(gone)}."
+        scenario = scenario.with_agents(agents, note)
         return with_focal_agent(scenario.without_agents(gone), place)
 
     def _check_steps(self, scenario: Scenario) -> None:
@@ -308,13 +306,13 @@ def traffic_command(
             **{name: getattr(request, name) for name in _REQUEST_FIELDS},
         ),
     )
-    replaces_all = _replaces_all(request)
-    if not (request.back_casts or replaces_all):
+    is_new = _is_new_traffic(request)
+    if not (request.back_casts or is_new):
         return command
     kept = replace(command, request=replace(command.request, removed_ids=()))
     scenario = kept.apply(request.scenario)
     agents, now = scenario.agents, scenario.current_step
-    if replaces_all:
+    if is_new:
         later = _hit_later(scenario, command.sample.ids)
         command = replace(command, left_out_ids=later)
     if not request.back_casts:
@@ -327,8 +325,8 @@ def traffic_command(
     return replace(command, past=made_up_past(scenario, rows, seed))
 
 
-def _replaces_all(request: GenerationRequest) -> bool:
-    """Whether the traffic takes the place of the recorded one, all of which it drives."""
+def _is_new_traffic(request: GenerationRequest) -> bool:
+    """Whether states are sampled, or all road users get new trajectories."""
     agents, now = request.scenario.agents, request.scenario.current_step
     drives = agents.is_valid[:, now] & agents.kind_mask(ROAD_USER_KINDS)
     ids = {agents.ids[row] for row in np.flatnonzero(drives)}
@@ -342,12 +340,16 @@ def _hit_later(scenario: Scenario, generated_ids: Sequence[str]) -> tuple[str, .
     They belong to the recorded traffic. Those that guidance names or locks keep stay.
     """
     agents, now = scenario.agents, scenario.current_step
-    named = {name for term in scenario.guidance for name in term.named_ids}
-    named |= {EGO_ID, scenario.focal_id, *scenario.locks}
-    pairs, _ = first_overlap(agents, np.arange(now, agents.num_steps))
-    pairs = pairs[np.isin(pairs, agents.rows(generated_ids)).any(axis=1)]
-    rows = np.unique(pairs[~agents.is_valid[pairs, now]]).tolist()
-    return tuple(agents.ids[row] for row in rows if agents.ids[row] not in named)
+    kept = {name for term in scenario.guidance for name in term.named_ids}
+    kept |= {EGO_ID, scenario.focal_id, *scenario.locks}
+    boxes = agents.at_steps(np.arange(now, agents.num_steps))
+    pairs = pairs_that_meet(boxes.position_m, boxes.is_valid, boxes.radius_m)
+    is_late = ~agents.is_valid[pairs, now]
+    is_generated = np.isin(pairs, agents.rows(generated_ids))
+    pairs = pairs[(is_late & is_generated[:, ::-1]).any(axis=1)]
+    hit = pairs[overlaps_of_pairs(pairs, boxes)[0]]
+    rows = np.unique(hit[~agents.is_valid[hit, now]]).tolist()
+    return tuple(agents.ids[row] for row in rows if agents.ids[row] not in kept)
 
 
 def _with_unused_ids(

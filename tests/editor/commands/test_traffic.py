@@ -425,6 +425,7 @@ def test_agents_that_appear_later_in_sampled_ones_are_left_out_and_told():
     )
     after = command.apply(scenario)
     assert ABSENT_ID not in after.agents.row_of
+    assert after.provenance.notes[-1].endswith(f"later: agent {ABSENT_ID}.")
     assert set(after.agents.ids) == set(scenario.agents.ids) - {ABSENT_ID}
     session = EditorSession(scenario)
     session.apply(command)
