@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pd_editor.base.errors import PdEditorError
-from pd_editor.experiments.synthesis.av2_to_sumo.net_file import (
+from pd_editor.experiments.synthesis.road_network.map_network import (
     Av2Network,
     network_of_map,
 )

@@ -11,12 +11,12 @@ from pathlib import Path
 from pd_editor.base.errors import ExportError
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
-from pd_editor.experiments.synthesis.dataset.builder import (
+from pd_editor.experiments.synthesis.dataset_builder import (
     DatasetFolder,
     DatasetPlan,
     build_dataset,
 )
-from pd_editor.experiments.synthesis.dataset.realism_report import scenario_folders
+from pd_editor.experiments.synthesis.realism_report import scenario_folders
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.scene.av2_io.write import check_with_official_loaders
 

@@ -18,14 +18,14 @@ from pd_editor.cli.options import (
     taking,
 )
 from pd_editor.cli.output import work_shown
-from pd_editor.experiments.synthesis.dataset.builder import (
+from pd_editor.experiments.synthesis.dataset_builder import (
     MANIFEST_NAME,
     DatasetFolder,
     DatasetPlan,
     DatasetRecord,
     build_dataset,
 )
-from pd_editor.experiments.synthesis.dataset.realism_report import (
+from pd_editor.experiments.synthesis.realism_report import (
     dataset_scenes,
     real_scenes,
     realism_report,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.experiments.synthesis.dataset import builder
+from pd_editor.experiments.synthesis import dataset_builder
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from tests.cli.shell import Shell
 from tests.experiments.evaluation.small_dataset import write_dataset
@@ -47,7 +47,7 @@ def ray(monkeypatch: pytest.MonkeyPatch) -> FakeRay:
 
     monkeypatch.setattr(LocalProcesses, "run", run)
     monkeypatch.setattr(
-        builder,
+        dataset_builder,
         "_recording",
         lambda item: drive(seed=item.seed, name=item.key),
     )

@@ -6,7 +6,7 @@ import pytest
 
 import pd_editor
 from pd_editor.experiments.recordings.shards import ShardReader
-from pd_editor.experiments.synthesis.dataset import builder as corpus_networks
+from pd_editor.experiments.synthesis import dataset_builder as corpus_networks
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from tests.cli.shell import Shell, run_in_process
 from tests.experiments.recordings.recordings import drive

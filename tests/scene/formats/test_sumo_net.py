@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.base.errors import FormatError
-from pd_editor.experiments.synthesis.sumo.traffic_graph import read_traffic_graph
+from pd_editor.experiments.synthesis.traffic.demand import read_traffic_graph
 from pd_editor.scene.formats.sumo_net import read_sumo_net
 from pd_editor.scene.road_map import LaneKind
 

@@ -8,30 +8,28 @@ from zlib import crc32
 import numpy as np
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.road_network.families.arterial import (
-    generate_arterial,
-    generate_t_junctions,
+from pd_editor.experiments.synthesis.road_network.network import Network
+from pd_editor.experiments.synthesis.road_network.plain_xml import PlainNetwork, convert
+from pd_editor.experiments.synthesis.road_network.ramps import (
+    generate_merge,
+    generate_slip_lanes,
 )
-from pd_editor.experiments.synthesis.road_network.families.grid import (
-    generate_downtown,
-    generate_grid,
-)
-from pd_editor.experiments.synthesis.road_network.families.merge import generate_merge
-from pd_editor.experiments.synthesis.road_network.families.residential import (
+from pd_editor.experiments.synthesis.road_network.residential import (
     generate_dead_ends,
     generate_winding_street,
 )
-from pd_editor.experiments.synthesis.road_network.families.roundabout import (
+from pd_editor.experiments.synthesis.road_network.roundabout import (
     generate_roundabout,
 )
-from pd_editor.experiments.synthesis.road_network.families.slip_lanes import (
-    generate_slip_lanes,
+from pd_editor.experiments.synthesis.road_network.street_plans import (
+    generate_arterial,
+    generate_downtown,
+    generate_grid,
+    generate_t_junctions,
+    generate_town,
 )
-from pd_editor.experiments.synthesis.road_network.families.town import generate_town
-from pd_editor.experiments.synthesis.road_network.network import Network
-from pd_editor.experiments.synthesis.road_network.plain_xml import PlainNetwork, convert
-from pd_editor.experiments.synthesis.sumo_to_av2.map_conversion import net_road_map
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
+from pd_editor.experiments.synthesis.sumo.map_conversion import net_road_map
+from pd_editor.experiments.synthesis.sumo.parking_bays import (
     BAY_SHARE,
     with_wide_kerb_lanes,
 )

@@ -21,13 +21,13 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
     Strip,
     StripKind,
 )
-from pd_editor.experiments.synthesis.road_network.street_curves import (
+from pd_editor.experiments.synthesis.road_network.streets import (
     SPACING_M,
+    Carriageway,
     CurveKind,
     curve,
 )
-from pd_editor.experiments.synthesis.road_network.street_types import Carriageway
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import ParkingBay
+from pd_editor.experiments.synthesis.sumo.parking_bays import ParkingBay
 from pd_editor.scene.geometry.polyline import arc_length, densify, offset_line, point_at
 from pd_editor.scene.road_map import RoadMap
 

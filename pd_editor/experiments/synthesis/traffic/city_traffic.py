@@ -17,7 +17,8 @@ from pd_editor.base.errors import SynthesisError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
-from pd_editor.experiments.synthesis.sumo.signal_states import (
+from pd_editor.experiments.synthesis.sumo.map_conversion import net_road_map
+from pd_editor.experiments.synthesis.sumo.simulation_output import (
     STATES_NAME,
     read_signals,
     state_outputs,
@@ -26,10 +27,14 @@ from pd_editor.experiments.synthesis.sumo.sumo_scenario import (
     SumoScenario,
     read_sumo_scenario,
 )
-from pd_editor.experiments.synthesis.sumo_to_av2.map_conversion import net_road_map
 from pd_editor.experiments.synthesis.traffic.demand_config import (
+    MODELS,
     DemandOptions,
     ParkingOptions,
+    SampledType,
+    VehicleModel,
+    sample_pedestrian_type,
+    sample_vehicle_type,
 )
 from pd_editor.experiments.synthesis.traffic.simulation import (
     STEP_S,
@@ -37,14 +42,7 @@ from pd_editor.experiments.synthesis.traffic.simulation import (
     finished_recording,
     run_traffic,
 )
-from pd_editor.experiments.synthesis.traffic.track_smoothing import traffic_tracks
-from pd_editor.experiments.synthesis.traffic.vehicle_types import (
-    MODELS,
-    SampledType,
-    VehicleModel,
-    sample_pedestrian_type,
-    sample_vehicle_type,
-)
+from pd_editor.experiments.synthesis.traffic.tracks import traffic_tracks
 from pd_editor.scene.formats.packed_file import read_unpacked
 from pd_editor.scene.formats.sumo_net import SumoNet
 from pd_editor.scene.formats.xml_file import added

@@ -11,12 +11,12 @@ import shapely
 from jaxtyping import Bool, Float
 
 from pd_editor.experiments.synthesis.road_network.network import Network
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
+from pd_editor.experiments.synthesis.sumo.parking_bays import (
     ParkingBay,
     kerb_lanes,
 )
 from pd_editor.experiments.synthesis.traffic.demand_config import ParkingOptions
-from pd_editor.experiments.synthesis.traffic.track_smoothing import TrafficTracks
+from pd_editor.experiments.synthesis.traffic.tracks import TrafficTracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.lines import Lines

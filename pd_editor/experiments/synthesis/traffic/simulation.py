@@ -12,12 +12,10 @@ from pd_editor.base.errors import SynthesisError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
-from pd_editor.experiments.synthesis.sumo.floating_car_data import (
+from pd_editor.experiments.synthesis.sumo.simulation_output import (
+    STATES_NAME,
     RawTracks,
     read_raw_tracks,
-)
-from pd_editor.experiments.synthesis.sumo.signal_states import (
-    STATES_NAME,
     read_signals,
     state_outputs,
 )
@@ -25,24 +23,22 @@ from pd_editor.experiments.synthesis.sumo.sumo_tools import (
     SIMULATION_LIMIT_S,
     run_sumo_tool,
 )
-from pd_editor.experiments.synthesis.sumo.traffic_graph import (
+from pd_editor.experiments.synthesis.traffic.demand import (
     TrafficGraph,
     read_traffic_graph,
+    sample_demand,
 )
-from pd_editor.experiments.synthesis.traffic.artefact_filter import (
-    has_artefact,
-    without_overlaps,
-)
-from pd_editor.experiments.synthesis.traffic.demand import sample_demand
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.parked_vehicles import (
     ParkedVehicles,
     sample_parked_vehicles,
 )
 from pd_editor.experiments.synthesis.traffic.pedestrians import sample_pedestrians
-from pd_editor.experiments.synthesis.traffic.track_smoothing import (
+from pd_editor.experiments.synthesis.traffic.tracks import (
     TrafficTracks,
+    has_artefact,
     traffic_tracks,
+    without_overlaps,
 )
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.signals import Signal

@@ -5,10 +5,12 @@ import pytest
 import shapely
 
 from pd_editor.experiments.synthesis.road_network.footways import OUTSIDE_M, footways_of
-from pd_editor.experiments.synthesis.traffic.artefact_filter import overlapping_pairs
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.pedestrians import sample_pedestrians
-from pd_editor.experiments.synthesis.traffic.track_smoothing import TrafficTracks
+from pd_editor.experiments.synthesis.traffic.tracks import (
+    TrafficTracks,
+    overlapping_pairs,
+)
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import Crosswalk, DrivableArea, RoadMap
 from tests.builders import straight_lane

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pd_editor.experiments.synthesis.road_network.street_curves import (
+from pd_editor.experiments.synthesis.road_network.streets import (
     CurveKind,
     between_poses,
     curve,

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.sumo.floating_car_data import read_raw_tracks
+from pd_editor.experiments.synthesis.sumo.simulation_output import read_raw_tracks
 from pd_editor.scene.formats.sumo_net import center_of_front, heading_of_sumo
 
 

@@ -4,20 +4,18 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.experiments.synthesis.sumo.floating_car_data import RawTracks
-from pd_editor.experiments.synthesis.traffic.artefact_filter import (
+from pd_editor.experiments.synthesis.sumo.simulation_output import RawTracks
+from pd_editor.experiments.synthesis.traffic.demand_config import (
+    MODELS,
+    DemandOptions,
+    sample_vehicle_type,
+)
+from pd_editor.experiments.synthesis.traffic.tracks import (
+    TrafficTracks,
     has_artefact,
     overlapping_pairs,
-    without_overlaps,
-)
-from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
-from pd_editor.experiments.synthesis.traffic.track_smoothing import (
-    TrafficTracks,
     traffic_tracks,
-)
-from pd_editor.experiments.synthesis.traffic.vehicle_types import (
-    MODELS,
-    sample_vehicle_type,
+    without_overlaps,
 )
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.oriented_box import box_corners

@@ -8,13 +8,13 @@ import pytest
 import shapely
 
 from pd_editor.experiments.synthesis.road_network.network import Network
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import ParkingBay
+from pd_editor.experiments.synthesis.sumo.parking_bays import ParkingBay
 from pd_editor.experiments.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.experiments.synthesis.traffic.parked_vehicles import (
     ParkedVehicles,
     sample_parked_vehicles,
 )
-from pd_editor.experiments.synthesis.traffic.track_smoothing import TrafficTracks
+from pd_editor.experiments.synthesis.traffic.tracks import TrafficTracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import straight_lane

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
-from pd_editor.experiments.synthesis.sumo.traffic_graph import (
+from pd_editor.experiments.synthesis.traffic.demand import (
+    RouteSampler,
     TrafficGraph,
     read_traffic_graph,
+    sample_demand,
 )
-from pd_editor.experiments.synthesis.traffic.demand import RouteSampler, sample_demand
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.simulation import (
     LEAST_GREEN_S,

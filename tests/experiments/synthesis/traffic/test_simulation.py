@@ -10,7 +10,7 @@ from pd_editor.base.errors import FormatError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
 from pd_editor.experiments.synthesis.road_network.network import Network
-from pd_editor.experiments.synthesis.sumo.traffic_graph import read_traffic_graph
+from pd_editor.experiments.synthesis.traffic.demand import read_traffic_graph
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.simulation import simulate
 from pd_editor.scene.agent_kind import AgentKind

@@ -13,18 +13,16 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
     Strip,
     StripKind,
 )
-from pd_editor.experiments.synthesis.road_network.street_curves import (
-    between_poses,
-    curve,
-    direction,
-    sample_curve_kind,
-)
-from pd_editor.experiments.synthesis.road_network.street_types import (
+from pd_editor.experiments.synthesis.road_network.streets import (
     Carriageway,
+    between_poses,
     collector,
     control,
     crossing_width_m,
+    curve,
+    direction,
     residential,
+    sample_curve_kind,
 )
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import offset_line

@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 import shapely
 
-from pd_editor.experiments.synthesis.sumo_to_av2.lane_chains import (
+from pd_editor.experiments.synthesis.sumo.lane_chains import (
     LaneChain,
     LaneChains,
     chain_lines,
     lane_chains,
 )
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
+from pd_editor.experiments.synthesis.sumo.parking_bays import (
     BAY_SHARE,
     ParkingBay,
     sample_parking_bays,

@@ -19,14 +19,14 @@ from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, shard_bytes
 from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
-from pd_editor.experiments.synthesis.av2_to_sumo.net_file import (
-    network_of_map,
-)
-from pd_editor.experiments.synthesis.dataset.realism_report import scenario_folders
+from pd_editor.experiments.synthesis.realism_report import scenario_folders
 from pd_editor.experiments.synthesis.road_network.generator import (
     FAMILIES,
     FAMILY_SHARES,
     generate_network,
+)
+from pd_editor.experiments.synthesis.road_network.map_network import (
+    network_of_map,
 )
 from pd_editor.experiments.synthesis.sumo.sumo_scenario import (
     city_name,

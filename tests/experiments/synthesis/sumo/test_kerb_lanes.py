@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
+from pd_editor.experiments.synthesis.sumo.parking_bays import (
     with_wide_kerb_lanes,
 )
 from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet

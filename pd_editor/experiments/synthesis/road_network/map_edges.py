@@ -1,19 +1,206 @@
-"""Links through junctions between lanes of roads, and the junctions that they form."""
+"""Roads (SUMO edges) from a lane graph, links between them through junctions, and the junctions."""
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.av2_to_sumo.edges import (
-    LaneInterval,
-    LaneLines,
-    Road,
-    middle_split,
-    roads_of,
-)
+from pd_editor.scene.geometry.polyline import arc_length, point_at
+from pd_editor.scene.road_map import Lane, RoadMap
+
+CUT_M: Final = 1.0
+"""Length by which a lane is shortened at a junction."""
+MAX_CUT_M: Final = 25.0
+MAX_CUT_SHARE: Final = 0.4
+"""Largest fraction of a lane by which each end is shortened."""
+APART_M: Final = 2.4
+"""Centre lines further apart than this carry traffic side by side."""
+STUB_M: Final = 8.0
+"""Length of the road made of a junction lane that begins or ends at the map's edge."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaneInterval:
+    """Interval of a lane's centre line, given by two arc lengths."""
+
+    lane_id: int
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Road:
+    """Group of adjacent lane intervals, from right to left: an edge of SUMO."""
+
+    lanes: tuple[LaneInterval, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LaneLines:
+    """Lanes of a map with their links and centre lines."""
+
+    road_map: RoadMap
+
+    @cached_property
+    def successors(self) -> dict[int, tuple[int, ...]]:
+        """Lanes of the map that follow each lane."""
+        known = self.road_map.lane_of
+        return {
+            lane.lane_id: tuple(n for n in dict.fromkeys(lane.successors) if n in known)
+            for lane in self.road_map.lanes
+        }
+
+    @cached_property
+    def predecessors(self) -> dict[int, tuple[int, ...]]:
+        """Lanes of the map that lead to each lane."""
+        found: dict[int, tuple[int, ...]] = dict.fromkeys(self.successors, ())
+        for lane_id, following in self.successors.items():
+            for other in following:
+                found[other] = (*found[other], lane_id)
+        return found
+
+    @cached_property
+    def length_m(self) -> dict[int, float]:
+        """Length of each centre line."""
+        lanes = self.road_map.lanes
+        return {n.lane_id: float(arc_length(n.centerline_m)[-1]) for n in lanes}
+
+    def lane(self, lane_id: int) -> Lane:
+        """The lane with an id."""
+        return self.road_map.lane_of[lane_id]
+
+    def line(
+        self, lane_intervals: tuple[LaneInterval, ...]
+    ) -> Float[np.ndarray, "N 2"]:
+        """Centre line along intervals, with all vertices of the lanes."""
+        points = [
+            _part(self.lane(s.lane_id).centerline_m, s.start_m, s.end_m)
+            for s in lane_intervals
+        ]
+        joined = np.concatenate(points)
+        step = np.linalg.norm(np.diff(joined, axis=0), axis=1)
+        keep = np.concatenate([[True], step > 1e-3])
+        keep[-1] = True
+        return joined[keep]
+
+
+def _part(
+    line: Float[np.ndarray, "N 2"], start_m: float, end_m: float
+) -> Float[np.ndarray, "M 2"]:
+    along = arc_length(line)
+    inside = (along > start_m + 1e-6) & (along < end_m - 1e-6)
+    ends = point_at(line, np.array([start_m, end_m]))
+    return np.concatenate([ends[:1], line[inside], ends[1:]])
+
+
+def roads_of(lines: LaneLines, crossing: frozenset[int]) -> tuple[Road, ...]:
+    """Roads of all lanes; lanes in ``crossing`` only where the map ends.
+
+    Lanes in ``crossing`` belong to a junction.
+    """
+    roads = [
+        _shortened(lines, group)
+        for group in lines.road_map.lane_groups
+        for group in _without(group, crossing)
+    ]
+    for lane_id in sorted(crossing):
+        length = lines.length_m[lane_id]
+        stub = min(STUB_M, MAX_CUT_SHARE * length)
+        begins, ends = not lines.predecessors[lane_id], not lines.successors[lane_id]
+        if begins:
+            part = LaneInterval(lane_id=lane_id, start_m=0.0, end_m=stub)
+            roads.append(Road(lanes=(part,)))
+        if ends:
+            part = LaneInterval(lane_id=lane_id, start_m=length - stub, end_m=length)
+            roads.append(Road(lanes=(part,)))
+    return tuple(roads)
+
+
+def _without(group: tuple[int, ...], crossing: frozenset[int]) -> list[list[int]]:
+    """Split a group at lanes that belong to junctions."""
+    runs: list[list[int]] = [[]]
+    for lane_id in group:
+        if lane_id in crossing:
+            runs.append([])
+        else:
+            runs[-1].append(lane_id)
+    return [run for run in runs if run]
+
+
+def _shortened(lines: LaneLines, group: list[int]) -> Road:
+    """Road of a lane group, shortened by the same lengths for all lanes."""
+    shortest = min(lines.length_m[lane_id] for lane_id in group)
+    begin = max(_start_cut(lines, lane_id, group) for lane_id in group)
+    end = max(_end_cut(lines, lane_id, group) for lane_id in group)
+    limit = min(MAX_CUT_M, MAX_CUT_SHARE * shortest)
+    begin, end = min(begin, limit), min(end, limit)
+    return Road(
+        lanes=tuple(
+            LaneInterval(
+                lane_id=lane_id, start_m=begin, end_m=lines.length_m[lane_id] - end
+            )
+            for lane_id in group
+        )
+    )
+
+
+def _start_cut(lines: LaneLines, lane_id: int, group: list[int]) -> float:
+    """Length over which a lane overlaps others with the same predecessor."""
+    before = lines.predecessors[lane_id]
+    if not before:
+        return 0.0
+    rivals = {n for lane in before for n in lines.successors[lane]} - set(group)
+    others = [lines.lane(n).centerline_m for n in sorted(rivals)]
+    return _shared(lines.lane(lane_id).centerline_m, others)
+
+
+def _end_cut(lines: LaneLines, lane_id: int, group: list[int]) -> float:
+    """Length over which a lane overlaps others with the same successor."""
+    after = lines.successors[lane_id]
+    if not after:
+        return 0.0
+    rivals = {n for lane in after for n in lines.predecessors[lane]} - set(group)
+    others = [lines.lane(n).centerline_m[::-1] for n in sorted(rivals)]
+    return _shared(lines.lane(lane_id).centerline_m[::-1], others)
+
+
+def _shared(
+    line: Float[np.ndarray, "N 2"], others: list[Float[np.ndarray, "_ 2"]]
+) -> float:
+    if not others:
+        return CUT_M
+    length = min(float(arc_length(line)[-1]), MAX_CUT_M)
+    along = np.arange(CUT_M, length, 0.5)
+    points = shapely.points(point_at(line, along))
+    near = np.zeros(len(along))
+    for other in others:
+        near = np.maximum(
+            near, shapely.distance(shapely.LineString(other), points) < APART_M
+        )
+    apart = np.flatnonzero(near == 0)
+    return float(along[apart[0]]) if len(apart) else length
+
+
+def middle_split(road: Road) -> tuple[Road, Road]:
+    """Split a road into two, with a short gap for the link between them."""
+    halves = []
+    for first, second in ((0.0, 0.45), (0.55, 1.0)):
+        parts = tuple(
+            LaneInterval(
+                lane_id=s.lane_id,
+                start_m=s.start_m + first * (s.end_m - s.start_m),
+                end_m=s.start_m + second * (s.end_m - s.start_m),
+            )
+            for s in road.lanes
+        )
+        halves.append(Road(lanes=parts))
+    return halves[0], halves[1]
+
 
 _MAX_CHAIN = 6
 """Longest chain of lanes in a junction; longer chains become roads."""

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from pd_editor.experiments.synthesis.road_network.generator import generate_network
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import (
+from pd_editor.experiments.synthesis.sumo.parking_bays import (
     kerb_lanes,
     sample_parking_bays,
 )

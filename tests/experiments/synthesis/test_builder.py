@@ -7,8 +7,8 @@ import pytest
 
 from pd_editor.base.errors import ExportError, InputError, SynthesisError
 from pd_editor.experiments.recordings.shards import ShardReader
-from pd_editor.experiments.synthesis.dataset import builder as corpus_networks
-from pd_editor.experiments.synthesis.dataset.builder import (
+from pd_editor.experiments.synthesis import dataset_builder as corpus_networks
+from pd_editor.experiments.synthesis.dataset_builder import (
     WINDOWS_PER_SHARD,
     DatasetFolder,
     DatasetPlan,

@@ -14,20 +14,18 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
     NodeKind,
     PlainNetwork,
 )
-from pd_editor.experiments.synthesis.road_network.street_curves import (
-    between_poses,
-    direction,
-    pose_at,
-    random_warp,
-    sample_main_line,
-    through_points,
-)
-from pd_editor.experiments.synthesis.road_network.street_types import (
+from pd_editor.experiments.synthesis.road_network.streets import (
     Carriageway,
+    between_poses,
     collector,
     corner_radius_m,
     crossing_width_m,
+    direction,
+    pose_at,
+    random_warp,
     residential,
+    sample_main_line,
+    through_points,
 )
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import jensenshannon
 
 from pd_editor.base.errors import InputError
-from pd_editor.experiments.synthesis.dataset.realism_report import (
+from pd_editor.experiments.synthesis.realism_report import (
     QUANTITIES,
     MeasuredScene,
     RealismReport,

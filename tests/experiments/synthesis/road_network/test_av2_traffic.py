@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from pd_editor.analysis.metrics.box_overlaps import boxes_touch
-from pd_editor.experiments.synthesis.av2_to_sumo.net_file import (
+from pd_editor.experiments.synthesis.road_network.map_network import (
     network_of_map,
     parking_strips,
 )

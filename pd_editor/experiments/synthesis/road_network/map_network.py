@@ -11,18 +11,16 @@ import shapely
 from jaxtyping import Float
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.av2_to_sumo.connections import (
+from pd_editor.experiments.synthesis.road_network.footways import footways_of
+from pd_editor.experiments.synthesis.road_network.map_edges import (
+    LaneInterval,
+    LaneLines,
     LaneRoads,
     Link,
+    Road,
     junction_points,
     lane_roads,
 )
-from pd_editor.experiments.synthesis.av2_to_sumo.edges import (
-    LaneInterval,
-    LaneLines,
-    Road,
-)
-from pd_editor.experiments.synthesis.road_network.footways import footways_of
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.road_network.plain_xml import (
     NodeKind,
@@ -31,7 +29,7 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
     shape_text,
 )
 from pd_editor.experiments.synthesis.sumo.curve_speeds import curve_speed_mps
-from pd_editor.experiments.synthesis.sumo_to_av2.parking_bays import kerb_lanes
+from pd_editor.experiments.synthesis.sumo.parking_bays import kerb_lanes
 from pd_editor.scene.geometry.angles import left_of
 from pd_editor.scene.geometry.polyline import arc_length, point_at, resample
 from pd_editor.scene.road_map import Lane, LaneKind, RoadMap

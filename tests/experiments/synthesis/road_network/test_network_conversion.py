@@ -9,7 +9,7 @@ import shapely
 import sumolib
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.av2_to_sumo.net_file import (
+from pd_editor.experiments.synthesis.road_network.map_network import (
     Av2Network,
     network_of_map,
 )

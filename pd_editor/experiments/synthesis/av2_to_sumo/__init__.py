@@ -1,1 +1,0 @@
-"""Conversion of Argoverse 2 maps to SUMO net files."""

@@ -1,1 +1,0 @@
-"""Synthetic datasets: simulation of many networks, and writing of their clips."""

@@ -1,1 +1,0 @@
-"""Families of procedural networks, one module each."""

@@ -1,1 +1,0 @@
-"""Conversion of SUMO net files to Argoverse 2 maps."""
