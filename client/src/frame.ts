@@ -385,6 +385,6 @@ const overlay: Overlay = {
 /** Put the frame into the page, in the place of that of the former connection. */
 export function install(): void {
   document.head.append(style);
-  document.body.append(root);
+  document.body.prepend(root); // Tab comes to tools and timeline before the panel.
   window.pdOverlay = overlay;
 }

@@ -53,7 +53,7 @@ class DriveOptions(WishOptions, PartOptions, ManyOptions):
 
     Args:
         out: Folder that receives DIR/<name>/, one for each policy.
-        policies: log-replay, constant-velocity, idm, installed ones, folders with policy.py, or package.module:attribute; in Python objects, too.
+        policies: log-replay, constant-velocity, idm (Intelligent Driver Model), installed ones, folders with policy.py, or package.module:attribute; in Python objects, too.
         ego: Id of the agent that they drive.
         also: Further agents, each driven by a policy in every roll-out, such as bus-0165=idm; in Python also a mapping of ids to policies.
         seconds: Length of a roll-out.

@@ -110,3 +110,15 @@ def test_tab_passes_lists_without_opening_them(open_editor):
     assert page.locator("[role=listbox]:visible").count() == 0
     page.keyboard.press("ArrowDown")
     page.locator("[role=option]:visible").first.wait_for()
+
+
+def test_tab_comes_to_the_tools_first_and_then_to_the_panel(open_editor):
+    """The tools were behind the whole panel and all that lies over the picture."""
+    editor = open_editor()
+    page = editor.page
+    order = page.evaluate(
+        "[...document.querySelectorAll('.pd-bar button, .pd-track, [role=tab]')]"
+        ".filter(one => one.checkVisibility({visibilityProperty: true}))"
+        ".map(one => one.role ?? 'tool')"
+    )
+    assert list(dict.fromkeys(order)) == ["tool", "slider", "tab"]

@@ -133,7 +133,7 @@ def test_the_legend_beside_a_list_keeps_off_the_focal_agent(editor):
     expect(legend).to_be_hidden()
     page.set_viewport_size({"width": 1920, "height": 1080})
     expect(legend).to_be_visible()
-    picture = box_of(page.locator("canvas").first)
+    picture = box_of(page.locator("#root canvas").first)
     assert box_of(legend)[2] < (picture[0] + picture[2]) / 2 - 60
 
 

@@ -442,3 +442,17 @@ def test_edits_that_are_not_saved_are_told_as_long_as_they_are(editor, monkeypat
     monkeypatch.undo()
     editor.tab().ui.post(editor.tab().elements.chip.show)
     alert.wait_for(state="hidden")
+
+
+def test_groups_of_problems_keep_the_focus(editor):
+    """A group that keys opened or closed was drawn anew, and the focus was lost."""
+    bend(editor)
+    page = editor.page
+    page.locator(".pd-chip-main").click()
+    head = page.locator(".pd-problem-group").first
+    head.focus()
+    for is_open in ("false", "true"):
+        expect(head).to_be_focused()
+        page.keyboard.press("Enter")
+        expect(head).to_have_attribute("aria-expanded", is_open)
+    expect(head).to_be_focused()

@@ -63,7 +63,7 @@ def test_wheel_zooms_to_the_pointer_and_pans_keep_the_ground_under_it(editor, vi
     """(design 10) The same place stays under the pointer; what turns about it as well."""
     tool(editor, view).click()
     camera_rests(editor)
-    box = editor.page.locator("canvas").first.bounding_box()
+    box = editor.page.locator("#root canvas").first.bounding_box()
     x, y = 420.0, 300.0
     before, start = ground(editor, x, y), editor.client.camera.position.copy()
     editor.page.mouse.move(box["x"] + x, box["y"] + y)
@@ -174,7 +174,7 @@ def test_f_frames_the_extent_of_the_selection_and_home_the_map(editor, view):
     assert distance_m(editor) < 0.7 * far
     if view == "3-D view":
         x, y = editor.pixel(agents.position_m[rows[0], step])
-        canvas = editor.page.locator("canvas").first.bounding_box()
+        canvas = editor.page.locator("#root canvas").first.bounding_box()
         assert abs(x - canvas["width"] / 2) < 0.15 * canvas["width"]
         assert abs(y - canvas["height"] / 2) < 0.25 * canvas["height"]
     editor.key("Home")

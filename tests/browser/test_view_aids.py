@@ -66,7 +66,7 @@ def test_compass_turns_the_view_and_the_scale_bar_is_right(editor):
     words = scale.get_attribute("aria-label")
     length = float(re.fullmatch(r"Scale: (\d+) m", words).group(1))
     pixels = page.locator(".pd-scalebar-line").bounding_box()["width"]
-    canvas = page.locator("canvas").first.bounding_box()
+    canvas = page.locator("#root canvas").first.bounding_box()
     x, y = canvas["width"] / 2, canvas["height"] / 2
     assert np.isclose(
         np.linalg.norm(ground(editor, x, y) - ground(editor, x + pixels, y)),

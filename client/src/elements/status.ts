@@ -97,8 +97,7 @@ define("status", (api) => {
     if (wanted !== drawn) {
       drawn = wanted;
       const top = rows.scrollTop;
-      const focus = document.activeElement;
-      const focused = focus instanceof HTMLElement ? focus.dataset.problem : undefined;
+      const focused = document.activeElement?.getAttribute("data-problem");
       const groups = state.groups.filter((group) => group.rows.length);
       const parts = groups.flatMap((group, place) => {
         const isFolded = folded[group.name] ?? !(place === 0 && ["new", "notices"].includes(group.name));
@@ -106,16 +105,17 @@ define("status", (api) => {
           folded[group.name] = !isFolded;
           drawRows();
         };
-        const head = button("pd-problem-group", group.title, fold, { "aria-expanded": String(!isFolded) });
+        const head = button("pd-problem-group", group.title, fold, { "aria-expanded": `${!isFolded}` });
+        head.dataset.problem = group.name;
         if (isFolded) return [head];
         const more = make("div", "pd-problem-more", {}, `... and ${group.more} more`);
         return [head, ...group.rows.map(rowOf), ...(group.more ? [more] : [])];
       });
       rows.replaceChildren(...(parts.length ? parts : [make("div", "pd-problem-more", {}, NOTHING)]));
-      detail.hidden = !rows.querySelector("[data-problem]");
+      detail.hidden = !items().length;
       if (isOpen) fit();
       rows.scrollTop = top;
-      if (focused) items()[place(focused)]?.focus({ preventScroll: true });
+      if (focused) parts.find((part) => part.dataset.problem === focused)?.focus({ preventScroll: true });
     }
     for (const item of items()) item.setAttribute("aria-current", String(item.dataset.problem === state.active?.id));
   }

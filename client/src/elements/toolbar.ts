@@ -1,6 +1,6 @@
 // The row of tools over the picture's top left corner.
 import { icon, make } from "../dom.ts";
-import { define, guidanceIcons } from "../frame.ts";
+import { define, guidanceIcons, root } from "../frame.ts";
 import type { Tool } from "../messages.ts";
 
 // Drawn on a grid of 20 x 20, to be clear at 16 pixels.
@@ -26,6 +26,7 @@ const PATHS: Partial<Record<Tool["icon"], string>> = {
 define("toolbar", (api) => {
   const bar = make("div", "pd-solid pd-bar", { role: "toolbar", "aria-label": "Tools" });
   api.box.append(bar);
+  root.prepend(api.box); // The first that Tab comes to.
   const buttons = new Map<string, HTMLButtonElement>();
 
   function add(tool: Tool): HTMLButtonElement {
@@ -54,8 +55,7 @@ define("toolbar", (api) => {
   return ({ tools }) => {
     for (const tool of tools) {
       const button = buttons.get(tool.icon) ?? add(tool);
-      button.setAttribute("aria-label", tool.hint);
-      button.dataset.hint = tool.hint;
+      button.ariaLabel = button.dataset.hint = tool.hint;
       button.setAttribute("aria-pressed", String(tool.isActive));
       // Not .disabled: a tool keeps the focus, and tells why it cannot be used.
       button.setAttribute("aria-disabled", String(!tool.isEnabled));

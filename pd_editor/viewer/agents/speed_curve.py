@@ -14,8 +14,6 @@ from pd_editor.viewer.overlay.messages import SpeedCurveEvent, SpeedCurveState
 from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.tab.ui_context import UiContext
 
-_NONE = SpeedCurveState()
-
 
 class SpeedCurve:
     """The element ``speedCurve``: shows the speeds of one agent, and edits them.
@@ -38,8 +36,10 @@ class SpeedCurve:
         scenario, selection = session.scenario, session.selection
         rows = scenario.agents.rows(selection)
         if len(rows) != 1 or not scenario.agents.is_valid[rows[0]].any():
-            self._ui.overlay.show(_NONE)
+            self._ui.overlay.show(SpeedCurveState())
+            self._ui.model.covered["speeds"] = 0
             return
+        self._ui.model.covered["speeds"] = 244  # With what is below and above.
         row = int(rows[0])
         original = session.original.agents
         speeds, former = _speeds(scenario.agents, row), ()
@@ -79,19 +79,16 @@ class SpeedCurve:
         step = event.step
         if 0 < step <= axis.num_future_steps:
             self._timeline.seek(float(axis.current_step + step))
-        pull = _pull(selection[0], step, step * axis.step_s, event.speed)
+        pull: Command = SetAgentSpeed(agent_ids=selection, speed_mps=event.speed)
+        if step:
+            agent, time_s = selection[0], step * axis.step_s
+            pull = PullSpeed(agent_id=agent, time_s=time_s, speed_mps=event.speed)
         try:
             ui.preview(self._owner, pull)
         except EditError:
             # Said once; the rest of the pull would say it again at each event.
             ui.abort_gesture()
             raise
-
-
-def _pull(agent_id: str, step: int, time_s: float, speed_mps: float) -> Command:
-    if step == 0:
-        return SetAgentSpeed(agent_ids=(agent_id,), speed_mps=speed_mps)
-    return PullSpeed(agent_id=agent_id, time_s=time_s, speed_mps=speed_mps)
 
 
 def _speeds(agents: AgentTracks, row: int) -> tuple[float | None, ...]:

@@ -120,7 +120,9 @@ class RollOutPanel:
                 "Duration", LENGTHS, hint="The scene goes on for so long"
             )
             self._policy = gui.add_dropdown(
-                "Policy", (*names, NOBODY), hint="What drives; all others answer to it"
+                "Policy",
+                (*names, NOBODY),
+                hint="What drives; all others answer to it. idm: Intelligent Driver Model",
             )
             self._driven = FixedText(gui, 2)
             self._run = gui.add_button("Roll out", icon=viser.Icon.PLAYER_TRACK_NEXT)

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (62bda9a25ca8340c); not to be edited. */
+/* Built by .ci/client.py from client/ (8a7b376e183e7e39); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -481,7 +481,7 @@
   };
   function install() {
     document.head.append(style);
-    document.body.append(root);
+    document.body.prepend(root);
     window.pdOverlay = overlay;
   }
 
@@ -3802,8 +3802,7 @@
       if (wanted !== drawn) {
         drawn = wanted;
         const top = rows.scrollTop;
-        const focus = document.activeElement;
-        const focused = focus instanceof HTMLElement ? focus.dataset.problem : void 0;
+        const focused = document.activeElement?.getAttribute("data-problem");
         const groups = state.groups.filter((group) => group.rows.length);
         const parts = groups.flatMap((group, place2) => {
           const isFolded = folded[group.name] ?? !(place2 === 0 && ["new", "notices"].includes(group.name));
@@ -3811,16 +3810,17 @@
             folded[group.name] = !isFolded;
             drawRows();
           };
-          const head3 = button("pd-problem-group", group.title, fold, { "aria-expanded": String(!isFolded) });
+          const head3 = button("pd-problem-group", group.title, fold, { "aria-expanded": `${!isFolded}` });
+          head3.dataset.problem = group.name;
           if (isFolded) return [head3];
           const more = make("div", "pd-problem-more", {}, `... and ${group.more} more`);
           return [head3, ...group.rows.map(rowOf), ...group.more ? [more] : []];
         });
         rows.replaceChildren(...parts.length ? parts : [make("div", "pd-problem-more", {}, NOTHING2)]);
-        detail.hidden = !rows.querySelector("[data-problem]");
+        detail.hidden = !items().length;
         if (isOpen) fit();
         rows.scrollTop = top;
-        if (focused) items()[place(focused)]?.focus({ preventScroll: true });
+        if (focused) parts.find((part) => part.dataset.problem === focused)?.focus({ preventScroll: true });
       }
       for (const item of items()) item.setAttribute("aria-current", String(item.dataset.problem === state.active?.id));
     }
@@ -4354,6 +4354,7 @@
   define("toolbar", (api) => {
     const bar = make("div", "pd-solid pd-bar", { role: "toolbar", "aria-label": "Tools" });
     api.box.append(bar);
+    root.prepend(api.box);
     const buttons = /* @__PURE__ */ new Map();
     function add(tool) {
       const button2 = make("button", tool.startsGroup ? "pd-group" : "", { type: "button" });
@@ -4380,8 +4381,7 @@
     return ({ tools }) => {
       for (const tool of tools) {
         const button2 = buttons.get(tool.icon) ?? add(tool);
-        button2.setAttribute("aria-label", tool.hint);
-        button2.dataset.hint = tool.hint;
+        button2.ariaLabel = button2.dataset.hint = tool.hint;
         button2.setAttribute("aria-pressed", String(tool.isActive));
         button2.setAttribute("aria-disabled", String(!tool.isEnabled));
       }

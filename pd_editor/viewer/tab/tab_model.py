@@ -66,7 +66,7 @@ class TabModel:
         """Agent that is pointed at in a list."""
         self.compared = Signal[()]()
         """The original scenario is shown or hidden."""
-        self.covered: dict[str, int] = {}
+        self.covered = {"timeline": 174}
         """Height in pixels of the picture's lower part that each element covers."""
         self.checked = Signal[()]()
         """The findings of the future are known, or others of them are ignored."""
@@ -106,7 +106,7 @@ class TabModel:
     @property
     def covered_px(self) -> int:
         """Height of the picture's lower part that is covered."""
-        return max(self.covered.values(), default=0)
+        return max(self.covered.values())
 
     def preview(self, scenario: Scenario | None) -> None:
         """Draw a scenario in the place of the session's without an edit; None: that one."""

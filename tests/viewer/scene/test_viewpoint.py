@@ -3,6 +3,7 @@
 import numpy as np
 
 from pd_editor.viewer.scene.camera import projected
+from pd_editor.viewer.scene.framing import agents_extent
 from tests.viewer.fake_browser import CAMERA, FakeTab
 
 
@@ -29,3 +30,22 @@ def test_an_agent_under_the_strip_of_samples_is_brought_into_sight(tab: FakeTab)
     shown = height()
     tab.run(view.uncover)
     assert height() == shown
+
+
+def test_framed_agents_are_above_the_curve_of_speed(tab: FakeTab):
+    """In low windows the status chip and the curve covered the end of a trajectory."""
+    view, session = tab.elements.viewpoint, tab.session
+    name = session.scenario.focal_id
+    tab.run(lambda: session.select((name,)))
+    tab.run(view.show_top)
+    corners = agents_extent(session.scenario, (name,))
+    screen, _ = projected(tab.ui.client.camera, corners)
+    assert (
+        screen[:, 1].max()
+        < 1.0 - tab.model.covered["speeds"] / CAMERA["image_height"] + 1e-3
+    )
+    tab.run(lambda: session.select(()))
+    tab.run(view.frame_selection)
+    screen, _ = projected(tab.ui.client.camera, corners)
+    lowest = 1.0 - tab.model.covered["timeline"] / CAMERA["image_height"]
+    assert screen[:, 1].max() < lowest + 1e-3
