@@ -1,7 +1,7 @@
 """ASAM OpenDRIVE road networks, versions 1.0 to 1.9 (XML), and OpenSCENARIO on them."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -65,6 +65,12 @@ _LANE_KINDS: Final = {
     "bus": LaneKind.BUS, "taxi": LaneKind.BUS, "biking": LaneKind.BIKE,
 }  # fmt: skip
 """Types of lanes that are driven on, in lower case."""
+_USERS: Final = {
+    "passengercar": LaneKind.VEHICLE, "autonomoustraffic": LaneKind.VEHICLE,
+    "throughtraffic": LaneKind.VEHICLE, "bus": LaneKind.BUS, "taxi": LaneKind.BUS,
+    "bicycle": LaneKind.BIKE,
+}  # fmt: skip
+"""Kinds of lanes that only these may use, by words of access rules in lower case; cars first."""
 _PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
 """Types of lanes that are drivable, but lead nowhere."""
 _MARKS: Final = {kind: mark for mark, kind in ROAD_MARKS.items()}
@@ -96,11 +102,12 @@ def read(path: Path) -> Scenario:
     scenario = scenario_root(story) if story.exists() else None
     roads_at = road_network_of(scenario[0]) if scenario and story == path else path
     root, data = parse_xml(roads_at, "OpenDRIVE")
-    header = root.child("header")
-    major, minor = header.integer("revMajor"), header.number("revMinor", 0.0)
+    # Some editors write no version, or no header at all.
+    header = next(iter(root.children("header")), root)
+    major, minor = header.number("revMajor", 1.0), header.number("revMinor", 0.0)
     if major != 1 or not 0 <= minor <= MOST_MINOR:
         raise header.error(
-            f"is of version {major}.{minor:g}; expected 1.0 to 1.{MOST_MINOR}."
+            f"is of version {major:g}.{minor:g}; expected 1.0 to 1.{MOST_MINOR}."
         )
     roads = _roads(root)
     network = _Network(root, roads)
@@ -206,7 +213,7 @@ def _pose(
     x, y, heading = road.line.at(np.array([s]))[0, :3].tolist()
     turn = 0.0
     if lane is not None:
-        section = road.section_at(s)
+        section = road.section_at(s, lane)
         if lane not in section.lanes:
             raise place.error("names no lane of the road there.")
         beside += float(np.interp(s, section.s_m, section.middle(lane)))
@@ -221,6 +228,8 @@ class _Section:
 
     place: Place
     index: int
+    sides: Sequence[str]
+    """Which are in it: left, right or both."""
     s_m: Float[np.ndarray, "K"]
     """Places along the road at which borders are known."""
     line: Float[np.ndarray, "K 4"]
@@ -291,35 +300,40 @@ class _Road:
             Place(self.place.path, layers[0]) if layers else self.place.child("lanes")
         )
         places = lanes.children("laneSection")
-        if not places:
-            raise lanes.error("has no laneSection.")
         starts = [one.number("s") for one in places]
-        if (
+        if starts and (
             sorted(starts) != starts
             or not -1e-3 <= starts[0] <= starts[-1] <= MAX_LINES_M
         ):
             raise lanes.error("has sections that are not in the order of s.")
-        sides = {
-            (one.element.find("left") is None, one.element.find("right") is None)
-            for one in places
-        }
-        if len(sides) > 1:
-            for one in places:
-                if one.get("singleSide") in ("true", "1"):
-                    raise one.error(
-                        "is for one side of the road only (singleSide), which is not read."
-                    )
         offset = Cubics.of(lanes.children("laneOffset"), "s")
-        return [
-            self._section(place, index, start, end, offset)
-            for index, (place, start, end) in enumerate(
-                zip(places, starts, [*starts[1:], self.length_m], strict=True)
-            )
-        ]
+        found: list[_Section] = []
+        is_sided = any(one.get("singleSide") in ("true", "1") for one in places)
+        for sides in (("left",), ("right",)) if is_sided else (("left", "right"),):
+            # A section for one side leaves those of the other side as they are.
+            here = [
+                (place, start)
+                for place, start in zip(places, starts, strict=True)
+                if place.get("singleSide") not in ("true", "1")
+                or any(place.element.find(side) is not None for side in sides)
+            ]
+            ends = [*(start for _, start in here[1:]), self.length_m]
+            for (place, start), end in zip(here, ends, strict=True):
+                index = len(found)
+                found.append(self._section(place, index, sides, (start, end), offset))
+        if not found:
+            raise lanes.error("has no laneSection.")
+        return found
 
     def _section(
-        self, place: Place, index: int, start: float, end: float, offset: Cubics
+        self,
+        place: Place,
+        index: int,
+        sides: Sequence[str],
+        span: tuple[float, float],
+        offset: Cubics,
     ) -> _Section:
+        start, end = span
         end = max(end, start + 1e-3)
         count = max(int(np.ceil((end - start) / SPACING_M)), 1) + 1
         corners = [one.start for one in self.line.pieces]
@@ -335,7 +349,7 @@ class _Road:
         borders, lanes = {0: center}, {}
         beside: dict[int, int] = {}
         # The sign of its id tells the side of a lane; netconvert mixes up the elements.
-        own = [*place.children("left/lane"), *place.children("right/lane")]
+        own = [one for side in sides for one in place.children(f"{side}/lane")]
         for one in sorted(own, key=lambda lane: abs(lane.integer("id"))):
             number = one.integer("id")
             sign = 1 if number > 0 else -1
@@ -351,7 +365,7 @@ class _Road:
                 border = Cubics.of(one.children("border"), "sOffset").at(s - start)
                 outer = center + border
             borders[number], lanes[number] = outer, one
-        return _Section(place, index, s, self.line.at(s), borders, lanes)
+        return _Section(place, index, sides, s, self.line.at(s), borders, lanes)
 
     @property
     def is_joint(self) -> bool:
@@ -362,7 +376,7 @@ class _Road:
         """Sections, ids and directions of the lanes that are driven on."""
         for section in self.sections:
             for number, place in section.lanes.items():
-                if _type(place) in _LANE_KINDS and section.is_wide(number):
+                if _kind(place) is not None and section.is_wide(number):
                     for leads_on in self.leads_on(number, place):
                         yield section, number, leads_on
 
@@ -424,33 +438,38 @@ class _Road:
     def obeying(self, place: Place) -> dict[Key, Float[np.ndarray, "2"]]:
         """Lanes for which a signal, or a reference to one, is valid, and places on them."""
         s, way = place.number("s"), place.get("orientation", "none")
-        section, found = self.section_at(s), {}
+        here, found = {self.section_at(s, side) for side in (1, -1)}, {}
         spans = [
             sorted((one.integer("fromLane"), one.integer("toLane")))
             for one in place.children("validity")
         ]
         for one, lane, leads_on in self.driven():
-            if one is not section:
+            if one not in here:
                 continue
             fits = way in ("none", "+-"[not leads_on])
             told = [
                 low * high > 0 or fits for low, high in spans if low <= lane <= high
             ]
             if any(told) if spans else fits:
-                line = section.points(section.middle(lane))
-                found[self.name, section.index, lane, leads_on] = np.array(
-                    [np.interp(s, section.s_m, axis) for axis in line.T[:2]]
+                line = one.points(one.middle(lane))
+                found[self.name, one.index, lane, leads_on] = np.array(
+                    [np.interp(s, one.s_m, axis) for axis in line.T[:2]]
                 )
         return found
 
-    def section_at(self, s: float) -> _Section:
-        """The section at a place along the road."""
-        index = max(int(sum(one.s_m[0] <= s for one in self.sections)) - 1, 0)
-        return self.sections[index]
+    def sections_of(self, lane: int) -> list[_Section]:
+        """Those of the side of a lane, in the order of the road."""
+        side = "left" if lane > 0 else "right"
+        return [one for one in self.sections if side in one.sides] or self.sections
 
-    def row(self, end: End) -> int:
-        """Index of the section at an end."""
-        return 0 if end == "start" else len(self.sections) - 1
+    def section_at(self, s: float, lane: int) -> _Section:
+        """The section of a lane's side at a place along the road."""
+        sections = self.sections_of(lane)
+        return sections[max(sum(one.s_m[0] <= s for one in sections) - 1, 0)]
+
+    def row(self, end: End, lane: int) -> int:
+        """Index of the section of a lane's side at an end."""
+        return self.sections_of(lane)[0 if end == "start" else -1].index
 
     def end_m(self, end: End) -> Float[np.ndarray, "2"]:
         """Place of an end of the reference line."""
@@ -590,7 +609,7 @@ class _Network:
         )
         return Lane(
             lane_id=number,
-            kind=_LANE_KINDS[_type(section.lanes[lane])],
+            kind=_kind(section.lanes[lane]) or LaneKind.VEHICLE,
             is_intersection=INTERSECTION in told
             or (bool(road.junction) and road.junction not in self._direct),
             centerline=_simplified(section.points(section.middle(lane))[::step]),
@@ -624,8 +643,8 @@ class _Network:
             for one in section.lanes[lane].children(f"link/{tag}[@id]")
             if one.get("layer") != "temporary"
         ]
-        near = section.index + (1 if end == "end" else -1)
-        if 0 <= near < len(road.sections):
+        if section.index != road.row(end, lane):
+            near = section.index + (1 if end == "end" else -1)
             for one in ids:
                 yield (road.name, near, one), "start" if end == "end" else "end"
             return
@@ -635,7 +654,7 @@ class _Network:
             if link.get("elementType") == "road" and other is not None:
                 contact = _contact(link)
                 for one in ids:
-                    yield (other.name, other.row(contact), one), contact
+                    yield (other.name, other.row(contact, one), one), contact
 
     def _through_junctions(self) -> Iterator[tuple[int, int]]:
         for junction in self._root.children("junction"):
@@ -654,10 +673,11 @@ class _Network:
                 }
                 own: End = "start" if gaps["start"] < gaps["end"] else "end"
                 for link in connection.children("laneLink"):
+                    one, other = link.integer("from"), link.integer("to")
                     yield from self._joined(
-                        (first.name, first.row(own), link.integer("from")),
+                        (first.name, first.row(own, one), one),
                         own,
-                        (second.name, second.row(contact), link.integer("to")),
+                        (second.name, second.row(contact, other), other),
                         contact,
                     )
 
@@ -680,6 +700,23 @@ class _Network:
 def _type(place: Place) -> str:
     """Type of a lane or an object; cases are mixed up, and it may be left out."""
     return place.get("type", "none").lower()
+
+
+def _kind(lane: Place) -> LaneKind | None:
+    """Kind of a lane by its type, and by who may use its beginning; None if nobody drives."""
+    kind = _LANE_KINDS.get(_type(lane))
+    rules = lane.children("access[@rule]")
+    told: dict[str, set[str]] = {"allow": set(), "deny": set()}
+    for one in (n for n in rules if n.number("sOffset", 0.0) == 0):
+        words = [one, *one.children("restriction")]
+        told.setdefault(one.get("rule").lower(), set()).update(
+            (n.get("type") or n.get("restriction")).lower() for n in words
+        )
+    admitted, barred = told["allow"] - {""}, told["deny"]
+    if kind is not LaneKind.VEHICLE or not (admitted or barred & _USERS.keys()):
+        return kind
+    users = (n for n in _USERS if n not in barred and (not admitted or n in admitted))
+    return next((_USERS[n] for n in users), None)
 
 
 def _contact(link: Any) -> End:

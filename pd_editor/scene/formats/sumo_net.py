@@ -184,7 +184,13 @@ class SumoNet:
         )
 
     def paved_beside_lanes(self) -> list[BaseGeometry]:
-        """Parking strips and junctions, without sidewalks."""
+        """Parking strips and junctions of lanes for vehicles, without sidewalks."""
+        ends = {
+            end
+            for lane in self.lanes.values()
+            if lane.kind is not None
+            for end in self.junction_of.get(lane.edge, ())
+        }
         strips = [
             shapely.LineString(lane.shape_m).buffer(lane.width_m / 2, cap_style="flat")
             for lane in self.lanes.values()
@@ -192,7 +198,10 @@ class SumoNet:
         ]
         junctions, pavements = (
             np.array([valid_area(area) for area in areas if len(area) > 2], object)
-            for areas in (self.junction_areas_m.values(), self.walking_areas_m)
+            for areas in (
+                [n for name, n in self.junction_areas_m.items() if name in ends],
+                self.walking_areas_m,
+            )
         )
         # A difference of all together would take as long as all else.
         found = shapely.STRtree(pavements).query(junctions, predicate="intersects")

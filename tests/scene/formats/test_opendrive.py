@@ -343,7 +343,7 @@ def test_shoulders_are_drivable_and_crosswalks_are_crossings(tmp_path: Path):
             "declares entities",
         ),
         ('<OpenDRIVE><header revMajor="2" revMinor="0"/></OpenDRIVE>', "version 2.0"),
-        ("<OpenDRIVE/>", "line 1: <OpenDRIVE> has no <header>"),
+        ("<OpenDRIVE/>", "has no lane for vehicles; expected a road"),
         (
             '<OpenDRIVE><header revMajor="1" revMinor="4"/></OpenDRIVE>',
             "has no lane for vehicles",
@@ -422,12 +422,75 @@ def test_objects_without_a_size_are_no_crosswalks(tmp_path: Path):
     assert not scene.road_map.crosswalks
 
 
-def test_sections_of_one_side_are_refused(tmp_path: Path):
-    one = section(lane(1)).replace("<right></right>", "")
-    other = section(lane(-1)).replace("<left></left>", "")
-    one = one.replace("<laneSection", '<laneSection singleSide="true"')
-    with pytest.raises(FormatError, match="for one side of the road only"):
-        opened(tmp_path, road(other + one))
+def test_sections_of_one_side_leave_the_other_as_it_is(tmp_path: Path):
+    """Roads with them were refused."""
+
+    def alone(*lanes: str, s: float = 0.0) -> str:
+        found = section(*lanes, s=s).replace(
+            "<laneSection", '<laneSection singleSide="1"'
+        )
+        return found.replace("<left></left>", "").replace("<right></right>", "")
+
+    def linked(number: int, tag: str, other: int) -> str:
+        return lane(number, more=f'<link><{tag} id="{other}"/></link>')
+
+    sections = (
+        section(linked(1, "successor", 2), linked(-1, "successor", -1)),
+        alone(lane(1), linked(2, "predecessor", 1), s=20),
+        alone(linked(-1, "predecessor", -1), lane(-2), s=30),
+    )
+    link = '<successor elementType="road" elementId="2" contactPoint="start"/>'
+    next_link = '<predecessor elementType="road" elementId="1" contactPoint="end"/>'
+    after = linked(1, "predecessor", 2), linked(-1, "predecessor", -2)
+    beyond = road(
+        section(*after), "2", geometry=LINE.replace('x="0"', 'x="50"'), link=next_link
+    )
+    scene = opened(tmp_path, road("".join(sections), link=link), beyond)
+    spans = {
+        (x, y): tuple(
+            sorted(at(scene, lane_at(scene, x, y).centerline)[[0, -1], 0].round())
+        )
+        for x, y in [(10, 1.75), (10, -1.75), (40, 5.25), (40, -1.75), (40, -5.25)]
+    }
+    assert spans == {
+        (10, 1.75): (0, 20), (10, -1.75): (0, 30),
+        (40, 5.25): (20, 50), (40, -1.75): (30, 50), (40, -5.25): (30, 50),
+    }  # fmt: skip
+    right, outer = lane_at(scene, 10, -1.75), lane_at(scene, 40, -5.25)
+    assert right.successors == (lane_at(scene, 40, -1.75).lane_id,)
+    assert outer.successors == (lane_at(scene, 70, -1.75).lane_id,)
+    assert outer.left_neighbor == lane_at(scene, 40, -1.75).lane_id
+    assert lane_at(scene, 40, 5.25).predecessors == (lane_at(scene, 70, 1.75).lane_id,)
+    assert lane_at(scene, 40, 5.25).successors == (lane_at(scene, 10, 1.75).lane_id,)
+
+
+def test_lanes_are_of_the_kind_of_those_who_may_use_them(tmp_path: Path):
+    """Lanes for buses were for cars, and those closed to all were driven on."""
+
+    def rule(rule: str, *users: str) -> str:
+        return "".join(
+            f'<access sOffset="0" rule="{rule}" restriction="{one}"/>' for one in users
+        )
+
+    newer = '<access sOffset="0" rule="allow"><restriction type="bus"/></access>'
+    rules = [
+        newer, rule("allow", "bicycle"), rule("allow", "emergency"), rule("deny", "truck"),
+        rule("deny", "passengerCar", "autonomousTraffic", "throughTraffic"), "",
+    ]  # fmt: skip
+    lanes = [lane(-n, more=one) for n, one in enumerate(rules, start=1)]
+    scene = opened(tmp_path, road(section(*lanes)))
+    kinds = [one.kind for one in scene.road_map.lanes]
+    bus, bike, vehicle = LaneKind.BUS, LaneKind.BIKE, LaneKind.VEHICLE
+    assert kinds == [bus, bike, vehicle, bus, vehicle]
+
+
+@pytest.mark.parametrize("header", ["", '<header name="" version="1.00"/>'])
+def test_files_without_a_version_are_read(tmp_path: Path, header: str):
+    """Those of some editors were refused."""
+    path = write(tmp_path, road(section(lane(-1))))
+    text = path.read_text().replace('<header revMajor="1" revMinor="6"/>', header)
+    path.write_text(text)
+    assert len(read(path).road_map.lanes) == 1
 
 
 def test_borders_do_not_turn_back_within_narrow_curves(tmp_path: Path):

@@ -53,6 +53,17 @@ def test_a_net_by_hand(tmp_path: Path):
     assert graph.turns_for("passenger") == {"in": {}}
 
 
+def test_junctions_of_footways_are_not_paved(tmp_path: Path):
+    """Maps made of OpenStreetMap had spots of road in parks."""
+    path = """<edge id="path" from="p" to="q"><lane id="path_0" index="0" allow="pedestrian"
+    speed="2" length="9" shape="0,50 9,50"/></edge><junction id="p" shape="0,49 0,51 1,50"/>
+    """
+    file = tmp_path / "hand.net.xml"
+    file.write_text(NET.replace("</net>", f"{path}</net>"))
+    (junction,) = read_sumo_net(file).paved_beside_lanes()
+    assert junction.bounds == (99.5, -2.0, 100.5, 2.0)
+
+
 def test_lanes_of_a_junction_that_lead_in_a_circle_are_read(tmp_path: Path):
     file = tmp_path / "circle.net.xml"
     again = '<connection from=":b_0" to="in" via=":b_0_0"'
