@@ -1,7 +1,9 @@
 """Accessibility by axe-core, an independent checker: no serious fault in any tab."""
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -23,6 +25,24 @@ def faults(editor) -> list[str]:
     ]
 
 
+def contrast(editor) -> float:
+    """Of the chosen tab's words, which axe takes for words on a picture."""
+    tab, back = editor.page.evaluate(
+        "[document.querySelector('[data-scrollarea-viewport] [aria-selected=true]'),"
+        " document.querySelector('[data-scrollarea-viewport] [role=tablist]')]"
+        ".map((one, at) => getComputedStyle(one)[at ? 'backgroundColor' : 'color'])"
+    )
+    low, high = sorted(map(luminance, (tab, back)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def luminance(color: str) -> float:
+    """Of ``rgb(...)``, as WCAG defines it."""
+    parts = np.array(re.findall(r"[\d.]+", color)[:3], float) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
 @pytest.mark.skipif(not AXE.exists(), reason="needs the tools of `make check`")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_serious_fault(open_editor, scheme):
@@ -34,6 +54,7 @@ def test_axe_finds_no_serious_fault(open_editor, scheme):
     for tab in TABS:
         editor.open_tab(tab)
         assert not faults(editor), tab
+        assert contrast(editor) >= 4.5, tab
     session = editor.session
     name = session.scenario.agents.ids[0]
     editor.tab().ui.post(lambda: session.select((name,)))

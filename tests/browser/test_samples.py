@@ -220,6 +220,9 @@ def test_resampled_agents_are_offered_as_samples(editor):
     )
     keep.click()
     editor.until(lambda: editor.workspace.library.cards(), "a saved scenario")
+    # (After a comparison, no notice was seen any more.)
+    notice = editor.page.locator(".mantine-Notification-title").last
+    expect(notice).to_be_visible()
     # A single sample needs no choice.
     editor.set_number("Samples", 1)
     editor.key("r")

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (8a7b376e183e7e39); not to be edited. */
+/* Built by .ci/client.py from client/ (e4a55cf3a47b9053); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
