@@ -1,6 +1,7 @@
 """``pd-editor export``: write scenarios, with a name, tags and a note."""
 
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -87,6 +88,11 @@ def export(options: ExportOptions) -> Outcome:
         raise ExportError("--verify looks at folders; give --zip or --verify.")
     if options.verify and options.to != ARGOVERSE2.name:
         raise ExportError(f"--verify is for {ARGOVERSE2.name}; leave it out.")
+    if options.verify and find_spec("av2") is None:
+        raise ExportError(
+            "--verify asks the loaders of the package av2, which is missing; it comes "
+            "with Python 3.11 and 3.12."
+        )
     about = described(name, options.tags, options.note)
     sessions = [opened_session(str(one), about, options.cut) for one in references]
     for session in sessions if options.focal else ():

@@ -1,5 +1,6 @@
 import csv
 import re
+import sys
 import zipfile
 from pathlib import Path
 
@@ -168,3 +169,13 @@ def test_name_tags_and_note_are_written_and_a_zip_has_a_table(
     assert "expected up to 80 letters" in shell.refused(
         "export", JUNCTION, "--out", tmp_path, "--name", "a/b"
     )
+
+
+def test_without_av2_nothing_is_written_to_verify(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Its wheels end with Python 3.12."""
+    monkeypatch.setitem(sys.modules, "av2", None)
+    refused = shell.refused("export", JUNCTION, "--verify", "--out", tmp_path / "out")
+    assert "the package av2, which is missing" in refused
+    assert not (tmp_path / "out").exists()

@@ -2,9 +2,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from av2.datasets.motion_forecasting.scenario_serialization import (
-    load_argoverse_scenario_parquet,
-)
 
 from examples import constant_velocity
 from pd_editor import generate, open_scenario
@@ -43,6 +40,11 @@ def test_agents_that_are_absent_or_unknown_are_refused():
 
 
 def test_a_predictor_with_the_usual_filter_sees_every_sampled_agent(tmp_path):
+    pytest.importorskip("av2")
+    from av2.datasets.motion_forecasting.scenario_serialization import (
+        load_argoverse_scenario_parquet,
+    )
+
     outcome = generate("roundabout", num_agents=("6",), seed=2, out=tmp_path)
     folder = Path(outcome.folders[0])
     loaded = load_argoverse_scenario_parquet(next(folder.glob("*.parquet")))
