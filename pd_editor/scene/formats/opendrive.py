@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
+from pd_editor.scene.formats.lane_drive import Key, LaneGraph
 from pd_editor.scene.formats.missing_links import with_missing_links
 from pd_editor.scene.formats.opendrive_writer import (
     INTERSECTION,
@@ -80,8 +81,6 @@ _LIGHTS: Final = "10000"
 """How types of traffic lights begin; these are not for vehicles."""
 _OTHER_LIGHTS: Final = frozenset({"1000002", "1000007", "1000013"})
 End = Literal["start", "end"]
-Key = tuple[str, int, int, bool]
-"""Road, index of the section, id of the lane, whether it is driven as the road goes."""
 
 
 def read(path: Path) -> Scenario:
@@ -112,24 +111,23 @@ def read(path: Path) -> Scenario:
     roads = _roads(root)
     network = _Network(root, roads)
     paved = [area for road in roads.values() for area in road.paved()]
-    walks = _distinct(walk for road in roads.values() for walk in road.crosswalks())
+    walks = _distinct(ring for road in roads.values() for ring in road.crosswalks())
+    lanes, linked = network.lanes()
     motion, told = Motion(), [told_of(header.element, *_SOURCES)]
     if scenario is not None:
-        told += [
-            told_of(one.element, "author", "License")
-            for one in scenario[0].children("FileHeader[License]")
-        ]
-        motion = motion_of(*scenario, partial(_pose, roads), partial(_of_earth, header))
+        about = scenario[0].children("FileHeader[License]")
+        told += [told_of(one.element, "author", "License") for one in about]
+        on_roads = partial(_pose, roads), partial(_of_earth, header)
+        motion = motion_of(*scenario, *on_roads, LaneGraph(lanes, network.number))
     signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")
-    if places := root.children("junction[@type='virtual']"):
-        notes = (*notes, f"{len(places)} virtual junctions join nothing.")
+    if places := len(root.children("junction[@type='virtual']")):
+        notes = (*notes, f"{places} virtual junctions join nothing.")
     if layers := len(root.children("road/lanes[@layer='temporary']")):
         notes = (*notes, f"Temporary lanes of {layers} roads are left out.")
     if holed := [name for name, road in roads.items() if road.line.gap_m > _HOLE_M]:
         notes = (*notes, f"Reference lines with gaps: {', '.join(holed[:6])}.")
-    lanes, linked = network.lanes()
     scene = FileScene(
         path=path,
         name=stem_of(path),
@@ -487,12 +485,12 @@ class _Network:
             for road in roads.values()
             for section, lane, leads_on in road.driven()
         ]
-        self._number: dict[Key, int] = {
+        self.number: dict[Key, int] = {
             (road.name, section.index, lane, leads_on): row
             for row, (road, section, lane, leads_on) in enumerate(self._driven, start=1)
         }
         self._named = {
-            f"{road} {lane}": row for (road, _, lane, _), row in self._number.items()
+            f"{road} {lane}": row for (road, _, lane, _), row in self.number.items()
         }
         self._direct = {
             one.attribute("id")
@@ -554,8 +552,8 @@ class _Network:
                 if kind and one.element.tag in ("signal", "signalReference"):
                     here = lines if kind == _STOP_LINE else heads[one.get("id")]
                     for key, at in road.obeying(one).items():
-                        if key in self._number:
-                            here[self._number[key]] = at
+                        if key in self.number:
+                            here[self.number[key]] = at
         taken: set[int] = set()
         places: defaultdict[Any, dict[int, Any]] = defaultdict(dict)
         for name, stops in heads.items():
@@ -585,13 +583,13 @@ class _Network:
         after: Mapping[int, set[int]],
         before: Mapping[int, set[int]],
     ) -> Lane:
-        number = self._number[road.name, section.index, lane, leads_on]
+        number = self.number[road.name, section.index, lane, leads_on]
         inner = section.inner(lane)
         sides = section.border_m[inner], section.border_m[lane]
         marks = _mark(section, inner), _mark(section, lane)
         side = 1 if lane > 0 else -1
         neighbors = tuple(
-            self._number.get((road.name, section.index, one, leads_on))
+            self.number.get((road.name, section.index, one, leads_on))
             for one in (inner or section.outer(0, -side), section.outer(lane, side))
         )
         step = 1 if leads_on else -1
@@ -693,8 +691,8 @@ class _Network:
             ((*one, end == "end"), (*other, its_end == "start")),
             ((*other, its_end == "end"), (*one, end == "start")),
         ):
-            if first in self._number and second in self._number:
-                yield self._number[first], self._number[second]
+            if first in self.number and second in self.number:
+                yield self.number[first], self.number[second]
 
 
 def _type(place: Place) -> str:

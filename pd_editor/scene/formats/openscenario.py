@@ -11,24 +11,27 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.commonroad_writer import unbroken_parts
 from pd_editor.scene.formats.file_scene import FileTrack, headings_on_the_way
+from pd_editor.scene.formats.lane_drive import Driver, LaneGraph
 from pd_editor.scene.formats.packed_file import named_by
 from pd_editor.scene.formats.parameters import insert_catalogs, set_parameters
+from pd_editor.scene.formats.recorded_map import USUAL_WIDTH_M
 from pd_editor.scene.formats.reference_line import Clothoid
 from pd_editor.scene.formats.xml_file import Place, added, as_file, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.scene_limits import MAX_LINES_M, MAX_STEPS
+from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
 
 ENDING: Final = ".xosc"
@@ -71,6 +74,17 @@ _PLACES: Final = (
 )  # fmt: skip
 _WITHIN: Final = re.compile("(Private|Global|Routing|Longitudinal|Lateral|)Action")
 """Elements around actions."""
+_MOVES: Final = (
+    "SpeedAction", "SpeedProfileAction", "LaneChangeAction", "LaneOffsetAction",
+    "AssignRouteAction", "AcquirePositionAction",
+)  # fmt: skip
+_RULES: Final = {
+    "greaterThan": np.greater, "lessThan": np.less, "notEqualTo": np.not_equal,
+    "greaterOrEqual": np.greater_equal, "lessOrEqual": np.less_equal,
+}  # fmt: skip
+_LATERAL_MPS2: Final = 1.0
+"""Acceleration of changes of the offset from the lane."""
+_STEP_S: Final = TimeAxis().step_s
 _DIGITS: Final = 6
 """Digits of seconds in which two states of an entity differ."""
 Pose = tuple[float, float, float]
@@ -144,17 +158,20 @@ def road_network_of(root: Place) -> Path:
     raise file.error(f"names {told[:80]!r}, which is neither there nor beside it.")
 
 
-def motion_of(root: Place, data: bytes, locate: Locate, project: Project) -> Motion:
+def motion_of(
+    root: Place, data: bytes, locate: Locate, project: Project, graph: LaneGraph
+) -> Motion:
     """Entities on a road network; what is not read is told in notes.
 
     Raises:
         FormatError: an element is damaged, or names a place that is not there.
     """
-    tracks, notes = _Story(root, locate, project).tracks()
+    story = _Story(root, locate, project, graph)
+    tracks, notes = story.tracks()
     described = root.child("FileHeader").get("description")
     current = re.search(r"current at (\d+(?:\.\d*)?) s$", described)
-    # How those go on that have a first state alone is up to a controller.
-    is_open = any(len(one.time_s) == 1 for one in tracks)
+    # How those go on that have no trajectory may be up to a controller.
+    is_open = story.is_driven or any(len(one.time_s) == 1 for one in tracks)
     egos = sorted((one.track_id for one in tracks if _EGO.match(one.track_id)), key=len)
     return Motion(
         tracks=tracks,
@@ -169,8 +186,11 @@ def motion_of(root: Place, data: bytes, locate: Locate, project: Project) -> Mot
 class _Story:
     """States of entities, as the actions of a file lead to them."""
 
-    def __init__(self, root: Place, locate: Locate, project: Project) -> None:
+    def __init__(
+        self, root: Place, locate: Locate, project: Project, graph: LaneGraph
+    ) -> None:
         self._root, self._locate, self._project = root, locate, project
+        self._graph = graph
         self._lasting: dict[str, tuple[float, float]] = {}
         """When events begin and end, by their names and those of their actions."""
         self._states: defaultdict[str, dict[float, Pose]] = defaultdict(dict)
@@ -180,42 +200,65 @@ class _Story:
         self._unread: set[str] = set()
         self._spots: dict[tuple[str, float], _Spot | None] = {}
         self._depth = 0
-        self._is_timed, self._is_kept = True, False
+        self._is_timed, self.is_driven = True, False
+        self._drivers: dict[str, Driver] = {}
+        self._follows_s: dict[str, float] = {}
+        """When the first trajectories of entities begin."""
         board = root.child("Storyboard")
         self._begins = {
             private.get("entityRef"): position
             for private in board.children("Init/Actions/Private")
             for position in private.children("PrivateAction/TeleportAction/Position")
         }
-        # Speeds first, which trajectories without times are followed at.
-        for tag in ("SpeedAction", ""):
-            for private in board.children("Init/Actions/Private"):
+        self._times_s = _times_s(board)
+        privates = board.children("Init/Actions/Private")
+        # Places and speeds first, which trajectories without times are followed from.
+        for tag in ("TeleportAction", "SpeedAction", ""):
+            for private in privates:
                 for part in private.children(f".//{tag}") if tag else [private]:
                     self._act(part, (private.attribute("entityRef"),), 0.0)
-        for act in board.children("Story/Act"):
-            for group in act.children("ManeuverGroup"):
-                actors = group.children("Actors/EntityRef")
-                names = tuple(one.attribute("entityRef") for one in actors)
-                for event in group.children("Maneuver/Event"):
-                    if event.element.find("Action/PrivateAction") is not None:
-                        self._acting.update(names)
-                    start_s = max(self._start_s(act), self._start_s(event))
-                    self._act(event, names, start_s)
-                    follows = (
-                        event.element.find(".//FollowTrajectoryAction") is not None
-                    )
-                    ends = [max(self._states[n], default=np.inf) for n in names]
-                    end_s = max(ends) if ends and follows else np.inf
-                    for one in (event, *event.children("Action")):
-                        self._lasting[one.get("name")] = start_s, end_s
+        pending = [
+            (act, event, tuple(one.attribute("entityRef") for one in actors))
+            for act in board.children("Story/Act")
+            for group in act.children("ManeuverGroup")
+            for actors in [group.children("Actors/EntityRef")]
+            for event in group.children("Maneuver/Event")
+        ]
+        for _, event, names in pending:
+            if event.element.find("Action/PrivateAction") is not None:
+                self._acting.update(names)
+        # What happens first decides on what else does.
+        starts = [self._event_s(*one) for one in pending]
+        while pending:
+            number = int(np.argmin(starts))
+            start_s = starts.pop(number)
+            _, event, names = pending.pop(number)
+            end_s = self._act(event, names, start_s)
+            for one in (event, *event.children("Action")):
+                self._lasting[one.get("name")] = start_s, end_s
+            if np.isfinite(start_s):
+                starts = [
+                    self._event_s(*one)
+                    if _depends(one[0]) or _depends(one[1])
+                    else time
+                    for one, time in zip(pending, starts, strict=True)
+                ]
 
-    def _start_s(self, place: Place) -> float:
+    def _event_s(self, act: Place, event: Place, names: tuple[str, ...]) -> float:
+        act_s = self._start_s(act, 0.0, names)
+        self._lasting[act.get("name")] = act_s, np.inf
+        return max(act_s, self._start_s(event, act_s, names))
+
+    def _start_s(self, place: Place, after_s: float, names: tuple[str, ...]) -> float:
         """When an act or an event starts: 0 without a trigger, infinity if that is unknown."""
         groups = place.children("StartTrigger/ConditionGroup")
-        met = [[*map(self._met_s, one.children("Condition"))] for one in groups]
+        met = [
+            [self._met_s(n, after_s, names) for n in one.children("Condition")]
+            for one in groups
+        ]
         return min((max(one, default=0.0) for one in met), default=0.0)
 
-    def _met_s(self, condition: Place) -> float:
+    def _met_s(self, condition: Place, after_s: float, names: tuple[str, ...]) -> float:
         delay_s = condition.number("delay", 0.0)
         for one in condition.children("ByValueCondition/SimulationTimeCondition"):
             return one.number("value") + delay_s
@@ -225,16 +268,82 @@ class _Story:
             )
             is_begin = one.get("state") in ("startTransition", "runningState")
             return (begin_s if is_begin else end_s) + delay_s
+        for one in condition.children("ByEntityCondition"):
+            told = one.children("TriggeringEntities/EntityRef")
+            actors = [n.attribute("entityRef") for n in told] or names
+            for rule in one.children("EntityCondition/*"):
+                holds = [self._holds(rule, name) for name in actors]
+                known = np.array([n for n in holds if n is not None], bool)
+                if len(known):
+                    is_all = one.child("TriggeringEntities").get(
+                        "triggeringEntitiesRule"
+                    )
+                    met = known.all(axis=0) if is_all == "all" else known.any(axis=0)
+                    rows = np.flatnonzero(met & (self._times_s >= after_s))
+                    return (
+                        float(self._times_s[rows[0]]) + delay_s if len(rows) else np.inf
+                    )
         return np.inf
 
-    def _act(self, part: Place, names: tuple[str, ...], start_s: float) -> None:
-        """Take what a part tells, which starts at infinity if a condition decides."""
+    def _course(self, name: str) -> tuple[Float[np.ndarray, "T 2"], Any] | None:
+        """Places and speeds of an entity; None if they are unknown."""
+        driver, own = self._drivers.get(name), self._states[name]
+        if len(own) > 1:
+            times = np.array(sorted(own))
+            table = np.array([own[time][:2] for time in times.tolist()])
+            place = np.stack([np.interp(self._times_s, times, n) for n in table.T], -1)
+            return place, np.hypot(*np.gradient(place, self._times_s, axis=0).T)
+        if driver is None:
+            return None
+        late = len(self._times_s) - len(driver.times_s)
+        place = np.pad(driver.states()[0], ((late, 0), (0, 0)), constant_values=np.nan)
+        return place, np.pad(driver.speed_mps, (late, 0), constant_values=np.nan)
+
+    def _holds(self, rule: Place, name: str) -> Bool[np.ndarray, "T"] | None:
+        """When a condition on an entity holds; None if that is not read."""
+        own, tag = self._course(name), rule.element.tag
+        other = self._course(rule.get("entityRef")) if rule.get("entityRef") else None
+        if other is None:
+            for position in rule.children("Position"):
+                if (spot := self._spot(position, 0.0)) is not None:
+                    other = np.array([spot.pose[:2]]), np.zeros(1)
+        if own is None or _unread_value(rule, tag):
+            return None
+        place, speed = own
+        if tag == "TraveledDistanceCondition":
+            moved = np.hypot(*np.diff(place, axis=0).T)
+            return np.append(0.0, np.cumsum(moved)) >= rule.number("value")
+        if tag in ("SpeedCondition", "StandStillCondition"):
+            still = tag == "StandStillCondition"
+            return speed < 0.1 if still else _compared(speed, rule)
+        if tag == "AccelerationCondition":
+            return _compared(np.gradient(speed, _STEP_S), rule)
+        if other is None:
+            return None
+        gap_m = np.hypot(*(place - other[0]).T)
+        if tag == "ReachPositionCondition":
+            return gap_m <= rule.number("tolerance")
+        if tag in ("DistanceCondition", "RelativeDistanceCondition"):
+            return _compared(gap_m, rule)
+        if tag == "RelativeSpeedCondition":
+            return _compared(speed - other[1], rule)
+        if tag == "TimeHeadwayCondition":
+            return _compared(gap_m / np.maximum(speed, 1e-6), rule)
+        if tag == "TimeToCollisionCondition":
+            closing = -np.gradient(gap_m, _STEP_S)
+            return (closing > 0) & _compared(gap_m / np.maximum(closing, 1e-6), rule)
+        return None
+
+    def _act(self, part: Place, names: tuple[str, ...], start_s: float) -> float:
+        """Take what a part tells, which starts at infinity if a condition decides; its end."""
+        ends = [start_s]
         for one in part.element.iter():
             place, tag = Place(part.path, one), one.tag
             if tag == "EntityAction":
                 names = (place.attribute("entityRef"),)
             elif tag == "FollowTrajectoryAction":
                 self._follow(place, names, start_s)
+                ends += [max(self._states[n], default=np.inf) for n in names]
             elif tag == "DeleteEntityAction":
                 self._ends_s |= dict.fromkeys(names, start_s)
             elif tag in ("TeleportAction", "AddEntityAction"):
@@ -242,16 +351,115 @@ class _Story:
                     self._unread.add(f"{tag} on a condition other than a time")
                 elif spot := self._spot(place.child("Position"), start_s):
                     for name in names:
-                        time = round(start_s, _DIGITS)
-                        self._states[name].setdefault(time, spot.pose)
-            elif tag == "SpeedAction" and not start_s:
-                for target in place.children("SpeedActionTarget/*"):
-                    if tag := _unread_value(target, "AbsoluteTargetSpeed"):
-                        self._unread.add(tag)
-                    else:
-                        self._speeds |= dict.fromkeys(names, target.number("value"))
+                        self._put(name, spot.pose, start_s)
+            elif tag in _MOVES:
+                ends += [self._move(place, name, start_s) for name in names]
             elif tag.endswith("Action") and not _WITHIN.fullmatch(tag):
                 self._unread.add(tag)
+                ends.append(np.inf)
+        return max(ends)
+
+    def _put(self, name: str, pose: Pose, time_s: float) -> None:
+        """Place an entity, which goes on from there."""
+        if (time := round(time_s, _DIGITS)) in self._states[name]:
+            return
+        self._states[name][time] = pose
+        if name in self._drivers:
+            driver = self._drivers[name]
+            driver.place(driver.step(time_s), pose)
+        elif len(times := self._times_s[self._times_s >= time_s - 1e-6]) > 1:
+            self._drivers[name] = Driver(self._graph, pose, 0.0, times)
+
+    def _move(self, action: Place, name: str, start_s: float) -> float:
+        """Take an action on speed, lane or way; its end, infinity if it is not read."""
+        driver, tag = self._drivers.get(name), action.element.tag
+        if start_s == 0 and tag == "SpeedAction":
+            for target in action.children("SpeedActionTarget/AbsoluteTargetSpeed"):
+                if not _unread_value(target, "AbsoluteTargetSpeed"):
+                    self._speeds[name] = target.number("value")
+        end_s = None
+        if driver is not None and start_s <= driver.times_s[-1]:
+            step = driver.step(start_s)
+            if tag == "SpeedAction":
+                end_s = self._change_speed(action, driver, step)
+            elif tag == "SpeedProfileAction":
+                end_s = _profile(action, driver, step)
+            elif tag in ("LaneChangeAction", "LaneOffsetAction"):
+                end_s = self._change_lane(action, driver, step)
+            else:
+                end_s = self._go_to(action, driver, step)
+        if end_s is None:
+            when = " on a condition" if np.isinf(start_s) else ""
+            self._unread.add(f"{tag}{when}")
+        return np.inf if end_s is None else end_s
+
+    def _change_speed(self, action: Place, driver: Driver, step: int) -> float | None:
+        first = float(driver.speed_mps[step])
+        for target in action.children("SpeedActionTarget/*"):
+            if _unread_value(target, "AbsoluteTargetSpeed", "RelativeTargetSpeed"):
+                return None
+            value = target.number("value")
+            if target.element.tag == "RelativeTargetSpeed":
+                other = self._drivers.get(target.get("entityRef"))
+                if other is None:
+                    return None
+                theirs = float(other.speed_mps[other.step(float(driver.times_s[step]))])
+                is_factor = target.get("speedTargetValueType") == "factor"
+                value = theirs * value if is_factor else theirs + value
+            mean = max((abs(first) + abs(value)) / 2, STANDING_MPS)
+            seconds, shape = _dynamics(
+                action,
+                "SpeedActionDynamics",
+                abs(value - first),
+                mean.__rtruediv__,
+            )
+            return driver.change_speed(step, value, seconds, shape)
+        return None
+
+    def _change_lane(self, action: Place, driver: Driver, step: int) -> float | None:
+        """Onto another lane, or beside its middle."""
+        for target in action.children("*/AbsoluteTargetLaneOffset"):
+            if _unread_value(target, "AbsoluteTargetLaneOffset"):
+                return None
+            offset = target.number("value")
+            seconds = np.sqrt(6 * abs(offset - driver.offset_m) / _LATERAL_MPS2)
+            return driver.change_offset(step, offset, float(seconds))
+        lane = driver.lane_at(step)
+        for target in action.children("LaneChangeTarget/*") if lane else ():
+            if _unread_value(target, "AbsoluteTargetLane", "RelativeTargetLane"):
+                return None
+            value = target.integer("value")
+            if target.element.tag == "RelativeTargetLane":
+                other = self._drivers.get(target.get("entityRef"))
+                theirs = (
+                    None
+                    if other is None
+                    else other.lane_at(other.step(float(driver.times_s[step])))
+                )
+                if theirs is None:
+                    return None
+                lane_id, left = self._graph.id_of(theirs)
+                found = lane_id + left * value
+                # No lane has the number 0.
+                value = found + int(np.sign(found - lane_id)) * (lane_id * found <= 0)
+            seconds, shape = _dynamics(
+                action, "LaneChangeActionDynamics", USUAL_WIDTH_M,
+                lambda way: driver.seconds_of(step, way),
+            )  # fmt: skip
+            offset = action.number("targetLaneOffset", 0.0)
+            return driver.change_lane(step, value, seconds, shape, offset)
+        return None
+
+    def _go_to(self, action: Place, driver: Driver, step: int) -> float | None:
+        """Along a route, or to a place."""
+        places = action.children(".//Waypoint/Position") or action.children("Position")
+        spots = [self._spot(one, 0.0) for one in places]
+        lanes = [self._graph.lane_of(*one.pose) for one in spots if one is not None]
+        if not lanes:
+            return None
+        goals = [one[0] for one in lanes if one is not None]
+        driver.go_to(step, goals[-1:])
+        return float(driver.times_s[step])
 
     def _follow(self, action: Place, names: tuple[str, ...], start_s: float) -> None:
         """Add the states on a trajectory, at most a step apart.
@@ -284,8 +492,8 @@ class _Story:
         """Add states of an entity: times, x, y and headings, which may be far apart."""
         table = table[np.argsort(table[:, 0], kind="stable")]
         times, step_s = table[:, 0], TimeAxis().step_s
-        if times[0] > 0:
-            self._at(name, float(times[0]))
+        before_s = self._follows_s.get(name, np.inf)
+        self._follows_s[name] = min(before_s, float(times[0]))
         if max(np.diff(times), default=0.0) > 1.5 * step_s:
             last_s = min(times[-1], times[0] + MAX_STEPS * step_s)
             times = np.union1d(times, np.arange(times[0], last_s, step_s))
@@ -441,23 +649,17 @@ class _Story:
         return self._spots.get(key)
 
     def _reached(self, name: str, time_s: float) -> _Spot | None:
-        """Where an entity begins, or is after it kept its lane and speed, with states till then."""
+        """Where an entity begins, or is after it kept its lane and speed."""
         if not time_s:
             found = self._begins.get(name)
             return None if found is None else self._spot(found, 0.0)
-        begin, step_s = self._at(name, 0.0), TimeAxis().step_s
-        is_new = len(self._states[name]) == 1 and time_s <= MAX_STEPS * step_s
-        if begin is None or not is_new:
+        begin = self._at(name, 0.0)
+        if begin is None or len(self._states[name]) > 1:
             return None
-        speed, times = self._speeds.get(name, 0.0), np.arange(0.0, time_s, step_s)
         try:
-            way = [self._ahead(begin, speed * one) for one in (*times, time_s)]
+            return self._ahead(begin, self._speeds.get(name, 0.0) * time_s)
         except FormatError:
             return None
-        self._is_kept = True
-        for time, spot in zip(times.tolist(), way, strict=False):
-            self._states[name][round(time, _DIGITS)] = spot.pose
-        return way[-1]
 
     def _ahead(self, spot: _Spot, way_m: float) -> _Spot:
         """The place further on along a road.
@@ -481,6 +683,9 @@ class _Story:
 
     def tracks(self) -> tuple[tuple[FileTrack, ...], tuple[str, ...]]:
         """Of all entities that have a place; sentences on what is not read."""
+        for name, driver in self._drivers.items():
+            if driver.moves or self._follows_s.get(name, 0.0) > 0:
+                self._drive(name, driver)
         last_s = max((max(one) for one in self._states.values() if one), default=0.0)
         last_s = min(last_s, MAX_STEPS * TimeAxis().step_s)
         places = self._root.child("Entities").children("ScenarioObject")
@@ -493,8 +698,8 @@ class _Story:
             (sizeless, f"{sizeless} entities without a box have the usual sizes."),
             (lost, f"Entities without a place are left out: {', '.join(lost[:6])}."),
             (
-                self._is_kept,
-                "Before their trajectories entities keep lane and speed.",
+                self.is_driven,
+                "Without trajectories entities keep lane and speed but for actions on them.",
             ),
             (
                 not self._is_timed,
@@ -503,6 +708,19 @@ class _Story:
             (some, f"Not read of {self._root.path.name}: {some}."),
         )
         return tracks, tuple(text for holds, text in told if holds)
+
+    def _drive(self, name: str, driver: Driver) -> None:
+        """Add the states of who drives, until its trajectory begins or its road ends."""
+        ends = self._follows_s.get(name, np.inf), self._ends_s.get(name, np.inf)
+        until_s = min(ends) - _STEP_S / 2
+        states = self._states[name]
+        self.is_driven |= driver.moves
+        for time, place, heading, there in zip(
+            driver.times_s, *driver.states(), strict=True
+        ):
+            if time >= until_s or not there:
+                break
+            states[round(float(time), _DIGITS)] = (*place.tolist(), float(heading))
 
     def _track(self, place: Place, last_s: float) -> FileTrack:
         name, step_s = place.attribute("name"), TimeAxis().step_s
@@ -533,6 +751,56 @@ def _unread_value(place: Place, *known: str) -> str | None:
     if any("$" in text for text in place.element.attrib.values()):
         return f"{tag} of expressions"
     return None if tag in known else tag
+
+
+def _depends(place: Place) -> bool:
+    """Whether what else happens decides when an act or an event starts."""
+    told = ("ByEntityCondition", "StoryboardElementStateCondition")
+    return any(place.element.find(f"StartTrigger//{tag}") is not None for tag in told)
+
+
+def _times_s(board: Place) -> Float[np.ndarray, "T"]:
+    """Steps up to when the file stops, else until some seconds after its last event."""
+    usual = TimeAxis()
+    stops, others = (
+        [
+            one.number("value")
+            for one in board.children(f"{part}//SimulationTimeCondition")
+            if not _unread_value(one, "SimulationTimeCondition")
+        ]
+        for part in ("StopTrigger", "Story")
+    )
+    last_s = min(stops, default=max(others, default=0.0) + usual.future_s)
+    most_s = (MAX_STEPS - usual.num_steps) * _STEP_S
+    return np.arange(0.0, min(max(last_s, 1.0), most_s) + _STEP_S / 2, _STEP_S)
+
+
+def _dynamics(
+    action: Place, tag: str, change: float, seconds_of: Callable[[float], float]
+) -> tuple[float, str]:
+    """Seconds and shape of a change, of which a distance takes ``seconds_of``."""
+    for one in action.children(tag):
+        shape, by = one.get("dynamicsShape", "linear"), one.get("dynamicsDimension")
+        if shape != "step" and not _unread_value(one, tag):
+            value = abs(one.number("value", 0.0))
+            if by == "rate":
+                value = change / max(value, 1e-3)
+            return seconds_of(value) if by == "distance" else value, shape
+    return 0.0, "step"
+
+
+def _profile(action: Place, driver: Driver, step: int) -> float:
+    """Take the speeds of a profile; its end."""
+    time_s = float(driver.times_s[step])
+    for one in action.children("SpeedProfileEntry"):
+        seconds = one.number("time", 0.0)
+        step = driver.step(time_s)
+        time_s = driver.change_speed(step, one.number("speed"), seconds, "linear")
+    return time_s
+
+
+def _compared(values: Float[np.ndarray, "T"], rule: Place) -> Bool[np.ndarray, "T"]:
+    return _RULES.get(rule.get("rule"), np.isclose)(values, rule.number("value"))
 
 
 def _nurbs(

@@ -411,3 +411,148 @@ def test_damaged_files_are_refused_by_element_and_line(
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FormatError, match=rf"play.xosc, line \d+: {expected}"):
         open_scenario(path)
+
+
+FORK = """<OpenDRIVE><header revMajor="1" revMinor="4"/>
+<road id="7" length="100" junction="-1"><link><successor elementType="junction" elementId="9"/>
+</link><planView><geometry s="0" x="0" y="0" hdg="0" length="100"><line/></geometry></planView>
+<lanes><laneSection s="0"><left>{1}</left><right>{-1}{-2}</right></laneSection></lanes></road>
+<road id="8" length="60" junction="9"><link><predecessor elementType="road" elementId="7"
+contactPoint="end"/></link><planView><geometry s="0" x="100" y="0" hdg="0" length="60"><line/>
+</geometry></planView><lanes><laneSection s="0"><right>{-1}{-2}</right></laneSection></lanes>
+</road><road id="6" length="60" junction="9"><link><predecessor elementType="road"
+elementId="7" contactPoint="end"/></link><planView><geometry s="0" x="100" y="0" hdg="0"
+length="60"><arc curvature="0.02"/></geometry></planView><lanes><laneSection s="0"><right>{-1}
+</right></laneSection></lanes></road><junction id="9"><connection id="0" incomingRoad="7"
+connectingRoad="8" contactPoint="start"><laneLink from="-1" to="-1"/><laneLink from="-2"
+to="-2"/></connection><connection id="1" incomingRoad="7" connectingRoad="6"
+contactPoint="start"><laneLink from="-1" to="-1"/></connection></junction></OpenDRIVE>"""
+
+
+def drive(
+    folder: Path, actions: dict[str, str], groups: str, stop_s: float = 10
+) -> Scenario:
+    """Cars named by their first place, ``ROAD:LANE:S:SPEED``, on a road that forks."""
+    init = entities = ""
+    for name, more in actions.items():
+        road, lane_id, s, value = name.split(":")
+        place = f'<LanePosition roadId="{road}" laneId="{lane_id}" s="{s}"/>'
+        init += private(
+            name, f"<Position>{place}</Position>", speed(float(value)) + more
+        )
+        entities += entity(name, "car", BOX.replace('x="1.5"', 'x="0"'))
+    path = story(folder, entities, init, groups)
+    stop = f'<SimulationTimeCondition value="{stop_s}" rule="greaterThan"/>'
+    stop = f"<ConditionGroup><Condition><ByValueCondition>{stop}</ByValueCondition>"
+    stop = (
+        f"<StopTrigger>{stop}</Condition></ConditionGroup></StopTrigger></Storyboard>"
+    )
+    path.write_text(path.read_text().replace("</Storyboard>", stop))
+    width = '<width sOffset="0" a="4" b="0" c="0" d="0"/>'
+    lanes = {
+        f"{{{n}}}": f'<lane id="{n}" type="driving">{width}</lane>' for n in (1, -1, -2)
+    }
+    roads = FORK
+    for word, text in lanes.items():
+        roads = roads.replace(word, text)
+    (folder / "roads" / "street.xodr").write_text(roads)
+    return open_scenario(path)
+
+
+def where(scene: Scenario, name: str, time_s: float) -> np.ndarray:
+    return at(scene, name, scene.current_step + round(time_s * 10))
+
+
+def slower(value: float, dynamics: str) -> str:
+    found = speed(value).replace(
+        "<SpeedActionTarget>", f"{dynamics}<SpeedActionTarget>"
+    )
+    return found.replace("PrivateAction>", "X>").replace("<X>", "").replace("</X>", "")
+
+
+def change(target: str, shape: str = "linear") -> str:
+    dynamics = f'dynamicsShape="{shape}" value="2" dynamicsDimension="time"'
+    return f"""<LateralAction><LaneChangeAction><LaneChangeActionDynamics {dynamics}/>
+    <LaneChangeTarget>{target}</LaneChangeTarget></LaneChangeAction></LateralAction>"""
+
+
+def test_entities_drive_on_along_lanes_until_the_road_ends(tmp_path: Path):
+    """They had their first state alone."""
+    east, west = "7:-1:80:10", "7:1:35:5"
+    scene = drive(tmp_path, {east: "", west: "", "7:-2:10:0": ""}, "")
+    np.testing.assert_allclose(where(scene, east, 5), (130, -2), atol=1e-6)
+    np.testing.assert_allclose(where(scene, west, 6), (5, 2), atol=1e-6)
+    np.testing.assert_allclose(where(scene, "7:-2:10:0", 8), (10, -6), atol=1e-6)
+    agents = scene.agents
+    there = agents.is_valid[:, scene.current_step :].sum(axis=1)
+    assert there[agents.rows((east, west, "7:-2:10:0"))].tolist() == [81, 71, 81]
+    heading = agents.heading_rad[agents.row_of[west], scene.current_step + 3]
+    assert abs(heading) == pytest.approx(np.pi)
+
+
+def test_speeds_and_lanes_change_as_events_tell(tmp_path: Path):
+    """Such events were told as not read."""
+    car = "7:-1:10:10"
+    rate = '<SpeedActionDynamics dynamicsShape="linear" value="2" dynamicsDimension="rate"/>'
+    groups = event(car, slower(4, rate), 2.0)
+    groups += event(
+        car, change(f'<RelativeTargetLane entityRef="{car}" value="-1"/>'), 6
+    )
+    scene = drive(tmp_path, {car: ""}, groups)
+    np.testing.assert_allclose(where(scene, car, 2), (30, -2), atol=1e-6)
+    np.testing.assert_allclose(where(scene, car, 5), (51, -2), atol=1e-6)
+    np.testing.assert_allclose(where(scene, car, 7), (59, -4), atol=1e-6)
+    np.testing.assert_allclose(where(scene, car, 10), (71, -6), atol=1e-6)
+    row, step = scene.agents.row_of[car], scene.current_step + 70
+    assert scene.agents.heading_rad[row, step] == pytest.approx(-np.arctan2(2, 4))
+    assert "Not read" not in " ".join(scene.provenance.notes)
+
+
+@pytest.mark.parametrize(
+    ("condition", "time_s"),
+    [
+        ('<TraveledDistanceCondition value="20"/>', 2.0),
+        ('<SpeedCondition value="9" rule="greaterThan"/>', 0.0),
+        (
+            '<TimeHeadwayCondition entityRef="7:-1:60:5" value="2" rule="lessThan"/>',
+            6.1,
+        ),
+        (
+            '<RelativeDistanceCondition entityRef="7:-1:60:5" value="30" rule="lessOrEqual"'
+            ' relativeDistanceType="longitudinal" freespace="false"/>',
+            4.0,
+        ),
+        (
+            '<ReachPositionCondition tolerance="1"><Position><LanePosition roadId="7" '
+            'laneId="-1" s="31"/></Position></ReachPositionCondition>',
+            2.0,
+        ),
+    ],
+)
+def test_events_begin_when_entities_are_so(
+    tmp_path: Path, condition: str, time_s: float
+):
+    """They never began."""
+    car, ahead = "7:-1:10:10", "7:-1:60:5"
+    actors = f'<TriggeringEntities triggeringEntitiesRule="any"><EntityRef entityRef="{car}"/>'
+    rule = f"""<ByEntityCondition>{actors}</TriggeringEntities><EntityCondition>{condition}
+    </EntityCondition></ByEntityCondition>"""
+    step = (
+        '<SpeedActionDynamics dynamicsShape="step" value="0" dynamicsDimension="time"/>'
+    )
+    stops = re.sub(
+        "<ByValue.*?</ByValueCondition>", rule, event(car, slower(0, step), 0)
+    )
+    scene = drive(tmp_path, {car: "", ahead: ""}, stops)
+    place = where(scene, car, 9)[0]
+    assert place == pytest.approx(10 + 10 * time_s, abs=1.01)
+
+
+def test_routes_lead_through_forks(tmp_path: Path):
+    """All went straight on."""
+    car = "7:-1:80:10"
+    position = '<Position><LanePosition roadId="6" laneId="-1" s="50"/></Position>'
+    way = f"""<PrivateAction><RoutingAction><AssignRouteAction><Route name="r">
+    <Waypoint>{position}</Waypoint></Route></AssignRouteAction></RoutingAction></PrivateAction>"""
+    scene = drive(tmp_path, {car: way}, "")
+    assert where(scene, car, 6)[1] > 10
