@@ -2,7 +2,8 @@
 
 import os
 import signal
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -73,6 +74,17 @@ def pytest_collection_modifyitems(
         if one.get_closest_marker("browser"):
             one.add_marker(pytest.mark.flaky(reruns=1))
     items.sort(key=lambda item: scope_of(item.nodeid) != BROWSER_TESTS)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
+    """Skip tests that ask av2's loaders on a Python that av2 has no build for."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name != "av2" or sys.version_info < (3, 13):
+            raise
+        pytest.skip(f"{item.name}: av2 has no build for this Python")
 
 
 class TestShares(LoadScopeScheduling):

@@ -40,7 +40,6 @@ def test_agents_that_are_absent_or_unknown_are_refused():
 
 
 def test_a_predictor_with_the_usual_filter_sees_every_sampled_agent(tmp_path):
-    pytest.importorskip("av2")
     from av2.datasets.motion_forecasting.scenario_serialization import (
         load_argoverse_scenario_parquet,
     )

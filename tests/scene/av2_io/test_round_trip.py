@@ -29,7 +29,6 @@ def assert_equal(result: RoundTrip) -> None:
 
 
 def assert_tracks_as_av2_reads_them(scenario: Scenario, folder: Path) -> None:
-    pytest.importorskip("av2")
     from av2.datasets.motion_forecasting.scenario_serialization import (
         load_argoverse_scenario_parquet,
     )
@@ -63,7 +62,6 @@ def assert_tracks_as_av2_reads_them(scenario: Scenario, folder: Path) -> None:
 
 
 def assert_map_as_av2_reads_it(scenario: Scenario, folder: Path) -> None:
-    pytest.importorskip("av2")
     from av2.map.map_api import ArgoverseStaticMap
 
     their_map = ArgoverseStaticMap.from_json(next(folder.glob("log_map_archive_*")))

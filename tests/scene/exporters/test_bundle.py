@@ -102,7 +102,7 @@ def test_a_file_in_the_way(tmp_path: Path) -> None:
 def test_odd_paths(tmp_path: Path) -> None:
     (tmp_path / "circle").symlink_to(tmp_path / "circle")
     for out in (tmp_path / "circle", tmp_path / "nul\0"):
-        with pytest.raises(ExportError, match="is no place for a folder"):
+        with pytest.raises(ExportError, match=r"no place for a folder|Not a directory"):
             write_files(FILES, out, forbidden=None)
 
 

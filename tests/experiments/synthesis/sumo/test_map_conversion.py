@@ -142,7 +142,6 @@ def test_our_lane_graph_has_every_link(family: str) -> None:
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_argoverse_reads_the_map(family: str, tmp_path: Path) -> None:
-    pytest.importorskip("av2")
     from av2.map.map_api import ArgoverseStaticMap
 
     road_map = network(family, 1).road_map
