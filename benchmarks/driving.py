@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.experiments.training.data.augmentation import (
+from pd_editor.experiments.training.augmentation import (
     CRAWLING_MPS,
     DEFAULT_AUGMENTATION,
     augmented,
     crawling_share,
 )
-from pd_editor.experiments.training.data.scenario_source import ShardRoot
+from pd_editor.experiments.training.feature_preparation import ShardRoot
 from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.read import read_scenario

@@ -34,7 +34,7 @@ from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
 from pd_editor.base.installed_files import models_folder
 from pd_editor.experiments.evaluation.evaluation_task import paper_init_agents
-from pd_editor.experiments.evaluation.report.distances import STATE_METRICS
+from pd_editor.experiments.evaluation.report.realism import STATE_METRICS
 from pd_editor.generation.checkpoints.model_folder import load_model
 from pd_editor.generation.core.devices import keep_freed_memory, lay_out_weights
 from pd_editor.generation.core.random_streams import RandomStreams

@@ -20,8 +20,7 @@ from pd_editor.analysis.metrics.likelihoods import (
 from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING
-from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.experiments.evaluation.method import GROUND_TRUTH, Method
 from pd_editor.generation.generators import make_generator
 from pd_editor.scene.time_cut import COMPARED
 

@@ -20,7 +20,7 @@ from pd_editor.analysis.metrics.box_overlaps import first_overlap
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.commands.locks import apply_within_locks
-from pd_editor.experiments.evaluation.scene_bootstrap import (
+from pd_editor.experiments.evaluation.summary import (
     mean_over_scenes,
     scene_weights,
 )

@@ -20,7 +20,7 @@ from pd_editor.experiments.evaluation.evaluation_task import (
     paper_init_agents,
     paper_trajectory_agents,
 )
-from pd_editor.experiments.evaluation.scene_bootstrap import (
+from pd_editor.experiments.evaluation.summary import (
     Estimate,
     mean_over_scenes,
     scene_weights,

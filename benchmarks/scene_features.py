@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
-from pd_editor.experiments.training.data.augmentation import (
+from pd_editor.experiments.training.augmentation import (
     DEFAULT_AUGMENTATION,
     augmented,
 )
-from pd_editor.experiments.training.data.feature_preparation import (
+from pd_editor.experiments.training.feature_preparation import (
     fit_basis,
     prepare_features,
 )

@@ -14,12 +14,12 @@ import numpy as np
 
 from benchmarks.initial_states import load_pose_model, real_scenes, sampled
 from pd_editor.base.installed_files import models_folder
-from pd_editor.experiments.training.data.augmentation import (
+from pd_editor.experiments.training.augmentation import (
     CRAWLING_MPS,
     DEFAULT_AUGMENTATION,
 )
-from pd_editor.experiments.training.data.training_data import prepared_data
 from pd_editor.experiments.training.stage_objective import basis_of, starting_model
+from pd_editor.experiments.training.training_data import prepared_data
 from pd_editor.generation.features.scene_features import AGENT_KINDS
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.generation.initial_state.attributes import AttributeRequest

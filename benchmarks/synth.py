@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 
 from pd_editor.base.errors import ExportError
+from pd_editor.experiments.recordings.clip import TrackingNoise
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
-from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.experiments.synthesis.dataset_builder import (
     DatasetFolder,
     DatasetPlan,

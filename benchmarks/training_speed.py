@@ -13,17 +13,17 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 
-from pd_editor.experiments.training.config.run_config import Budget, RunConfig
-from pd_editor.experiments.training.config.settings import PRESETS
-from pd_editor.experiments.training.data.training_data import (
+from pd_editor.experiments.training.run_config import Budget, RunConfig
+from pd_editor.experiments.training.run_folder import RunFolder
+from pd_editor.experiments.training.settings import PRESETS
+from pd_editor.experiments.training.stage_objective import STAGES
+from pd_editor.experiments.training.train_loop import TrainLoop
+from pd_editor.experiments.training.training_data import (
     BatchSampler,
     default_cache,
     prepared_data,
     training_data,
 )
-from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.train_loop import TrainLoop
-from pd_editor.experiments.training.stage_objective import STAGES
 
 _STEPS = 30
 

@@ -25,7 +25,7 @@ from pd_editor.analysis.metrics.traffic_view import recorded_traffic
 from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.scene_bootstrap import scene_weights
+from pd_editor.experiments.evaluation.summary import scene_weights
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE, lane_pieces
 from pd_editor.generation.features.scene_features import scene_center
 from pd_editor.generation.features.signal_tokens import piece_signals

@@ -7,7 +7,7 @@ from mkdocs.structure.files import File, Files
 
 from pd_editor.analysis.metrics.values import METRICS
 from pd_editor.base.plain_text import markdown_table
-from pd_editor.experiments.training.config.settings import STAGES, fields_table
+from pd_editor.experiments.training.settings import STAGES, fields_table
 
 ROOT = Path(__file__).parents[1]
 PAGES = (

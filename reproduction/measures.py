@@ -16,8 +16,8 @@ from pd_editor.analysis.metrics.distribution_distance import (
     Histogram,
     jensen_shannon_divergences,
 )
-from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
-from pd_editor.experiments.evaluation.scene_bootstrap import (
+from pd_editor.experiments.evaluation.method import GROUND_TRUTH
+from pd_editor.experiments.evaluation.summary import (
     COVERAGE,
     mean_over_scenes,
     scene_weights,

@@ -9,10 +9,10 @@ import numpy as np
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
-from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.reference_methods import (
+from pd_editor.experiments.evaluation.method import (
     GROUND_TRUTH,
     REFERENCE_METHODS,
+    Method,
 )
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.generation.features.scene_features import scene_center

@@ -7,8 +7,7 @@ from typing import Final, Literal
 
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
 from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
-from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.experiments.evaluation.method import GROUND_TRUTH, Method
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.scene.generation import ScenarioGenerator
 from reproduction.systems import REFERENCES, STATES, TRAJECTORIES, Trained

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import read_regular
-from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.experiments.evaluation.method import GROUND_TRUTH
 from pd_editor.generation.defaults import MAX_CONFIG_BYTES
 from pd_editor.generation.generators.registry import saw_warps, warp_share
 

@@ -23,16 +23,16 @@ from pd_editor.base.errors import PdEditorError, TrainingError
 from pd_editor.cli.model import model
 from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
-from pd_editor.experiments.training.config.run_config import RunConfig
-from pd_editor.experiments.training.config.run_request import (
+from pd_editor.experiments.training.run_config import RunConfig
+from pd_editor.experiments.training.run_folder import CONFIG_NAME, RunFolder
+from pd_editor.experiments.training.run_request import (
     SAMPLING,
     RunRequest,
     StageName,
     new_config,
     section_of,
 )
-from pd_editor.experiments.training.config.settings import settings_of
-from pd_editor.experiments.training.loop.run_folder import CONFIG_NAME, RunFolder
+from pd_editor.experiments.training.settings import settings_of
 from reproduction.__main__ import PaperTables, make_tables
 
 FOLDER = Path(__file__).parents[1] / "examples" / "variants"

@@ -37,13 +37,13 @@ from pd_editor.experiments.evaluation.evaluation_task import (
     EvaluationTask,
     StatesChoice,
 )
-from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.reference_methods import (
+from pd_editor.experiments.evaluation.method import (
     GROUND_TRUTH,
     REFERENCE_METHODS,
+    Method,
 )
-from pd_editor.experiments.evaluation.report.distances import distance_tables
 from pd_editor.experiments.evaluation.report.realism import (
+    distance_tables,
     realism_tables,
     scene_test_tables,
 )

@@ -12,7 +12,7 @@ from pd_editor.base.plain_text import markdown_table
 from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.options import FolderOption, OptionalFolders, folders
 from pd_editor.cli.output import preparation_shown
-from pd_editor.experiments.training.loop.run_folder import CURVES_NAME, MODEL_NAME
+from pd_editor.experiments.training.run_folder import CURVES_NAME, MODEL_NAME
 
 if TYPE_CHECKING:
     from pd_editor.generation.checkpoints.model_folder import StageKind, TrainedStage
@@ -133,7 +133,7 @@ def model(
 def _measured(
     stages: Mapping[str, "TrainedStage"], roots: tuple[Path, ...]
 ) -> "TrainedStage":
-    from pd_editor.experiments.training.data.training_data import default_cache
+    from pd_editor.experiments.training.training_data import default_cache
     from pd_editor.experiments.training.training_run import measured
 
     if "init" not in stages:

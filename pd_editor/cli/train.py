@@ -25,15 +25,15 @@ from pd_editor.cli.options import (
     taking,
 )
 from pd_editor.cli.output import ProgressLine, preparation_shown
-from pd_editor.experiments.training.loop.run_folder import Training
+from pd_editor.experiments.training.run_folder import Training
 from pd_editor.experiments.work_engine.work_engine import minutes_left
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.generators import SHIPPED_MODEL
 
 if TYPE_CHECKING:
-    from pd_editor.experiments.training.config.run_request import RunRequest
-    from pd_editor.experiments.training.loop.train_loop import TrainingProgress
     from pd_editor.experiments.training.monitoring import SampleCheck
+    from pd_editor.experiments.training.run_request import RunRequest
+    from pd_editor.experiments.training.train_loop import TrainingProgress
     from pd_editor.experiments.training.training_run import Hardware
 
 StageName = Literal["init", "traj", "all"]
@@ -120,8 +120,8 @@ class TrainOptions:
         Raises:
             TrainingError: a file or a value of single fields cannot be read.
         """
-        from pd_editor.experiments.training.config.run_request import RunRequest
-        from pd_editor.experiments.training.config.settings import settings_of
+        from pd_editor.experiments.training.run_request import RunRequest
+        from pd_editor.experiments.training.settings import settings_of
 
         files = [Path(one) for one in several(self.config)]
         return RunRequest(
@@ -153,8 +153,8 @@ class TrainOptions:
 
     def trained(self, request: "RunRequest", run: Path, *, resume: bool) -> Training:
         """Train a stage in a folder, with progress on stderr."""
-        from pd_editor.experiments.training.data.training_data import default_cache
         from pd_editor.experiments.training.monitoring import Monitoring
+        from pd_editor.experiments.training.training_data import default_cache
         from pd_editor.experiments.training.training_run import run_asked_for
 
         return run_asked_for(
@@ -197,7 +197,7 @@ def train(options: TrainOptions) -> Training:
 
 def _list_fields(stages: Sequence[Literal["init", "traj"]]) -> NoReturn:
     """Print the fields of stages as tables, and end."""
-    from pd_editor.experiments.training.config.settings import fields_table
+    from pd_editor.experiments.training.settings import fields_table
 
     sys.stdout.write("\n\n".join(map(fields_table, stages)) + "\n")
     raise WorkDone(0)

@@ -14,8 +14,7 @@ from pd_editor.base.errors import FolderInUseError, InputError
 from pd_editor.base.installed_files import ALL_DEMOS
 from pd_editor.editor.commands.road import WARP_NAME
 from pd_editor.experiments.evaluation.evaluation import scenes_of
-from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.experiments.evaluation.method import REFERENCE_METHODS, Method
 from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import (
     ANCHORS,

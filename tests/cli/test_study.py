@@ -95,7 +95,7 @@ def test_scenes_that_cannot_be_written_are_told(
     def full(*_: object, **__: object) -> None:
         raise ExportError(reason) from OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pd_editor.experiments.studies.gallery.export_into", full)
+    monkeypatch.setattr("pd_editor.experiments.studies.study_report.export_into", full)
     options = (*GRID, "--gallery", 1, "--workers", 1)
     out = tmp_path / "out"
     assert shell.refused("study", "--data", data, "--out", out, *options) == reason
@@ -110,7 +110,7 @@ def test_a_scene_that_cannot_be_made_again_is_told(
         raise EditError("Agent 5 would move at 250 m/s.")
 
     monkeypatch.setattr(
-        "pd_editor.experiments.studies.gallery.EditorSession.apply", refused
+        "pd_editor.experiments.studies.study_report.EditorSession.apply", refused
     )
     options = (*GRID, "--gallery", 2, "--workers", 1)
     result = shell.run("study", "--data", data, "--out", tmp_path / "out", *options)

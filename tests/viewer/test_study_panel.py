@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pd_editor.experiments.evaluation.evaluation import FoundScenes, Scene
-from pd_editor.experiments.evaluation.scene_bootstrap import Estimate
+from pd_editor.experiments.evaluation.summary import Estimate
 from pd_editor.experiments.studies.severity import SeverityCurve
 from pd_editor.experiments.studies.whole_study import WORK_ITEMS, StudyExtras
 from pd_editor.experiments.studies.worst_case import SearchSettings

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.experiments.closed_loop.scores import DriveScores, nuplan_scores
-from pd_editor.experiments.evaluation.scene_bootstrap import (
+from pd_editor.experiments.evaluation.summary import (
     mean_over_scenes,
     scene_weights,
 )

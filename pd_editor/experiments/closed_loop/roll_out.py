@@ -20,9 +20,8 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked
 from pd_editor.editor.commands import ContinueScene
 from pd_editor.editor.commands.roll_out import with_length
-from pd_editor.experiments.closed_loop.entrances import Entrances
-from pd_editor.experiments.closed_loop.world import HORIZON, World
-from pd_editor.experiments.work_engine.time_limit import time_limit
+from pd_editor.experiments.closed_loop.world import HORIZON, Entrances, World
+from pd_editor.experiments.work_engine.work_engine import time_limit
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.generation import (
     GenerationProgress,

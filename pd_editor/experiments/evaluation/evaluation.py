@@ -10,13 +10,13 @@ from typing import Any, Final
 from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import data_root
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
+from pd_editor.experiments.evaluation.method import TrialPlan
 from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.scene_rows import (
     ROW_SCHEMA,
     SceneItem,
     evaluate_scene,
 )
-from pd_editor.experiments.evaluation.trial import TrialPlan
 from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
 from pd_editor.scene.base_reference import MapWindow, SceneCut, part_name
 from pd_editor.scene.formats.dataset import CardFilter, DatasetIndex, no_scenario

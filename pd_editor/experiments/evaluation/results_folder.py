@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pd_editor.base.regular_file import unwritable
+from pd_editor.experiments.evaluation.method import TrialItem
 from pd_editor.experiments.evaluation.scene_rows import SceneRows
-from pd_editor.experiments.evaluation.trial import TrialItem
 from pd_editor.experiments.work_engine.work_engine import (
     WorkEngine,
     WorkProgress,

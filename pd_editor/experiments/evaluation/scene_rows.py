@@ -15,9 +15,13 @@ from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffi
 from pd_editor.analysis.metrics.values import METRICS, MetricValues
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
-from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
+from pd_editor.experiments.evaluation.method import (
+    EvaluatedTraffic,
+    Method,
+    TrialItem,
+    tried,
+)
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
-from pd_editor.experiments.evaluation.trial import TrialItem, tried
 from pd_editor.scene.agent_kind import GROUP_KINDS
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.generation import GenerationRequest

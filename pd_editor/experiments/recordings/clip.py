@@ -8,6 +8,7 @@ Clips follow statistics of 35 scenarios of Argoverse 2's train split:
 - half of the tracks are within 40 m of the ego, nine of ten within 86 m.
 """
 
+import dataclasses
 import uuid
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,7 +19,6 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.experiments.recordings.recording import Recording, Window
-from pd_editor.experiments.recordings.tracking_noise import TrackingNoise, noisy, seen
 from pd_editor.scene.agent_kind import (
     ROAD_USER_KINDS,
     AgentCategory,
@@ -26,10 +26,146 @@ from pd_editor.scene.agent_kind import (
     true_activity,
 )
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
 from pd_editor.scene.signals import signals_of_lanes
 from pd_editor.scene.time_axis import TimeAxis
+
+_KERNEL_WIDTHS: Final = 3.0
+"""Where the kernel is cut off, in units of its width."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingNoise:
+    """Parameters of a tracker's errors; zero or infinity disables each."""
+
+    along_m: float = 0.25
+    """Standard deviation of a driving agent's position along its heading."""
+    across_m: float = 0.12
+    standing_m: float = 0.06
+    """Standard deviation of a stationary agent's position, in both directions."""
+    heading_rad: float = 0.018
+    velocity_along_mps: float = 0.35
+    velocity_across_mps: float = 0.2
+    agent_spread: float = 0.7
+    """Standard deviation of the logarithm of each agent's factor."""
+    heading_spread: float = 1.0
+    """The same for headings, whose errors have heavier tails."""
+    position_width_s: float = 1.0
+    """Kernel width of positions and headings."""
+    velocity_width_s: float = 0.4
+    range_m: float = 65.0
+    """Median distance from the ego up to which an agent is observed."""
+    range_spread: float = 0.5
+    """Standard deviation of the logarithm of that distance."""
+    occlusions_per_s: float = 0.12
+    """Median rate of occlusions over agents."""
+    occlusion_spread: float = 0.8
+    """Standard deviation of the logarithm of each agent's rate."""
+    occlusion_s: float = 1.2
+    """Mean duration, exponentially distributed."""
+
+
+def smooth_noise(
+    random: np.random.Generator, count: int, num_steps: int, width_steps: float
+) -> Float[np.ndarray, "N T"]:
+    """``count`` series with mean 0, variance 1 and a Gaussian correlation."""
+    if width_steps <= 0:
+        return random.standard_normal((count, num_steps))
+    reach = int(np.ceil(_KERNEL_WIDTHS * width_steps))
+    gap = np.arange(num_steps + 2 * reach)[:, None] - np.arange(num_steps) - reach
+    kernel = np.exp(-0.5 * (gap / width_steps) ** 2) * (np.abs(gap) <= reach)
+    kernel /= np.sqrt((kernel**2).sum(axis=0))
+    return random.standard_normal((count, num_steps + 2 * reach)) @ kernel
+
+
+def noisy(
+    tracks: AgentTracks,
+    noise: TrackingNoise,
+    random: np.random.Generator,
+    step_s: float,
+) -> AgentTracks:
+    """Add noise to positions, headings and velocities of tracks."""
+    count, num_steps = tracks.is_valid.shape
+
+    def blur(width_s: float) -> Float[np.ndarray, "A T"]:
+        return smooth_noise(random, count, num_steps, width_s / step_s)
+
+    spread = np.array([noise.agent_spread] * 3 + [noise.heading_spread])
+    factor = np.exp(spread[:, None, None] * random.standard_normal((4, count, 1)))
+    # A filter suppresses the noise of stationary agents; it returns as they start.
+    drives = np.clip(tracks.speed_mps() / 3.0, 0.0, 1.0)
+    along = noise.standing_m + (noise.along_m - noise.standing_m) * drives
+    across = noise.standing_m + (noise.across_m - noise.standing_m) * drives
+    position = _turned(
+        along * factor[0] * blur(noise.position_width_s),
+        across * factor[1] * blur(noise.position_width_s),
+        tracks.heading_rad,
+    )
+    turn = noise.heading_rad * (0.3 + 0.7 * drives)
+    turn = turn * factor[3] * blur(noise.position_width_s)
+    change = 0.005 + 0.995 * drives
+    velocity = _turned(
+        noise.velocity_along_mps * change * factor[2] * blur(noise.velocity_width_s),
+        noise.velocity_across_mps * change * factor[2] * blur(noise.velocity_width_s),
+        tracks.heading_rad,
+    )
+    is_valid = tracks.is_valid
+    return dataclasses.replace(
+        tracks,
+        position_m=tracks.position_m + np.where(is_valid[..., None], position, 0.0),
+        heading_rad=wrap_angle(tracks.heading_rad + np.where(is_valid, turn, 0.0)),
+        velocity_mps=tracks.velocity_mps + np.where(is_valid[..., None], velocity, 0.0),
+    )
+
+
+def _turned(
+    along: Float[np.ndarray, "A T"],
+    across: Float[np.ndarray, "A T"],
+    heading: Float[np.ndarray, "A T"],
+) -> Float[np.ndarray, "A T 2"]:
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.stack([along * cos - across * sin, along * sin + across * cos], axis=-1)
+
+
+def seen(
+    tracks: AgentTracks,
+    ego: int,
+    always: Int[np.ndarray, "M"],
+    noise: TrackingNoise,
+    random: np.random.Generator,
+    step_s: float,
+) -> Bool[np.ndarray, "A T"]:
+    """Steps at which each agent is within range of the ego and not occluded.
+
+    ``always`` are rows whose tracks do not break off; the ego exists at all steps.
+    """
+    count, num_steps = tracks.is_valid.shape
+    reach = noise.range_m * np.exp(noise.range_spread * random.standard_normal(count))
+    gap = np.linalg.norm(tracks.position_m - tracks.position_m[ego], axis=-1)
+    hidden = _hidden(count, num_steps, noise, random, step_s)
+    is_seen = tracks.is_valid & (gap <= reach[:, None]) & ~hidden
+    is_seen[always] = tracks.is_valid[always]
+    return is_seen
+
+
+def _hidden(
+    count: int,
+    num_steps: int,
+    noise: TrackingNoise,
+    random: np.random.Generator,
+    step_s: float,
+) -> Bool[np.ndarray, "A T"]:
+    """Steps at which agents are occluded: random starts, exponential durations."""
+    rate = noise.occlusions_per_s * np.exp(
+        noise.occlusion_spread * random.standard_normal((count, 1))
+    )
+    begins = random.random((count, num_steps)) < rate * step_s
+    lasts = random.exponential(noise.occlusion_s / step_s, (count, num_steps))
+    ends = np.where(begins, np.arange(num_steps) + 1 + lasts, 0.0)
+    return np.arange(num_steps) < np.maximum.accumulate(ends, axis=1)
+
 
 SIDE_M: Final = 200.0
 """Side of the square around the window's centre whose agents are in a scenario."""

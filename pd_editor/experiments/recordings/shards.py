@@ -22,6 +22,7 @@ from pd_editor.base.errors import InputError
 from pd_editor.experiments.recordings.clip import (
     FUTURE_STEPS,
     PAST_STEPS,
+    TrackingNoise,
     cut_scenario,
     has_focal_agent,
 )
@@ -31,7 +32,6 @@ from pd_editor.experiments.recordings.recording import (
     coded_recording,
     decoded_recording,
 )
-from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.scenario import Scenario
 
 SHARD_SUFFIX: Final = ".shard"

@@ -8,7 +8,7 @@ import pyarrow as pa
 from jaxtyping import Float, Int
 
 from pd_editor.experiments.evaluation.road_condition import DEFAULT_ANCHOR, PLAIN
-from pd_editor.experiments.evaluation.scene_bootstrap import (
+from pd_editor.experiments.evaluation.summary import (
     Estimate,
     mean_over_scenes,
     scene_weights,

@@ -18,11 +18,15 @@ from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffi
 from pd_editor.analysis.metrics.values import MetricValues
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING
-from pd_editor.experiments.evaluation.method import EvaluatedTraffic, Method
+from pd_editor.experiments.evaluation.method import (
+    EvaluatedTraffic,
+    Method,
+    TrialItem,
+    tried,
+)
 from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_rows import SceneRows, is_on_its_way
-from pd_editor.experiments.evaluation.trial import TrialItem, tried
 from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GenerationRequest

@@ -17,20 +17,21 @@ from pd_editor.experiments.studies.avoidable_danger import (
     AvoidableDanger,
     dangers_of_part,
 )
-from pd_editor.experiments.studies.gallery import (
-    GALLERY_NAME,
-    GalleryEntry,
-    export_cases,
-    export_danger,
-    worst_of_scenes,
-)
 from pd_editor.experiments.studies.severity import severity_curves
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     study_command,
     study_items,
 )
-from pd_editor.experiments.studies.study_report import StudyFindings, study_report
+from pd_editor.experiments.studies.study_report import (
+    GALLERY_NAME,
+    GalleryEntry,
+    StudyFindings,
+    export_cases,
+    export_danger,
+    study_report,
+    worst_of_scenes,
+)
 from pd_editor.experiments.studies.variant_rows import (
     VARIANT_SCHEMA,
     StudyItem,

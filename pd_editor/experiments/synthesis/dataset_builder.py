@@ -14,11 +14,10 @@ from typing import Any, Final
 
 from pd_editor.base.errors import InputError, SynthesisError
 from pd_editor.base.regular_file import check_path
-from pd_editor.experiments.recordings.clip import cut_scenario
+from pd_editor.experiments.recordings.clip import TrackingNoise, cut_scenario
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, shard_bytes
-from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.experiments.synthesis.realism_report import scenario_folders
 from pd_editor.experiments.synthesis.road_network.generator import (
     FAMILIES,

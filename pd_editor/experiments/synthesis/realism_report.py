@@ -20,8 +20,8 @@ from pd_editor.analysis.metrics.motion import Kinematics, kinematics, motion_val
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MaskedValues
 from pd_editor.base.errors import InputError
+from pd_editor.experiments.recordings.clip import TrackingNoise
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
-from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.experiments.report import NONE, Report, ReportTable, Section
 from pd_editor.scene.agent_kind import AgentGroup, AgentKind
 from pd_editor.scene.av2_io.read import read_scenario

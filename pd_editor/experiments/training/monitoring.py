@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.train_loop import TrainState
+from pd_editor.experiments.training.run_folder import RunFolder
+from pd_editor.experiments.training.train_loop import TrainState
 
 MAX_EVALUATE_MINUTES: Final = 1e6
 MIN_EVALUATE_MINUTES: Final = 0.01

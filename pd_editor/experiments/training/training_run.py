@@ -22,35 +22,7 @@ from lightning_fabric import Fabric
 from lightning_fabric.strategies.ddp import DDPStrategy
 
 from pd_editor.base.errors import PdEditorError, TrainingError, WorkDone
-from pd_editor.experiments.training.config.run_config import (
-    Augmentation,
-    Precision,
-    RunConfig,
-)
-from pd_editor.experiments.training.config.run_request import (
-    RunRequest,
-    continued_config,
-    new_config,
-)
-from pd_editor.experiments.training.config.settings import with_settings
-from pd_editor.experiments.training.data.scenario_source import is_recorded
-from pd_editor.experiments.training.data.training_data import (
-    PreparedData,
-    prepared_data,
-    read_basis,
-    training_data,
-    write_basis,
-)
-from pd_editor.experiments.training.loop.run_folder import (
-    CURVES_NAME,
-    RunFolder,
-    Training,
-)
-from pd_editor.experiments.training.loop.train_loop import (
-    TrainingProgress,
-    TrainLoop,
-    spent,
-)
+from pd_editor.experiments.training.feature_preparation import is_recorded
 from pd_editor.experiments.training.monitoring import (
     Monitoring,
     SampleWatch,
@@ -58,11 +30,39 @@ from pd_editor.experiments.training.monitoring import (
     loss_curves_png,
     tensorboard_log,
 )
+from pd_editor.experiments.training.run_config import (
+    Augmentation,
+    Precision,
+    RunConfig,
+)
+from pd_editor.experiments.training.run_folder import (
+    CURVES_NAME,
+    RunFolder,
+    Training,
+)
+from pd_editor.experiments.training.run_request import (
+    RunRequest,
+    continued_config,
+    new_config,
+)
+from pd_editor.experiments.training.settings import with_settings
 from pd_editor.experiments.training.stage_objective import (
     STAGES,
     basis_of,
     start_from,
     starting_model,
+)
+from pd_editor.experiments.training.train_loop import (
+    TrainingProgress,
+    TrainLoop,
+    spent,
+)
+from pd_editor.experiments.training.training_data import (
+    PreparedData,
+    prepared_data,
+    read_basis,
+    training_data,
+    write_basis,
 )
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.generation.checkpoints.model_folder import TrainedStage, save_model

@@ -16,9 +16,9 @@ from pd_editor.experiments.work_engine.local_processes import (
     PROCESS_DIED,
     LocalProcesses,
 )
-from pd_editor.experiments.work_engine.time_limit import WORKER_MARK
 from pd_editor.experiments.work_engine.work_engine import (
     WAIT_S,
+    WORKER_MARK,
     WorkEngine,
     WorkResult,
     failure_of,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.experiments.closed_loop.entrances import Entrances
-from pd_editor.experiments.closed_loop.world import World
+from pd_editor.experiments.closed_loop.world import Entrances, World
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.road_map import Crosswalk, RoadMap
 from pd_editor.scene.traffic_sample import TrafficSample

@@ -3,10 +3,10 @@
 import pytest
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.reference_methods import (
+from pd_editor.experiments.evaluation.method import (
     GROUND_TRUTH,
     REFERENCE_METHODS,
+    Method,
 )
 from pd_editor.scene.generation import AVOIDANCE, LANE_GUIDANCE, GenerationRequest
 from tests.builders import two_agents_that_pass

@@ -3,7 +3,7 @@ import pytest
 
 from pd_editor.analysis.metrics.motion import ade
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
-from pd_editor.experiments.evaluation.reference_methods import REFERENCE_METHODS
+from pd_editor.experiments.evaluation.method import REFERENCE_METHODS
 from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.paths.motion_primitives import candidates
 from tests.analysis.metrics.traffic_builders import sample_of

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pd_editor.experiments.evaluation.scene_bootstrap import (
+from pd_editor.experiments.evaluation.summary import (
     NUM_RESAMPLES,
     mean_over_scenes,
     scene_weights,

@@ -3,10 +3,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis.extra import numpy as hnp
 
-from pd_editor.experiments.recordings.clip import MIN_TRACK_STEPS, cut_scenario, runs_of
+from pd_editor.experiments.recordings.clip import (
+    MIN_TRACK_STEPS,
+    TrackingNoise,
+    cut_scenario,
+    runs_of,
+)
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.recording import Window
-from pd_editor.experiments.recordings.tracking_noise import TrackingNoise
 from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import check_with_official_loaders, scenario_files

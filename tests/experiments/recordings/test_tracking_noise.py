@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pd_editor.experiments.recordings.tracking_noise import (
+from pd_editor.experiments.recordings.clip import (
     TrackingNoise,
     noisy,
     seen,

@@ -17,13 +17,13 @@ from pd_editor.experiments.evaluation.road_condition import (
     RoadCondition,
     road_conditions,
 )
-from pd_editor.experiments.studies.gallery import export_cases, worst_of_scenes
 from pd_editor.experiments.studies.severity import severity_curves
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     grid_conditions,
     study_items,
 )
+from pd_editor.experiments.studies.study_report import export_cases, worst_of_scenes
 from pd_editor.experiments.studies.variant_rows import (
     STUDY_AGENTS,
     STUDY_METRICS,

@@ -8,14 +8,14 @@ import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 
-from pd_editor.experiments.training.config.run_config import (
+from pd_editor.experiments.training.run_config import (
     Budget,
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.data.training_data import TrainingData
-from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.train_loop import TrainLoop
+from pd_editor.experiments.training.run_folder import RunFolder
+from pd_editor.experiments.training.train_loop import TrainLoop
+from pd_editor.experiments.training.training_data import TrainingData
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@ import time
 import pytest
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.train_loop import TrainState
 from pd_editor.experiments.training.monitoring import (
     FOLDER_NAME,
     Monitoring,
     tensorboard_log,
 )
+from pd_editor.experiments.training.run_folder import RunFolder
+from pd_editor.experiments.training.train_loop import TrainState
 from tests.experiments.training.fake_stage import loop_of
 
 # TensorBoard's libraries use what NumPy and protobuf advise against.

@@ -7,20 +7,20 @@ from lightning_fabric import Fabric
 from pd_editor.base.errors import TrainingError
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.shards import shard_bytes
-from pd_editor.experiments.training.config.run_config import (
+from pd_editor.experiments.training.run_config import (
     Budget,
     Optimisation,
     Precision,
     RunConfig,
 )
-from pd_editor.experiments.training.config.settings import PRESETS
-from pd_editor.experiments.training.data.training_data import (
+from pd_editor.experiments.training.run_folder import RunFolder
+from pd_editor.experiments.training.settings import PRESETS
+from pd_editor.experiments.training.stage_objective import STAGES
+from pd_editor.experiments.training.train_loop import TrainLoop
+from pd_editor.experiments.training.training_data import (
     prepared_data,
     training_data,
 )
-from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.train_loop import TrainLoop
-from pd_editor.experiments.training.stage_objective import STAGES
 from pd_editor.generation.checkpoints.model_folder import load_model
 from pd_editor.generation.stages import STAGE_KINDS
 from tests.experiments.recordings.recordings import drive

@@ -8,7 +8,7 @@ from pd_editor.experiments.work_engine.local_processes import (
     PROCESS_DIED,
     LocalProcesses,
 )
-from pd_editor.experiments.work_engine.time_limit import TimeLimitError, time_limit
+from pd_editor.experiments.work_engine.work_engine import TimeLimitError, time_limit
 
 
 def loop_for_ever() -> None:

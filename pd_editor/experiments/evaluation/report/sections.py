@@ -34,8 +34,7 @@ from pd_editor.experiments.evaluation.report.tables import (
     road_tables,
 )
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
-from pd_editor.experiments.evaluation.scene_bootstrap import COVERAGE, NUM_RESAMPLES
-from pd_editor.experiments.evaluation.summary import Summary
+from pd_editor.experiments.evaluation.summary import COVERAGE, NUM_RESAMPLES, Summary
 from pd_editor.experiments.report import Report, ReportTable, Section, table_of_first
 from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 

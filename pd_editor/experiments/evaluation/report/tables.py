@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from pd_editor.analysis.metrics.values import METRICS
-from pd_editor.experiments.evaluation.reference_methods import GROUND_TRUTH
+from pd_editor.experiments.evaluation.method import GROUND_TRUTH
 from pd_editor.experiments.evaluation.road_condition import PLAIN
 from pd_editor.experiments.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.experiments.evaluation.summary import FAR_FROM_LANE, PERTURBED, Summary

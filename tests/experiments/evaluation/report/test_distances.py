@@ -11,7 +11,7 @@ from pd_editor.analysis.metrics.distribution_distance import (
     mean_discrepancy,
 )
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
-from pd_editor.experiments.evaluation.report.distances import (
+from pd_editor.experiments.evaluation.report.realism import (
     JOINT_METRICS,
     distance_tables,
 )

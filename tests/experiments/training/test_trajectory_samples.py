@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.experiments.training.config.run_config import OwnSamplesConfig
-from pd_editor.experiments.training.sample_losses import (
+from pd_editor.experiments.training.run_config import OwnSamplesConfig
+from pd_editor.experiments.training.stage_objective import (
     collision_depth_m,
     energy_score_m,
     off_road_m,

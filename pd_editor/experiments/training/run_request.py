@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import torch
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.config.run_config import (
+from pd_editor.experiments.training.run_config import (
     Augmentation,
     Budget,
     Optimisation,
@@ -15,7 +15,7 @@ from pd_editor.experiments.training.config.run_config import (
     Precision,
     RunConfig,
 )
-from pd_editor.experiments.training.config.settings import (
+from pd_editor.experiments.training.settings import (
     LOSSES,
     NETWORKS,
     PRESETS,

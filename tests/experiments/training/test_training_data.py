@@ -5,8 +5,8 @@ import torch
 from pd_editor.base.errors import InputError, TrainingError
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.shards import shard_bytes
-from pd_editor.experiments.training.config.run_config import Budget
-from pd_editor.experiments.training.data.training_data import (
+from pd_editor.experiments.training.run_config import Budget
+from pd_editor.experiments.training.training_data import (
     augmented_scenes,
     held_out_scenes,
     prepared_data,

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.data.training_data import BatchSampler
+from pd_editor.experiments.training.training_data import BatchSampler
 
 
 def sizes(count):

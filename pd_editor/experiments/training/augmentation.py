@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.analysis.metrics.road import is_off_road
-from pd_editor.experiments.training.config.run_config import Augmentation
+from pd_editor.experiments.training.run_config import Augmentation
 from pd_editor.scene.agent_kind import (
     ROAD_USER_KINDS,
     Activity,

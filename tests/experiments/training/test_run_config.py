@@ -4,12 +4,12 @@ from dataclasses import replace
 import pytest
 
 from pd_editor.base.errors import ModelError, TrainingError
-from pd_editor.experiments.training.config.run_config import (
+from pd_editor.experiments.training.run_config import (
     Budget,
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.config.run_request import (
+from pd_editor.experiments.training.run_request import (
     PRESETS,
     RunRequest,
     continued_config,

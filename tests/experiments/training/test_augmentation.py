@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.experiments.training.config.run_config import Augmentation
-from pd_editor.experiments.training.data.augmentation import augmented, crawling_share
+from pd_editor.experiments.training.augmentation import augmented, crawling_share
+from pd_editor.experiments.training.run_config import Augmentation
 from pd_editor.generation.features.scene_features import scene_features
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, Activity, AgentCategory
 from pd_editor.scene.av2_io.read import read_scenario

@@ -7,15 +7,15 @@ import pytest
 from pd_editor.base.errors import InputError, TrainingError
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.shards import shard_bytes
-from pd_editor.experiments.training.config.run_config import Augmentation
-from pd_editor.experiments.training.data import feature_preparation as scenario_dataset
-from pd_editor.experiments.training.data.augmentation import crawling_share
-from pd_editor.experiments.training.data.feature_preparation import (
+from pd_editor.experiments.training import feature_preparation as scenario_dataset
+from pd_editor.experiments.training.augmentation import crawling_share
+from pd_editor.experiments.training.feature_preparation import (
     Preparation,
     fit_basis,
+    open_roots,
     prepare_features,
 )
-from pd_editor.experiments.training.data.scenario_source import open_roots
+from pd_editor.experiments.training.run_config import Augmentation
 from pd_editor.generation.features.encoded_scene import PackedScene, packed
 from pd_editor.generation.features.scene_features import scene_center, scene_features
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis

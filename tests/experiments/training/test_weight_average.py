@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from pd_editor.experiments.training.loop.train_loop import WeightAverage
+from pd_editor.experiments.training.train_loop import WeightAverage
 
 
 def constant(value):

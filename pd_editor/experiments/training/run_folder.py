@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.base.regular_file import unwritable
-from pd_editor.experiments.training.config.run_config import RunConfig
+from pd_editor.experiments.training.run_config import RunConfig
 from pd_editor.experiments.work_engine.work_folder import WorkFolder
 
 CONFIG_NAME: Final = "run.json"

@@ -4,12 +4,12 @@ import tomllib
 
 import pytest
 
-from pd_editor.experiments.training.config.run_request import (
+from pd_editor.experiments.training.run_request import (
     RunRequest,
     StageName,
     new_config,
 )
-from pd_editor.experiments.training.config.settings import (
+from pd_editor.experiments.training.settings import (
     SECTIONS,
     fields_table,
     settable_fields,

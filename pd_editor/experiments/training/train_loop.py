@@ -20,17 +20,17 @@ from torch.optim import Optimizer
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from pd_editor.base.errors import ModelError, TrainingError
-from pd_editor.experiments.training.config.run_config import (
+from pd_editor.experiments.training.run_config import (
     Budget,
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.data.training_data import (
+from pd_editor.experiments.training.run_folder import RunFolder
+from pd_editor.experiments.training.training_data import (
     Batch,
     BatchSampler,
     TrainingData,
 )
-from pd_editor.experiments.training.loop.run_folder import RunFolder
 from pd_editor.generation.checkpoints.tensor_file import (
     load_into,
     read_tensors,

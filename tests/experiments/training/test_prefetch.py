@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from pd_editor.experiments.training.loop.train_loop import prefetched
+from pd_editor.experiments.training.train_loop import prefetched
 
 
 def test_items_come_in_order_from_where_it_begins():

@@ -18,7 +18,7 @@ import msgspec
 from pd_editor.base.errors import ModelError, TrainingError
 from pd_editor.base.plain_text import markdown_table, nearest_or_all
 from pd_editor.base.regular_file import read_regular
-from pd_editor.experiments.training.config.run_config import (
+from pd_editor.experiments.training.run_config import (
     Augmentation,
     Optimisation,
     OwnSamplesConfig,

@@ -15,14 +15,14 @@ from jaxtyping import Int
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.base.regular_file import unwritable
-from pd_editor.experiments.training.config.run_config import Augmentation, Budget
-from pd_editor.experiments.training.data.augmentation import DEFAULT_AUGMENTATION
-from pd_editor.experiments.training.data.feature_preparation import (
+from pd_editor.experiments.training.augmentation import DEFAULT_AUGMENTATION
+from pd_editor.experiments.training.feature_preparation import (
     Preparation,
     fit_basis,
+    open_roots,
     prepare_features,
 )
-from pd_editor.experiments.training.data.scenario_source import open_roots
+from pd_editor.experiments.training.run_config import Augmentation, Budget
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.generation.checkpoints.tensor_file import read_tensors, write_tensors
 from pd_editor.generation.features.encoded_scene import PackedScene

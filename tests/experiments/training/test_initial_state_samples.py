@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.experiments.training.config.run_config import OwnSamplesConfig
-from pd_editor.experiments.training.sample_losses import (
+from pd_editor.experiments.training.run_config import OwnSamplesConfig
+from pd_editor.experiments.training.stage_objective import (
     initial_state_samples_loss,
     state_collisions_m,
 )

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from pd_editor.base.errors import ModelError, TrainingError
-from pd_editor.experiments.training.config.run_config import Budget, Optimisation
-from pd_editor.experiments.training.loop.run_folder import RunFolder
-from pd_editor.experiments.training.loop.train_loop import (
+from pd_editor.experiments.training.run_config import Budget, Optimisation
+from pd_editor.experiments.training.run_folder import RunFolder
+from pd_editor.experiments.training.train_loop import (
     TrainState,
     learning_rate,
     spent,

@@ -3,18 +3,18 @@ from pathlib import Path
 import pytest
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.config.run_config import (
+from pd_editor.experiments.training.run_config import (
     Augmentation,
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.config.run_request import (
+from pd_editor.experiments.training.run_request import (
     RunRequest,
     StageName,
     continued_config,
     new_config,
 )
-from pd_editor.experiments.training.config.settings import settings_of, with_settings
+from pd_editor.experiments.training.settings import settings_of, with_settings
 from pd_editor.generation.features.scene_features import NUM_NEAR_AGENTS
 
 ROOT = Path(__file__).parents[4]

@@ -1,1 +1,0 @@
-"""Configuration of training runs: settings, presets, requests."""

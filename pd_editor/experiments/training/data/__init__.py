@@ -1,1 +1,0 @@
-"""Training data: scenes, augmentation, prepared features, batches."""
