@@ -38,8 +38,12 @@ from pd_editor.experiments.evaluation.report.realism import STATE_METRICS
 from pd_editor.generation.checkpoints.model_folder import load_model
 from pd_editor.generation.core.devices import keep_freed_memory, lay_out_weights
 from pd_editor.generation.core.random_streams import RandomStreams
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE, packed
-from pd_editor.generation.features.scene_features import scene_center, scene_features
+from pd_editor.generation.features.scene_features import (
+    LATENT_SIZE,
+    packed,
+    scene_center,
+    scene_features,
+)
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.generation.initial_state.attributes import (
     AttributeRequest,

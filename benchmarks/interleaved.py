@@ -158,8 +158,7 @@ def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
     import torch
 
     from pd_editor.base.installed_files import models_folder
-    from pd_editor.generation.features.encoded_scene import packed
-    from pd_editor.generation.features.scene_features import scene_features
+    from pd_editor.generation.features.scene_features import packed, scene_features
     from pd_editor.generation.generators import SHIPPED_MODEL
     from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
     from pd_editor.generation.initial_state.sampler import sample_initial_states

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
     ConflictResampling,
+    ConflictSearch,
+    KeptPaths,
     PlacementRule,
 )
 from pd_editor.generation.path_diffuser import PathDiffuser

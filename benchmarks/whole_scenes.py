@@ -26,16 +26,19 @@ from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.evaluation.method import Method
 from pd_editor.experiments.evaluation.summary import scene_weights
-from pd_editor.generation.features.lane_tokens import PIECE_SHAPE, lane_pieces
+from pd_editor.generation.features.lane_tokens import (
+    PIECE_SHAPE,
+    lane_pieces,
+    piece_signals,
+)
 from pd_editor.generation.features.scene_features import scene_center
-from pd_editor.generation.features.signal_tokens import piece_signals
 from pd_editor.generation.generators import make_generator
-from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
     ConflictResampling,
+    ConflictSearch,
+    KeptPaths,
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks

@@ -25,8 +25,11 @@ def recorded_states(scenario: Scenario) -> "SceneTensors":
     Raises:
         GenerationError: an agent has no finite state at the current step.
     """
-    from pd_editor.generation.features.encoded_scene import LATENT_SIZE, packed
-    from pd_editor.generation.features.scene_features import scene_features
+    from pd_editor.generation.features.scene_features import (
+        LATENT_SIZE,
+        packed,
+        scene_features,
+    )
     from pd_editor.generation.initial_state.network.conditioning import only_agents
     from pd_editor.generation.initial_state.network.state_encoding import (
         POSITION_UNIT_M,

@@ -36,7 +36,6 @@ from pd_editor.generation.initial_state.fitting import (
     without_overlapping,
     without_unfit,
 )
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
     InitialStateOptions,
@@ -46,6 +45,7 @@ from pd_editor.generation.initial_state.pipeline import (
 )
 from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
+    KeptPaths,
     PlacementRule,
 )
 from pd_editor.generation.request_options import (
@@ -65,8 +65,11 @@ from pd_editor.generation.samples import (
     samples_of,
 )
 from pd_editor.generation.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
-from pd_editor.generation.trajectory.pipeline import TrajectorySampling, sample_task
-from pd_editor.generation.trajectory.present_trajectories import PresentTrajectories
+from pd_editor.generation.trajectory.pipeline import (
+    PresentTrajectories,
+    TrajectorySampling,
+    sample_task,
+)
 from pd_editor.generation.trajectory.sample_yielding import with_yielding
 from pd_editor.generation.trajectory.sampler import TrajectoryModel
 from pd_editor.generation.trajectory.task import TrajectoryTask, guidance_looks_at

@@ -14,7 +14,7 @@ from pd_editor.generation.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     TrajectoryGuidance,
 )
-from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.generation.trajectory.guidance.trajectory_term import TermGuidance
 from pd_editor.generation.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,

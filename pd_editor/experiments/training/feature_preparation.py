@@ -21,7 +21,6 @@ from pd_editor.experiments.training.augmentation import (
 from pd_editor.experiments.training.run_config import Augmentation
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.work_engine import WorkProgress, run_items
-from pd_editor.generation.features.encoded_scene import packed
 from pd_editor.generation.features.feature_store import (
     FORMAT_VERSION,
     FeatureStore,
@@ -32,6 +31,7 @@ from pd_editor.generation.features.feature_store import (
 from pd_editor.generation.features.scene_features import (
     NUM_FUTURE_STEPS,
     SceneFeatures,
+    packed,
     scene_center,
     scene_features,
 )

@@ -28,9 +28,8 @@ from pd_editor.generation.features.boundary_tokens import (
     BOUNDARY_LENGTH_M,
     BOUNDARY_SHAPE,
 )
-from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.feature_store import FeatureStore
-from pd_editor.generation.features.scene_features import PEDESTRIAN
+from pd_editor.generation.features.scene_features import PEDESTRIAN, PackedScene
 from pd_editor.generation.initial_state.loss import (
     InitialStateLossConfig,
     initial_state_loss,
@@ -47,8 +46,10 @@ from pd_editor.generation.initial_state.network.state_encoding import (
     POSITION_UNIT_M,
     unit_vectors,
 )
-from pd_editor.generation.initial_state.noisy_traffic import fit_moments
-from pd_editor.generation.initial_state.prediction_error import measured_clean_variance
+from pd_editor.generation.initial_state.noisy_traffic import (
+    fit_moments,
+    measured_clean_variance,
+)
 from pd_editor.generation.initial_state.sampler import sample_initial_states
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis

@@ -19,8 +19,7 @@ from numpy.typing import DTypeLike
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.base.regular_file import unwritable, write_whole
-from pd_editor.generation.features.encoded_scene import PackedScene
-from pd_editor.generation.features.scene_features import NUM_CANDIDATES
+from pd_editor.generation.features.scene_features import NUM_CANDIDATES, PackedScene
 from pd_editor.generation.features.scene_fields import LATENT_SIZE, SCENE_FIELDS
 
 FORMAT_VERSION: Final = 6

@@ -9,6 +9,7 @@ function that makes one without arguments.
 import importlib.util
 import operator
 import sys
+import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -18,12 +19,12 @@ from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 
 from pd_editor.analysis.guidance.report import guidance_reports
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked, object_of_reference
 from pd_editor.base.plain_text import MAX_ID_CHARACTERS, is_plain, one_line
-from pd_editor.generation.generators.predictor_generator import PredictorGenerator
 from pd_editor.scene.agent_kind import Activity, AgentKind
 from pd_editor.scene.generation import (
     Capability,
@@ -35,8 +36,92 @@ from pd_editor.scene.generation import (
     check_traffic,
     supported_by,
 )
-from pd_editor.scene.prediction import Predictor
+from pd_editor.scene.prediction import (
+    AgentHistory,
+    Predictor,
+    checked_prediction,
+    prediction_request,
+)
 from pd_editor.scene.traffic_sample import TrafficSample
+
+_LEAST_STEP_M: Final = 0.02
+"""An agent that moves less in a step keeps its heading."""
+
+
+class PredictorGenerator:
+    """Sample s takes the trajectory of each agent that is the s-th most probable.
+
+    Where a predictor gives fewer trajectories than samples are asked for, it begins
+    again with the most probable one. It samples no initial states.
+    """
+
+    def __init__(self, predictor: Predictor) -> None:
+        """Wrap a predictor."""
+        self._predictor = predictor
+
+    @property
+    def name(self) -> str:
+        """The predictor's own name."""
+        return self._predictor.name
+
+    def generate(
+        self, request: GenerationRequest
+    ) -> Generator[GenerationProgress, None, GeneratedTraffic]:
+        """Yield progress, return the traffic.
+
+        Raises:
+            GenerationError: there is nothing to predict, or the prediction is wrong.
+            EditError: an agent is not in the scenario.
+        """
+        began = time.perf_counter()
+        scenario = request.scenario
+        asked = prediction_request(
+            scenario,
+            request.agent_ids,
+            num_modes=request.num_samples,
+            seed=request.scene_seed,
+        )
+        if not asked.num_steps:
+            raise GenerationError(
+                f"Scenario {asked.scenario_id} has no steps after the current one to "
+                "predict."
+            )
+        yield GenerationProgress(fraction=0.0, message="Predicting")
+        found = checked_prediction(self._predictor.predict(asked), asked, self.name)
+        order = np.argsort(-found.probability, axis=1, kind="stable")
+        rows, num_modes = np.arange(len(order)), order.shape[1]
+        return GeneratedTraffic(
+            samples=tuple(
+                _sample(
+                    asked.agents,
+                    found.position_m[rows, order[:, number % num_modes]],
+                    asked.step_s,
+                )
+                for number in range(request.num_samples)
+            ),
+            generator=self.name,
+            seed=request.seed,
+            elapsed_s=time.perf_counter() - began,
+        )
+
+
+def _sample(
+    agents: AgentHistory, later_m: Float[np.ndarray, "A F 2"], step_s: float
+) -> TrafficSample:
+    """Trajectories with headings and velocities, the current state first."""
+    now_m, now_mps = agents.position_m[:, -1:], agents.velocity_mps[:, -1:]
+    position = np.concatenate([now_m, later_m], axis=1)
+    step = np.diff(position, axis=1)
+    heading = np.concatenate(
+        [agents.heading_rad[:, -1:], np.arctan2(step[..., 1], step[..., 0])], axis=1
+    )
+    moves = np.hypot(step[..., 0], step[..., 1]) >= _LEAST_STEP_M
+    turns = np.concatenate([np.ones((len(step), 1), bool), moves], axis=1)
+    last = np.maximum.accumulate(np.where(turns, np.arange(turns.shape[1]), 0), axis=1)
+    heading = np.take_along_axis(heading, last, axis=1)
+    velocity = np.concatenate([now_mps, step / step_s], axis=1)
+    return TrafficSample.of(agents, (position, heading, velocity))
+
 
 ENTRY_POINTS: Final = "pd_editor.generators"
 FOLDER_MODULE: Final = "generator.py"

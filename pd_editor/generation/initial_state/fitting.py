@@ -7,9 +7,8 @@ import numpy as np
 
 from pd_editor.analysis.metrics.box_overlaps import first_overlap, overlapping_pairs
 from pd_editor.analysis.repair.current_states import counted
-from pd_editor.generation.initial_state.conflicts import ConflictSearch
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.pipeline import SquarePlacement
+from pd_editor.generation.initial_state.placement_rules import ConflictSearch, KeptPaths
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario

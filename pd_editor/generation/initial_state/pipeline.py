@@ -14,11 +14,13 @@ from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.core.random_streams import SceneStreams
 from pd_editor.generation.core.sampler import Sampler, sample_steps, sampling_mode
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE, PackedScene, packed
 from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND, lane_pieces
 from pd_editor.generation.features.scene_features import (
     AGENT_KINDS,
+    LATENT_SIZE,
+    PackedScene,
     SceneFeatures,
+    packed,
     scene_features,
 )
 from pd_editor.generation.initial_state.attributes import (
@@ -26,9 +28,7 @@ from pd_editor.generation.initial_state.attributes import (
     with_attributes,
     with_attributes_of,
 )
-from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.agent_count_prior import (
     cells_of,
     lane_length_m,
@@ -39,9 +39,10 @@ from pd_editor.generation.initial_state.network.conditioning import (
     Conditioning,
     sampling_conditioning,
 )
-from pd_editor.generation.initial_state.network.context import EncodedMap
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.initial_state.network.map_tokens import EncodedMap
 from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
+from pd_editor.generation.initial_state.placement_rules import ConflictSearch, KeptPaths
 from pd_editor.generation.initial_state.sampler import (
     InitialStateGuide,
     InitialStateSamplerConfig,

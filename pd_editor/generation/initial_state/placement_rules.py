@@ -1,7 +1,7 @@
-"""Rules for placed agents: each finds those that conflict with others, the road or a path."""
+"""Rules for placed agents, and the search for those that break one."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -12,15 +12,74 @@ from pd_editor.analysis.guidance.guidance_kind import LIMIT_BRAKING_MPS2
 from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.analysis.metrics.lanes import usable_lanes
 from pd_editor.analysis.metrics.road import ASKEW_TO_LANE_DEG, is_off_road, nearest_lane
-from pd_editor.analysis.repair.state_repairs import STANDING_GAP_M, gaps_ahead_m
+from pd_editor.analysis.repair.state_repairs import GAP_M, STANDING_GAP_M, gaps_ahead_m
 from pd_editor.generation.core.config_limits import check_settings
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
-from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.generation.initial_state.guidance import InitialStateGuidance
+from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.geometry.oriented_box import Boxes
+from pd_editor.scene.geometry.oriented_box import Boxes, BoxStates
 from pd_editor.scene.paths.lanes.lane_graph import lane_graph
+from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, PARKED_OFFSET_M
+
+_EVERY_STEPS: Final = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KeptPaths:
+    """Boxes of K moving agents with kept trajectories, from the current step on."""
+
+    boxes: BoxStates
+    time_s: Float[np.ndarray, "S"]
+    """Times after the current step."""
+
+    @classmethod
+    def of(cls, scenario: Scenario, generated_ids: Collection[str]) -> "KeptPaths":
+        """All agents that move later, but those whose trajectories are generated."""
+        agents, now = scenario.agents, scenario.current_step
+        steps = np.arange(now, agents.num_steps, _EVERY_STEPS)
+        speed = np.hypot(*np.moveaxis(agents.velocity_mps[:, steps], -1, 0))
+        moves = (agents.is_valid[:, steps] & (speed >= MOVING_MPS)).any(axis=1)
+        generated = agents.rows(tuple(generated_ids))
+        late = LateAgents.of(scenario)
+        moves[generated] = False
+        # What enters later at the place of such an agent may be that agent, tracked again.
+        moves[np.setdiff1d(late.row, late.but_continuing(generated).row)] = False
+        return cls(
+            boxes=agents.taken(np.flatnonzero(moves)).at_steps(steps),
+            time_s=(steps - now) * scenario.time_axis.step_s,
+        )
+
+    def blocked_by(
+        self, agents: AgentTracks, step: int, *, ahead_s: float, gap_m: float
+    ) -> Bool[np.ndarray, "A"]:
+        """Which agents, with their states at a step, are in the way of any of the K.
+
+        One that stands is there all the time; one that moves is followed at constant
+        velocity for ``ahead_s``. ``gap_m`` is the least distance of boxes.
+        """
+        kept, velocity = self.boxes, agents.velocity_mps[:, step]
+        moves = np.hypot(*velocity.T) >= MOVING_MPS
+        there = ~moves[:, None] | (self.time_s <= ahead_s)
+        drift = np.where(moves[:, None], velocity, 0.0)
+        place = agents.position_m[:, step, None] + drift[:, None] * self.time_s[:, None]
+        boxes = Boxes(
+            position_m=place,
+            heading_rad=np.broadcast_to(
+                agents.heading_rad[:, step, None], place.shape[:2]
+            ),
+            size_m=agents.size_m[:, None] + 2 * gap_m,
+        )
+        offset = place[:, None] - kept.position_m
+        near = np.hypot(offset[..., 0], offset[..., 1]) < (
+            boxes.radius_m[:, None] + kept.radius_m[:, None]
+        )
+        near &= there[:, None] & kept.is_valid
+        agent, other, at = np.nonzero(near)
+        touch = boxes_touch(boxes[agent, at], kept.at(other, at))
+        return np.isin(np.arange(len(agents)), agent[touch])
+
 
 _ACROSS_SINE: Final = 0.5
 """Courses that differ by more than 30 degrees, and less than 150, cross."""
@@ -223,3 +282,117 @@ PLACEMENT_RULES: Final = (
     PlacementRule("in the way", _in_the_way),
 )
 """All rules; any selection of them works, and their order does not matter."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConflictSearch:
+    """Search for placed agents that break any of some rules."""
+
+    settings: ConflictResampling
+    gap_m: float
+    """Boxes nearer than this to each other conflict."""
+    rules: Sequence[PlacementRule] = PLACEMENT_RULES
+
+    @classmethod
+    def of(
+        cls,
+        settings: ConflictResampling,
+        guidance: InitialStateGuidance,
+        rules: Sequence[PlacementRule] = PLACEMENT_RULES,
+    ) -> "ConflictSearch":
+        """Search with a gap half-way between those of guidance and of repairs."""
+        return cls(settings=settings, gap_m=(guidance.gap_m + GAP_M) / 2, rules=rules)
+
+    def conflicting(
+        self,
+        scenario: Scenario,
+        placed_ids: Collection[str],
+        random: np.random.Generator,
+        kept: KeptPaths,
+    ) -> tuple[str, ...]:
+        """Placed agents without which no placed agent is in conflict.
+
+        Agents with most conflicts come first; of equal ones any may be chosen.
+        """
+        agents, step = scenario.agents, scenario.current_step
+        rows = np.flatnonzero(
+            agents.is_valid[:, step] & agents.kind_mask(LANE_FOLLOWER_KINDS)
+        )
+        agents = agents.taken(rows)
+        placed = frozenset(placed_ids)
+        may_go = np.array([name in placed for name in agents.ids], bool)
+        remains = self.conflicts(agents, scenario, kept)
+        chosen: list[str] = []
+        while True:
+            number = remains.sum(axis=1) * may_go
+            if not number.any():
+                return tuple(chosen)
+            row = int(random.choice(np.flatnonzero(number == number.max())))
+            chosen.append(agents.ids[row])
+            remains[row], remains[:, row] = False, False
+
+    def best_of(
+        self,
+        versions: Sequence[Scenario],
+        agent_ids: Collection[str],
+        kept: KeptPaths,
+    ) -> Scenario:
+        """Scenario in which each of some agents has its state of one version.
+
+        Versions differ in the states of these agents only. First comes the version with
+        fewest conflicts; an agent in conflict then gets its state of another version if
+        that has fewer.
+        """
+        if len(versions) == 1:
+            return versions[0]
+        agents, step = versions[0].agents, versions[0].current_step
+        own = agents.rows(tuple(agent_ids))
+        states = agents
+        for number, version in enumerate(versions):
+            again = version.agents.taken(version.agents.rows(tuple(agent_ids)))
+            names = tuple(f"{number}/{name}" for name in again.ids)
+            states = states.joined(replace(again, ids=names))
+        found = self.conflicts(states, versions[0], kept)
+        counts = states.is_valid[:, step] & states.kind_mask(LANE_FOLLOWER_KINDS)
+        found &= counts & counts[:, None]
+        # Row of each agent's state in each version; other agents have one state only.
+        table = len(agents) + np.arange(len(versions) * len(own)).reshape(-1, len(own))
+        rows = np.arange(len(agents))
+        totals: list[int] = []
+        for candidates in table:
+            rows[own] = candidates
+            totals.append(int(found[np.ix_(candidates, rows)].sum()))
+        rows[own] = table[np.argmin(totals)]
+        for row, candidates in zip(own, table.T, strict=True):
+            others = np.delete(rows, row)
+            number = found[np.ix_(candidates, others)].sum(axis=1)
+            number += found[candidates, candidates]
+            used = int(np.flatnonzero(candidates == rows[row])[0])
+            if number.min() < number[used]:
+                rows[row] = candidates[number.argmin()]
+        return versions[0].with_agents(replace(states.taken(rows), ids=agents.ids))
+
+    def conflicts(
+        self, agents: AgentTracks, scenario: Scenario, kept: KeptPaths
+    ) -> Bool[np.ndarray, "A A"]:
+        """Which pairs break a rule, and on the diagonal which agents break one alone.
+
+        Symmetric. The agents are on the road of the scenario, at its current step.
+        """
+        traffic = self.traffic(agents, scenario, kept)
+        found = np.zeros((len(agents), len(agents)), bool)
+        for rule in self.rules:
+            found |= rule.offenders(traffic)
+        return found | found.T
+
+    def traffic(
+        self, agents: AgentTracks, scenario: Scenario, kept: KeptPaths
+    ) -> PlacedTraffic:
+        """What rules look at."""
+        return PlacedTraffic(
+            agents=agents,
+            scenario=scenario,
+            kept=kept,
+            settings=self.settings,
+            gap_m=self.gap_m,
+        )

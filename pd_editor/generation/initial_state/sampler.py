@@ -23,8 +23,8 @@ from pd_editor.generation.initial_state.network.conditioning import (
     Conditioning,
     sampling_conditioning,
 )
-from pd_editor.generation.initial_state.network.context import EncodedMap
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
+from pd_editor.generation.initial_state.network.map_tokens import EncodedMap
 from pd_editor.generation.initial_state.network.state_encoding import (
     NUM_MOTION_PARTS,
     NUM_POSE_PARTS,
@@ -32,8 +32,10 @@ from pd_editor.generation.initial_state.network.state_encoding import (
     decode_activity,
     decode_states,
 )
-from pd_editor.generation.initial_state.noisy_traffic import noisy_traffic
-from pd_editor.generation.initial_state.prediction_error import clean_variance_at
+from pd_editor.generation.initial_state.noisy_traffic import (
+    clean_variance_at,
+    noisy_traffic,
+)
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 
 _SPEED: Final = NUM_MOTION_PARTS - 1

@@ -11,10 +11,10 @@ from torch import Tensor
 
 from pd_editor.generation.core.devices import constant
 from pd_editor.generation.features.boundary_tokens import MIRRORED_BOUNDARY
-from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.scene_features import (
     MIRRORED_SHAPE,
     MIRRORED_SHAPE_SIGNS,
+    PackedScene,
 )
 from pd_editor.generation.features.scene_fields import (
     CANDIDATE_FIELDS,

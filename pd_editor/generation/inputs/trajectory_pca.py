@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from pd_editor.base.errors import ModelError
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE
+from pd_editor.generation.features.scene_features import LATENT_SIZE
 from pd_editor.scene.geometry.angles import wrap_angle
 
 NUM_ALONG: Final = 5

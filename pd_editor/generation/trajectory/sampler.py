@@ -21,7 +21,7 @@ from pd_editor.generation.core.sampler import (
     sample_steps,
 )
 from pd_editor.generation.defaults import NUM_STEPS
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE
+from pd_editor.generation.features.scene_features import LATENT_SIZE
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig

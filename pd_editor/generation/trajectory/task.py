@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.generation.core.sampler import sampling_mode
-from pd_editor.generation.features.encoded_scene import packed
 from pd_editor.generation.features.scene_features import (
     NUM_FUTURE_STEPS,
     STEP_S,
     SceneFeatures,
+    packed,
     scene_features,
     seen_agents,
 )
@@ -23,8 +23,10 @@ from pd_editor.generation.trajectory.guidance.latent_motion import (
     KnownMotion,
     LatentMotion,
 )
-from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
-from pd_editor.generation.trajectory.guidance.trajectory_term import TermContext
+from pd_editor.generation.trajectory.guidance.trajectory_term import (
+    TermContext,
+    TermGuidance,
+)
 from pd_editor.generation.trajectory.kept_beginning import KeptBeginning, projected
 from pd_editor.generation.trajectory.network.decoding import (
     Motion,

@@ -16,8 +16,12 @@ from pd_editor.experiments.training.feature_preparation import (
     prepare_features,
 )
 from pd_editor.experiments.training.run_config import Augmentation
-from pd_editor.generation.features.encoded_scene import PackedScene, packed
-from pd_editor.generation.features.scene_features import scene_center, scene_features
+from pd_editor.generation.features.scene_features import (
+    PackedScene,
+    packed,
+    scene_center,
+    scene_features,
+)
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.scene.av2_io.read import read_scenario
 from tests.experiments.recordings.recordings import drive

@@ -22,7 +22,7 @@ from pd_editor.generation.checkpoints.model_folder import (
 from pd_editor.generation.checkpoints.tensor_file import read_tensors, write_tensors
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.generation.stages import STAGE_KINDS
-from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
+from pd_editor.generation.trajectory.guidance.trajectory_term import TermGuidance
 
 
 @dataclass(frozen=True, kw_only=True)

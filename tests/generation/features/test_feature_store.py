@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from pd_editor.base.errors import TrainingError
 from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE, PackedScene, packed
 from pd_editor.generation.features.feature_store import (
     FeatureStore,
     StoreIndex,
@@ -17,10 +16,13 @@ from pd_editor.generation.features.feature_store import (
 )
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
 from pd_editor.generation.features.scene_features import (
+    LATENT_SIZE,
     NUM_CANDIDATES,
     NUM_NEAR_AGENTS,
     NUM_NEAR_BOUNDARY,
     NUM_NEAR_PIECES,
+    PackedScene,
+    packed,
     scene_features,
 )
 from tests.builders import scenario_with, straight_drivers

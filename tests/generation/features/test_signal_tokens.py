@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.generation.features.lane_tokens import lane_pieces
-from pd_editor.generation.features.signal_tokens import (
+from pd_editor.generation.features.lane_tokens import (
     PIECE_SIGNAL,
     REACH_M,
+    lane_pieces,
     piece_signals,
 )
 from pd_editor.scene.road_map import RoadMap

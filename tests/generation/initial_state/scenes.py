@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
-from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
+from pd_editor.generation.features.scene_features import PackedScene
 from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,

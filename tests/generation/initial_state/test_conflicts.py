@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 
 from pd_editor.generation.initial_state import pipeline
 from pd_editor.generation.initial_state.attributes import with_attributes_of
-from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -29,6 +27,8 @@ from pd_editor.generation.initial_state.pipeline import (
 from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
     ConflictResampling,
+    ConflictSearch,
+    KeptPaths,
 )
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.generation.stages import INITIAL_STATES

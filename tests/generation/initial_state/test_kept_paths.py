@@ -5,10 +5,12 @@ import pytest
 import shapely
 
 from pd_editor.editor.commands import traffic_command
-from pd_editor.generation.initial_state.conflicts import ConflictSearch
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
-from pd_editor.generation.initial_state.placement_rules import ConflictResampling
+from pd_editor.generation.initial_state.placement_rules import (
+    ConflictResampling,
+    ConflictSearch,
+    KeptPaths,
+)
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import GenerationRequest, Region, run_to_end

@@ -10,14 +10,13 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.generation import path_diffuser
 from pd_editor.generation.initial_state import pipeline
 from pd_editor.generation.initial_state.attributes import AttributeRequest
-from pd_editor.generation.initial_state.conflicts import ConflictSearch
-from pd_editor.generation.initial_state.kept_paths import KeptPaths
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
     UNCONDITIONED,
     Conditioning,
 )
+from pd_editor.generation.initial_state.placement_rules import ConflictSearch, KeptPaths
 from pd_editor.generation.initial_state.sampler import sample_initial_states
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.generation.request_options import MOST_AGENTS

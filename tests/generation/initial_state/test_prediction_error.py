@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
-from pd_editor.generation.initial_state.prediction_error import (
+from pd_editor.generation.initial_state.noisy_traffic import (
     clean_variance_at,
     measured_clean_variance,
 )

@@ -11,9 +11,8 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.generation.features.encoded_scene import PackedScene
 from pd_editor.generation.features.lane_tokens import PIECE_LENGTH_M
-from pd_editor.generation.features.scene_features import AGENT_KINDS
+from pd_editor.generation.features.scene_features import AGENT_KINDS, PackedScene
 from pd_editor.generation.initial_state.network.lane_distance import (
     follows_lanes,
     is_on_road,

@@ -27,13 +27,13 @@ from pd_editor.generation.core.noise_schedule import (
     output_factors,
     relative_noise,
 )
+from pd_editor.generation.features.lane_tokens import PIECE_SIGNAL
 from pd_editor.generation.features.scene_features import (
     AGENT_KINDS,
     BOUNDARY_SHAPE,
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
-from pd_editor.generation.features.signal_tokens import PIECE_SIGNAL
 from pd_editor.generation.initial_state.network.agent_count_prior import AgentCounts
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_YES,
@@ -41,11 +41,6 @@ from pd_editor.generation.initial_state.network.conditioning import (
     UNCONDITIONED,
     Conditioning,
     pieces_within,
-)
-from pd_editor.generation.initial_state.network.context import (
-    EncodedMap,
-    EncodedStateLevel,
-    InitialStateContext,
 )
 from pd_editor.generation.initial_state.network.features import (
     NUM_AGENT_FEATURES,
@@ -66,6 +61,9 @@ from pd_editor.generation.initial_state.network.lane_anchored_head import (
     LaneAnchoredHead,
 )
 from pd_editor.generation.initial_state.network.map_tokens import (
+    EncodedMap,
+    EncodedStateLevel,
+    InitialStateContext,
     MapLayer,
     MapTokens,
     NearTokens,

@@ -1,4 +1,4 @@
-"""Map tokens: related to each other once per scene, and searched near noisy poses at each step."""
+"""Map tokens: encoded once per scene, and searched near noisy poses at each step."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,13 +8,14 @@ import torch
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor, nn
 
-from pd_editor.generation.core.attention import EdgeAttention, Mask, grouped
+from pd_editor.generation.core.attention import EdgeAttention, KeysValues, Mask, grouped
 from pd_editor.generation.core.devices import is_known
 from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.network.features import (
     NUM_FOLDED_FEATURES,
     NUM_PIECE_FEATURES,
+    BoxPairs,
     NoiseFactors,
     NoisyPoses,
     as_complex,
@@ -272,3 +273,59 @@ def _relations(
         clean,
         folds_turns=True,
     )[:, 0]
+
+
+class EncodedMap(NamedTuple):
+    """Values that depend on the map tokens of B scenes only."""
+
+    keys_values: tuple[KeysValues, ...]
+    """Keys and values of all tokens, by layer."""
+    near: MapTokens | None
+    """Tokens for the search of those near an agent; None without relations."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InitialStateContext:
+    """Values that do not depend on noisy states, for B scenes of A agents."""
+
+    map_keys_values: tuple[KeysValues, ...]
+    """Keys and values of all map tokens, by layer."""
+    map_tokens: MapTokens | None
+    """Map tokens for the search of those near an agent; None without relations."""
+    agent: Float[Tensor, "B A D"]
+    pairs: Float[Tensor, "B 1 A A R"]
+    """Contribution of both agents' sizes to the embedding of each pair."""
+    boxes: BoxPairs | None
+    """Box sizes for the gaps between agents."""
+    is_visible: Mask
+    """Mask of the other agents, of shape [B A 1 A]."""
+    is_given: Bool[Tensor, "B A"]
+    given: Float[Tensor, "B A P"]
+
+
+class EncodedStateLevel(NamedTuple):
+    """Values that depend on noise levels only, per agent or for all agents."""
+
+    token: Float[Tensor, "*b D"]
+    factor_in: Float[Tensor, "*b P"]
+    """Factor of the noisy states in the network's input."""
+    factor_skip: Float[Tensor, "*b P"]
+    """Factor of the noisy states in the result."""
+    factor_out: Float[Tensor, "*b P"]
+    """Factor of the network's output in the result."""
+    position_m: Float[Tensor, "*b #P"]
+    """Metres per unit of noisy positions."""
+    position_fading: Float[Tensor, "*b F"]
+    near: NoiseFactors
+    """Noise factors of relations to map tokens."""
+    pairs: NoiseFactors
+    """Noise factors of relations to other agents."""
+
+    def at(self, index: int) -> "EncodedStateLevel":
+        """Select one of several levels along the first axis."""
+        *plain, near, pairs = self
+        return EncodedStateLevel(
+            *(one[index] for one in plain),
+            near=NoiseFactors(*(one[index] for one in near)),
+            pairs=NoiseFactors(*(one[index] for one in pairs)),
+        )

@@ -23,20 +23,19 @@ from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions
 from pd_editor.generation.core.sampler import sampling_mode
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE
+from pd_editor.generation.features.scene_features import LATENT_SIZE
 from pd_editor.generation.inputs.trajectory_pca import NUM_ALONG
 from pd_editor.generation.trajectory.guidance import (
     interaction_terms,
     path_terms,
-    road_terms,
     speed_terms,
 )
 from pd_editor.generation.trajectory.guidance.interaction_terms import AvoidTerm
 from pd_editor.generation.trajectory.guidance.latent_motion import LatentMotion
-from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.generation.trajectory.guidance.trajectory_term import (
     ResidualRows,
     TermContext,
+    TermGuidance,
     TermMakers,
     TrajectoryTerm,
 )
@@ -179,7 +178,6 @@ def _merged(rows: Sequence[ResidualRows]) -> ResidualRows:
 TERM_MAKERS: Final[TermMakers] = {
     **path_terms.MAKERS,
     **speed_terms.MAKERS,
-    **road_terms.MAKERS,
     **interaction_terms.MAKERS,
 }
 """Maker of each kind of value; threats are planned (``threat_run``)."""

@@ -30,9 +30,9 @@ from pd_editor.analysis.threats.threat_plans import (
 )
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
-from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.generation.trajectory.guidance.trajectory_term import (
     ResidualRows,
+    TermGuidance,
     row_weights,
 )
 from pd_editor.generation.trajectory.network.decoding import Motion, motion_of

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from pd_editor.generation.core.attention import minus_infinity_unless, scale_query_rows
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE
-from pd_editor.generation.trajectory.network.interaction_features import (
+from pd_editor.generation.features.scene_features import LATENT_SIZE
+from pd_editor.generation.trajectory.network.features import (
     NUM_WAYPOINT_FEATURES,
 )
 

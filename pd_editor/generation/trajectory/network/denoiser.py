@@ -23,12 +23,12 @@ from pd_editor.generation.core.noise_schedule import (
     VariancePreserving,
 )
 from pd_editor.generation.core.sampler import Denoise
-from pd_editor.generation.features.encoded_scene import LATENT_SIZE
+from pd_editor.generation.features.lane_tokens import PIECE_SIGNAL
 from pd_editor.generation.features.scene_features import (
+    LATENT_SIZE,
     NUM_FUTURE_STEPS,
     NUM_NEAR_AGENTS,
 )
-from pd_editor.generation.features.signal_tokens import PIECE_SIGNAL
 from pd_editor.generation.inputs.relative_pose import gathered
 from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
@@ -44,8 +44,11 @@ from pd_editor.generation.trajectory.network.features import (
     NUM_AGENT_FEATURES,
     NUM_BOUNDARY_FEATURES,
     NUM_EDGE_FEATURES,
+    NUM_GAP_FEATURES,
     NUM_LEVEL_FEATURES,
     NUM_PIECE_FEATURES,
+    NUM_WAYPOINT_FEATURES,
+    InteractionGeometry,
     Neighbors,
     agent_features,
     boundary_features,
@@ -53,11 +56,6 @@ from pd_editor.generation.trajectory.network.features import (
     piece_features,
     seen_boundary,
     seen_pieces,
-)
-from pd_editor.generation.trajectory.network.interaction_features import (
-    NUM_GAP_FEATURES,
-    NUM_WAYPOINT_FEATURES,
-    InteractionGeometry,
 )
 from pd_editor.scene.agent_kind import Activity
 

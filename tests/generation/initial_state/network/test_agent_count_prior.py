@@ -2,8 +2,7 @@ import numpy as np
 import torch
 from shapely import MultiLineString, Point
 
-from pd_editor.generation.features.encoded_scene import PackedScene
-from pd_editor.generation.features.scene_features import AGENT_KINDS
+from pd_editor.generation.features.scene_features import AGENT_KINDS, PackedScene
 from pd_editor.generation.initial_state.network.agent_count_prior import (
     HALF_SIDES_M,
     AgentCounts,

@@ -20,11 +20,11 @@ from pd_editor.generation.trajectory.guidance.latent_motion import (
     LatentMotion,
     PredictedMotion,
 )
-from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.generation.trajectory.guidance.term_guide import (
     TermGuide,
     trajectory_terms,
 )
+from pd_editor.generation.trajectory.guidance.trajectory_term import TermGuidance
 from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import TrafficSample

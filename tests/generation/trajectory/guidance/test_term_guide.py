@@ -25,8 +25,8 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.generation.stages import TRAJECTORIES
-from pd_editor.generation.trajectory.guidance.term_guidance import TermGuidance
 from pd_editor.generation.trajectory.guidance.term_guide import TERM_MAKERS, TermGuide
+from pd_editor.generation.trajectory.guidance.trajectory_term import TermGuidance
 from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.generation import TrafficSample
 from pd_editor.scene.guidance_terms import GuidanceTerm

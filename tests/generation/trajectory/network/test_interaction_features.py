@@ -1,9 +1,9 @@
 import numpy as np
 import torch
 
-from pd_editor.generation.trajectory.network.features import Neighbors
-from pd_editor.generation.trajectory.network.interaction_features import (
+from pd_editor.generation.trajectory.network.features import (
     InteractionGeometry,
+    Neighbors,
 )
 from tests.generation.trajectory.scenes import scene_batch, small_model
 
