@@ -19,8 +19,13 @@ import numpy as np
 from pd_editor.analysis.guidance.kinds.pairs import Threaten, YieldTo, shared_places
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions, KeepGap
 from pd_editor.analysis.guidance.report import guidance_problems
-from pd_editor.analysis.threats.encounter import Approach, Track, encounter
-from pd_editor.analysis.threats.motion_limits import exertion, limits_of
+from pd_editor.analysis.threats.encounter import (
+    Approach,
+    Track,
+    encounter,
+    exertion,
+    limits_of,
+)
 from pd_editor.analysis.threats.threat_feasibility import meets, recorded_track
 from pd_editor.analysis.threats.threat_plans import ThreatAim
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator

@@ -9,8 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.analysis.manoeuvres.limits import LIMITS
-from pd_editor.analysis.manoeuvres.tracks import LaneTracks, Motion
+from pd_editor.analysis.manoeuvres.tracks import LIMITS, LaneTracks, Motion
 from pd_editor.analysis.metrics.motion import COMFORT, MAX_ACCELERATION_MPS2
 from pd_editor.analysis.metrics.safety import box_gap_m, encroachments, times_to_touch
 from pd_editor.scene.agent_kind import AgentKind

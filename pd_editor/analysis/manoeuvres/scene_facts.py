@@ -20,8 +20,7 @@ from pd_editor.analysis.manoeuvres.events import (
     stops,
     turns_and_crossings,
 )
-from pd_editor.analysis.manoeuvres.limits import LIMITS
-from pd_editor.analysis.manoeuvres.tracks import LaneTracks, Motion, lane_tracks
+from pd_editor.analysis.manoeuvres.tracks import LIMITS, LaneTracks, Motion, lane_tracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph

@@ -21,12 +21,14 @@ from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.analysis.threats.encounter import (
     IN_FRONT,
     Approach,
+    MotionLimits,
     Track,
     counted_gaps_m,
+    exertion,
     gaps_m,
     hardest_braking_mps2,
+    limits_of,
 )
-from pd_editor.analysis.threats.motion_limits import MotionLimits, exertion, limits_of
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.paths.driving_paths import velocity_of
 from pd_editor.scene.paths.motion_primitives import candidate_positions

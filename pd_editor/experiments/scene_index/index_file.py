@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Bool, Int
 
 from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, scene_content
-from pd_editor.analysis.manoeuvres.limits import LIMITS
+from pd_editor.analysis.manoeuvres.tracks import LIMITS
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import listed, one_line
 from pd_editor.base.regular_file import check_path, write_whole

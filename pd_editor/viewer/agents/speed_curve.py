@@ -5,8 +5,8 @@ from itertools import count
 import numpy as np
 from jaxtyping import Float
 
-from pd_editor.analysis.metrics.agent_profile import acceleration_of
 from pd_editor.analysis.metrics.motion import COMFORT
+from pd_editor.analysis.metrics.scene_metrics import acceleration_of
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands import Command, PullSpeed, SetAgentSpeed
 from pd_editor.scene.agent_tracks import AgentTracks

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from pd_editor.analysis.findings.check import SceneCheck
 from pd_editor.analysis.findings.finding import Finding, Severity
 from pd_editor.analysis.findings.scorecard import Level, ScoreRow, scorecard
-from pd_editor.analysis.metrics.agent_profile import agent_profile
+from pd_editor.analysis.metrics.scene_metrics import agent_profile
 from pd_editor.editor.cures import Cure, cures
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.palette import Palette

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pd_editor.analysis.metrics.agent_profile import agent_profile
+from pd_editor.analysis.metrics.scene_metrics import agent_profile
 from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.av2_io.read import read_scenario

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.analysis.threats.motion_limits import exertion, limits_of
+from pd_editor.analysis.threats.encounter import exertion, limits_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import unit_vector
 

@@ -9,8 +9,14 @@ import pytest
 import shapely
 
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
-from pd_editor.analysis.threats.encounter import IN_FRONT, Approach, Track, encounter
-from pd_editor.analysis.threats.motion_limits import exertion, limits_of
+from pd_editor.analysis.threats.encounter import (
+    IN_FRONT,
+    Approach,
+    Track,
+    encounter,
+    exertion,
+    limits_of,
+)
 from pd_editor.analysis.threats.threat_feasibility import (
     recorded_track,
     threat_obstacle,

@@ -19,8 +19,13 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
-from pd_editor.analysis.threats.encounter import IN_FRONT, Track, encounter
-from pd_editor.analysis.threats.motion_limits import exertion, limits_of
+from pd_editor.analysis.threats.encounter import (
+    IN_FRONT,
+    Track,
+    encounter,
+    exertion,
+    limits_of,
+)
 from pd_editor.analysis.threats.threat_feasibility import meets
 from pd_editor.analysis.threats.threat_plans import (
     ModelFit,

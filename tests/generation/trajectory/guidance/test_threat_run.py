@@ -8,8 +8,13 @@ import pytest
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.report import guidance_problems
-from pd_editor.analysis.threats.encounter import Approach, Track, encounter
-from pd_editor.analysis.threats.motion_limits import exertion, limits_of
+from pd_editor.analysis.threats.encounter import (
+    Approach,
+    Track,
+    encounter,
+    exertion,
+    limits_of,
+)
 from pd_editor.analysis.threats.threat_feasibility import (
     meets,
     recorded_track,
