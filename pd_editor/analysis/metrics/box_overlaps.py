@@ -22,8 +22,6 @@ from pd_editor.scene.scenario import Scenario
 
 MIN_OVERLAP_M2: Final = 0.05
 """Boxes that share at most this area only touch."""
-_DISC_M: Final = 0.13
-"""Radius of a disc of a larger area than that."""
 _PORTION: Final = 50_000
 """Number of pairs times steps per chunk."""
 
@@ -51,7 +49,8 @@ def boxes_collide(
 
 def _share_disc(one: Boxes, other: Boxes) -> Bool[np.ndarray, "*s"]:
     """Whether boxes still touch without a border, so that they share a disc as wide."""
-    within = [replace(box, size_m=box.size_m - 2 * _DISC_M) for box in (one, other)]
+    # A disc of this radius has a larger area than ``MIN_OVERLAP_M2``.
+    within = [replace(box, size_m=box.size_m - 2 * 0.13) for box in (one, other)]
     has_any = np.minimum(*(box.size_m.min(axis=-1) for box in within)) > 0
     return has_any & boxes_touch(*within)
 

@@ -34,8 +34,6 @@ from pd_editor.scene.road_map import RoadMap, once_per_map
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
-NEAR_LANE_M: Final = 8.0
-"""Agents without an initial lane get the nearest such lane within this distance."""
 SPARE_M: Final = 10.0
 """Lanes that begin up to this distance past the end of an agent's path count."""
 
@@ -148,9 +146,8 @@ def _lanes_of_lost(
     match = nearest_lanes(road_map, position_m, heading_rad=heading_rad)
     lane = np.array([graph.row_of.get(i, 0) for i in match.lane_id.tolist()], int)
     along = match.along_m.copy()
-    agent, ahead, where = _lanes_ahead(
-        graph, position_m, heading_rad, usable, NEAR_LANE_M
-    )
+    # Agents without an initial lane get the nearest such lane within this distance.
+    agent, ahead, where = _lanes_ahead(graph, position_m, heading_rad, usable, 8.0)
     first = np.flatnonzero(np.diff(agent, prepend=-1))
     lane[agent[first]], along[agent[first]] = ahead[first], where[first]
     return lane, along

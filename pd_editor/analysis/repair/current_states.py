@@ -74,9 +74,6 @@ SLIDE_REACH_M: Final = 20.0
 """Largest distance that an agent slides, forwards or backwards."""
 SLIDE_STEP_M: Final = 0.25
 
-_CHUNK_ENDS: Final = (24, 72)
-"""Poses are tested in chunks, since one of the first is usually free."""
-
 
 def slides_m() -> Float[np.ndarray, "K"]:
     """Distances to slide, sorted by size; backwards first among equals."""
@@ -259,7 +256,8 @@ class States:
         lane than now, and is not off the road if the agent is on the road now.
         """
         start = 0
-        for end in (*_CHUNK_ENDS, len(position_m)):
+        # Poses are tested in chunks, since one of the first is usually free.
+        for end in (24, 72, len(position_m)):
             some = slice(start, end)
             start = end
             if not len(position_m[some]):

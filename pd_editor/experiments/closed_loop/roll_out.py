@@ -158,8 +158,6 @@ MAX_DURATION_S: Final = 90.0
 _NEW_NOISE_S: Final = 1.0
 """Time after which the noise of an agent is independent of what it was. With 4 s, more
 agents stopped, and queues grew."""
-_ROUTE_S: Final = 12.0
-"""Time for which a route goes on beyond what is recorded."""
 _ROUTE_SPACING_M: Final = 1.0
 
 
@@ -517,7 +515,8 @@ def route_of(scenario: Scenario, agent_id: str) -> Float[np.ndarray, "N 2"]:
     along = arc_length(way)
     moves = np.diff(np.floor(along / _ROUTE_SPACING_M), prepend=-1) > 0
     start = Start.at(agents, int(known[-1]), np.array([row]))
-    plans = plan_paths(scenario.road_map, start, _ROUTE_S)
+    # Time for which a route goes on beyond what is recorded.
+    plans = plan_paths(scenario.road_map, start, 12.0)
     path = np.flatnonzero(plans.role == Role.MAIN)
     path = int(path[0]) if len(path) else int(np.argmin(plans.role))
     points = np.stack([plans.paths.x_m[path], plans.paths.y_m[path]], axis=-1)

@@ -38,12 +38,8 @@ from pd_editor.scene.traffic_sample import TrafficSample
 
 HORIZON: Final = TimeAxis().num_future_steps
 """Steps that are planned."""
-_PAST: Final = 10
-"""Steps before the present that a window shows."""
 _BEYOND_M: Final = 15.0
 """An agent leaves this far outside of the mapped road's bounding box."""
-_OFF_ROAD_M: Final = 8.0
-"""Pedestrians leave this far from the drivable area: 99 % of recorded ones are nearer."""
 
 _TURNS_ON_S: Final = 1.0
 """Time in which headings become those of a new path, at the speed of now."""
@@ -124,7 +120,8 @@ class World:
 
     def window(self) -> Scenario:
         """The scene from shortly before the present to the horizon; agents there now."""
-        first, last = max(self.step - _PAST, 0), self.step + HORIZON
+        # Steps before the present that a window shows.
+        first, last = max(self.step - 10, 0), self.step + HORIZON
         steps = slice(first, last + 1)
         rows = np.flatnonzero(self.is_present())
         agents, axis = self.scenario.agents, self.scenario.time_axis
@@ -222,7 +219,9 @@ class World:
         )
         away = outside_m(self.scenario, agents.position_m[walks, step])
         moves = agents.speed_mps()[walks, step] > STANDING_MPS
-        gone[walks] |= (away > _OFF_ROAD_M) & moves
+        # Pedestrians leave this far from the drivable area: 99 % of recorded ones are
+        # nearer.
+        gone[walks] |= (away > 8.0) & moves
         gone &= ~self.scenario.kept_steps()[:, step]
         return world.without([agents.ids[row] for row in np.flatnonzero(gone)])
 
@@ -277,8 +276,6 @@ _HALF_SIDE_M: Final = 12.0
 _FREE_M: Final = 25.0
 _LANE_M: Final = 2.5
 """An entrance is taken while another vehicle is nearer along and across its lane."""
-_ASIDE_M: Final = 2.0
-"""Who enters is at most so far beside one of the lanes that begin there."""
 _COSINE: Final = 0.8
 _MOST_AT_ONCE: Final = 3
 _COUNTED: Final = {
@@ -399,7 +396,8 @@ class Entrances:
         if kind is AgentKind.PEDESTRIAN:
             fits = (np.abs(aside) < 2 * _HALF_SIDE_M) & (along > 0.0)
         else:
-            fits = (np.abs(aside) < _ASIDE_M) & (along > _COSINE)
+            # Who enters is at most so far beside one of the lanes that begin there.
+            fits = (np.abs(aside) < 2.0) & (along > _COSINE)
         if not (fits & is_near).any():
             return False
         return kind is not AgentKind.PEDESTRIAN or _is_walkable(scenario, position_m)

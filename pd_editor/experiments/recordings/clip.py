@@ -32,9 +32,6 @@ from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
 from pd_editor.scene.signals import signals_of_lanes
 from pd_editor.scene.time_axis import TimeAxis
 
-_KERNEL_WIDTHS: Final = 3.0
-"""Where the kernel is cut off, in units of its width."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingNoise:
@@ -73,7 +70,8 @@ def smooth_noise(
     """``count`` series with mean 0, variance 1 and a Gaussian correlation."""
     if width_steps <= 0:
         return random.standard_normal((count, num_steps))
-    reach = int(np.ceil(_KERNEL_WIDTHS * width_steps))
+    # Where the kernel is cut off, in units of its width.
+    reach = int(np.ceil(3.0 * width_steps))
     gap = np.arange(num_steps + 2 * reach)[:, None] - np.arange(num_steps) - reach
     kernel = np.exp(-0.5 * (gap / width_steps) ** 2) * (np.abs(gap) <= reach)
     kernel /= np.sqrt((kernel**2).sum(axis=0))
@@ -182,8 +180,6 @@ _EPOCH_NS: Final = 315_964_800_000_000_000
 _NOTE: Final = "Synthetic traffic, simulated with SUMO."
 MAP_MARGIN_M: Final = 35.0
 """Lanes within this distance of a path are in the map."""
-_AREA_MARGIN_M: Final = 15.0
-"""Drivable areas are clipped at this distance outside the lanes."""
 _MIN_AREA_M2: Final = 1.0
 
 
@@ -446,7 +442,8 @@ def _ground(
     if not len(lane_rows) or not len(rows):
         return ()
     bounds = shapely.total_bounds(index.lanes.geometries[lane_rows])
-    frame = bounds + _AREA_MARGIN_M * np.array([-1, -1, 1, 1])
+    # Drivable areas are clipped at this distance outside the lanes.
+    frame = bounds + 15.0 * np.array([-1, -1, 1, 1])
     shapes = index.areas.geometries[rows]
     extent = shapely.bounds(shapes)
     reaches_out = (extent[:, :2] < frame[:2]).any(axis=1)

@@ -12,8 +12,6 @@ from pd_editor.scene.thresholds import STANDING_MPS
 
 MIN_FOCAL_PATH_M: Final = 3.0
 """Least displacement of a focal agent; nine of ten of Argoverse 2's exceed 10 m."""
-START_SHARE: Final = 0.1
-"""Share of windows with a stationary focal agent that starts, if there is one."""
 _KIND_WEIGHT: Final = {
     AgentKind.VEHICLE: 1.0,
     AgentKind.BUS: 1.0,
@@ -27,10 +25,6 @@ _MAX_NEARBY: Final = 15
 _APART_M: Final = 60.0
 _APART_STEPS: Final = 100
 """Windows nearer than this to an earlier one, in space and time, are down-weighted."""
-_AGAIN: Final = 3.0
-"""Factor by which the weight of an agent falls with each of its windows."""
-_MAX_PASSES: Final = 3
-"""Passes through the recording for windows without an eligible agent."""
 
 
 def choose_windows(
@@ -48,13 +42,15 @@ def choose_windows(
     weight = np.array([_KIND_WEIGHT.get(kind, 0.0) for kind in recording.kinds])
     weight = np.where(recording.is_parked, 0.0, weight)
     chosen: list[Window] = []
-    for _ in range(_MAX_PASSES):
+    # Passes through the recording for windows without an eligible agent.
+    for _ in range(3):
         edges = np.linspace(PAST_STEPS, last + 1, num_windows - len(chosen) + 1)
         for step in random.uniform(edges[:-1], edges[1:]).astype(int).tolist():
             row = _focal_row(recording, step, weight, chosen, random)
             if row is None:
                 continue
-            weight[row] /= _AGAIN
+            # Factor by which the weight of an agent falls with each of its windows.
+            weight[row] /= 3.0
             x, y = _position(recording, np.array([row]), step)[0]
             chosen.append(
                 Window(
@@ -85,7 +81,8 @@ def _focal_row(
         place, _position(recording, _in_traffic(recording, step), step)
     )
     starts = np.isin(rows, starting)
-    if starts.any() and random.random() < START_SHARE:
+    # Share of windows with a stationary focal agent that starts, if there is one.
+    if starts.any() and random.random() < 0.1:
         chance = np.where(starts, chance, 0.0)
     if not chance.sum() > 0:
         return None

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 PENALTY: Final = 10.0
 """Scene-Attack's penalty for each active kind of warp beyond the first."""
-ACTIVE_POWER: Final = 0.5
-"""A kind of warp is active above this power."""
 GRID_SIZE: Final = 54
 """Number of variants of Scene-Attack's grid: 18 powers of three kinds."""
 _FIRST_POWERS: Final = (-10.0, 10.0, -7.0, 7.0, -4.0, 4.0)
@@ -139,7 +137,8 @@ def _terms_of(
     powers: list[tuple[WarpKind, float]] = [
         (k, trial.suggest_float(k, -MAX_POWER, MAX_POWER)) for k in chosen
     ]
-    return tuple((k, power) for k, power in powers if abs(power) > ACTIVE_POWER)
+    # A kind of warp is active above this power.
+    return tuple((k, power) for k, power in powers if abs(power) > 0.5)
 
 
 def _value_of(

@@ -45,8 +45,6 @@ from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import replace_folder
 
-WINDOW_SPACING_S: Final = 2.0
-"""Duration by which each window lengthens a recording."""
 MIN_DURATION_S: Final = 30.0
 MAX_DURATION_S: Final = 160.0
 
@@ -116,7 +114,8 @@ def make_network(item: NetworkItem) -> NetworkFiles:
 
 
 def _recording(item: NetworkItem) -> Recording:
-    wanted_s = MIN_DURATION_S + WINDOW_SPACING_S * item.num_windows
+    # Duration by which each window lengthens a recording.
+    wanted_s = MIN_DURATION_S + 2.0 * item.num_windows
     duration_s = min(wanted_s, MAX_DURATION_S)
     if item.city_folder is not None:
         return simulate_city(item.city_folder, item.seed, duration_s=duration_s)
@@ -190,8 +189,6 @@ class DatasetFolder(ResumableFolder):
 WINDOWS_PER_SHARD: Final = 80
 FOLDERS_PER_NETWORK: Final = 20
 """Scenario folders per network; fewer than in a shard, for a greater variety of roads."""
-WINDOWS_PER_MAP: Final = 25
-"""Windows per real map; fewer than per network, because real maps are small."""
 _MAX_ROUNDS: Final = 8
 _MAX_NUM: Final = 1_000_000
 _MAX_SEED: Final = 20_000
@@ -367,7 +364,8 @@ def _items(
     share = WINDOWS_PER_SHARD if plan.as_shards else FOLDERS_PER_NETWORK
     kinds = len(places) or len(plan.families or FAMILIES)
     if plan.maps:
-        share = min(share, WINDOWS_PER_MAP)
+        # Windows per real map; fewer than per network, because real maps are small.
+        share = min(share, 25)
     count = math.ceil(num_windows / share)
     if first == 0:  # Few windows are distributed over all families of roads.
         count = max(count, min(kinds, num_windows))

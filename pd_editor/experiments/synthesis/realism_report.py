@@ -90,12 +90,6 @@ def _spread(count: int) -> list[int]:
     return np.linspace(0, count - 1, num).round().astype(int).tolist()
 
 
-TURNING_DEG: Final = 30.0
-"""Change of heading in the window beyond which an agent turns."""
-TURNING_PATH_M: Final = 5.0
-"""Least length of paths whose turns are measured."""
-START_M: Final = 2.0
-"""Least displacement of a start; tracks of parked vehicles drift by up to this."""
 _COMPARED_STEPS: Final = slice(10, 46, 5)
 """Steps whose accelerations are compared. Fits are one-sided at the first steps, and
 tracks of Argoverse 2 decelerate to rest in their last second."""
@@ -244,7 +238,8 @@ def _starts(scene: MeasuredScene) -> MaskedValues:
     """Whether agents that stand at the current step have started by the last step."""
     agents, stands = scene.motor_vehicles.agents, _motion(scene, "standing").value > 0
     away = np.linalg.norm(agents.position_m[:, -1] - agents.position_m[:, 0], axis=-1)
-    return _rows(away > START_M, stands & agents.is_valid.all(axis=1))
+    # Least displacement of a start; tracks of parked vehicles drift by up to this.
+    return _rows(away > 2.0, stands & agents.is_valid.all(axis=1))
 
 
 def _nearest(scene: MeasuredScene) -> MaskedValues:
@@ -284,13 +279,15 @@ def _heading_change(scene: MeasuredScene) -> MaskedValues:
     both = agents.is_valid[:, 1:] & agents.is_valid[:, :-1]
     turn = wrap_angle(np.diff(agents.heading_rad, axis=1))
     total = np.degrees(np.where(both, turn, 0.0).sum(axis=1))
-    far = _motion(scene, "path_length").value > TURNING_PATH_M
+    # Least length of paths whose turns are measured.
+    far = _motion(scene, "path_length").value > 5.0
     return _rows(total, far & agents.is_valid.all(axis=1))
 
 
 def _turning(scene: MeasuredScene) -> MaskedValues:
     change = _heading_change(scene)
-    return _rows(np.abs(change.value) > TURNING_DEG, change.is_valid)
+    # Change of heading in the window beyond which an agent turns.
+    return _rows(np.abs(change.value) > 30.0, change.is_valid)
 
 
 def _count(scene: MeasuredScene, group: AgentGroup | None) -> MaskedValues:

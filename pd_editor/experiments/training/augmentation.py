@@ -34,13 +34,9 @@ _REACH_M: Final = 120.0
 There are fewer simulated agents than real ones. A tracker's range of 90 m and its
 occlusions would leave 17 of them in a scenario, this leaves 25; Argoverse 2 has 24.
 """
-_REACH_SPREAD: Final = 0.45
-"""Standard deviation of the logarithm of that distance."""
 _FAR_M: Final = 60.0
 CRAWLING_MPS: Final = 3.0
 """Vehicles that move slower than this crawl."""
-_LEAST_MOVING: Final = 3
-"""With fewer moving vehicles, their speeds say nothing of a scene."""
 _NUM_WAVES: Final = 3
 _POWERS: Final = (1.0, 9.5)
 
@@ -85,7 +81,8 @@ def crawling_share(scenario: Scenario, center_m: Float[np.ndarray, "2"]) -> floa
     is_near = np.abs(agents.position_m[:, step] - center_m).max(axis=1) <= _FAR_M
     moves = agents.is_valid[:, step] & agents.kind_mask({AgentKind.VEHICLE}) & is_near
     moves &= speed >= MOVING_MPS
-    if moves.sum() < _LEAST_MOVING:
+    # With fewer moving vehicles, their speeds say nothing of a scene.
+    if moves.sum() < 3:
         return 0.0
     return float(np.mean(speed[moves] < CRAWLING_MPS))
 
@@ -121,7 +118,8 @@ def _is_seen(
         return np.ones(len(tracks), bool)
     place = tracks.position_m[:, step]
     gap = np.hypot(*(place - place[ego]).T)
-    spread = _REACH_SPREAD * random.standard_normal(len(tracks))
+    # Standard deviation of the logarithm of the distance.
+    spread = 0.45 * random.standard_normal(len(tracks))
     chance = np.where(
         is_off_road(scenario, place),
         augmentation.parked_off_road_seen,

@@ -42,8 +42,6 @@ from pd_editor.scene.scenario import Scenario
 
 BLUR_ONLY: Final = TrackingNoise(range_m=np.inf, occlusions_per_s=0.0)
 """Noise of simulated tracks; it does not break off tracks, so trajectories are complete."""
-FIRST_STEP: Final = 10
-"""Earliest current step of a window of an Argoverse 2 scenario."""
 
 
 class ShardRoot:
@@ -130,7 +128,8 @@ class Av2Root:
         found = read_scenario(self._folders[folder])
         self._city = (index, found.city)
         axis = found.time_axis
-        steps = np.linspace(axis.current_step, FIRST_STEP, self._windows).round()
+        # Earliest current step of a window of an Argoverse 2 scenario.
+        steps = np.linspace(axis.current_step, 10, self._windows).round()
         return replace(
             found, time_axis=replace(axis, current_step=max(int(steps[window]), 0))
         )

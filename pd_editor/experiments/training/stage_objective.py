@@ -70,13 +70,9 @@ from pd_editor.generation.trajectory.sampler import (
     sample_trajectories,
 )
 
-_NUM_TIMES: Final = 30
-"""Boxes are compared every 0.2 s."""
 _ROAD_STRIDE: Final = 4
 _ON_ROAD_M: Final = 0.5
 """Centres count as off the road that are nearer to its edge."""
-_MOST_OFF_M: Final = 3.0
-"""Further off the road is other ground, or the map ends."""
 
 
 def trajectory_samples_loss(
@@ -197,7 +193,8 @@ def off_road_m(
     distance = (squared.gather(-1, nearest)[..., 0] + 1e-6).sqrt()
     off = torch.where(inside < 0, distance, -distance) + _ON_ROAD_M
     counts = follows_lanes(scene) & scene.has_boundary.any(dim=-1, keepdim=True)
-    counts = counts[..., None] & (off[..., :1] < 0) & (off < _MOST_OFF_M)
+    # Further off the road is other ground, or the map ends.
+    counts = counts[..., None] & (off[..., :1] < 0) & (off < 3.0)
     return torch.where(counts, off.clamp_min(0), 0.0)[..., 1:].mean(dim=-1)
 
 
@@ -237,7 +234,8 @@ def _motion(
     stride: int = 1,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """x, y and heading [S B A T] in each agent's own frame, the current step first."""
-    steps = torch.linspace(0, decoder.num_steps, _NUM_TIMES + 1, device=latent.device)
+    # Boxes are compared every 0.2 s.
+    steps = torch.linspace(0, decoder.num_steps, 31, device=latent.device)
     x, y = decoder.points(latent, speed, steps[1::stride].long() - 1)
     ahead_x = torch.diff(x, dim=-1, prepend=torch.zeros_like(x[..., :1])) + HELD_M
     ahead_y = torch.diff(y, dim=-1, prepend=torch.zeros_like(y[..., :1]))
@@ -305,10 +303,6 @@ def state_collisions_m(
     counts &= ~(task.is_given[..., None] & task.is_given[..., None, :])
     counts &= ~torch.eye(counts.shape[-1], dtype=torch.bool, device=counts.device)
     return torch.where(counts, (depth + margin_m).clamp_min(0), 0.0)
-
-
-_MOST_MEASURED: Final = 64
-"""Number of scenes on which errors are measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -382,7 +376,8 @@ def _measure(model: nn.Module, store: FeatureStore) -> None:
     assert isinstance(model, InitialStateDenoiser)
     moments = fit_moments(model, _some(store, MOST_ROWS))
     model.get_buffer("state_moments").copy_(moments)
-    variance = measured_clean_variance(model, _some(store, _MOST_MEASURED))
+    # Number of scenes on which errors are measured.
+    variance = measured_clean_variance(model, _some(store, 64))
     model.get_buffer("clean_variance").copy_(variance)
 
 

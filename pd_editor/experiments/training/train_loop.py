@@ -123,8 +123,6 @@ def _parameters(optimiser: Optimizer) -> Iterator[nn.Parameter]:
 _STEPS_PER_LINE = 25
 _BETAS = (0.9, 0.99)
 """Betas of AdamW; the second is below the usual 0.999, since runs are short."""
-_MOST_WARMUP: Final = 0.1
-"""Greatest share of a run in which the learning rate warms up."""
 _AUGMENT, _NOISE, _HELD_OUT = 1, 2, 3
 
 
@@ -442,13 +440,10 @@ def learning_rate(optimisation: Optimisation, step: int, fraction: float) -> flo
     """
     constant = optimisation.constant_share
     warmed = (step + 1) / (optimisation.warmup_steps + 1)
-    warmth = min(1.0, max(warmed, fraction / _MOST_WARMUP))
+    # Greatest share of a run in which the learning rate warms up.
+    warmth = min(1.0, max(warmed, fraction / 0.1))
     fallen = min(1.0, max(0.0, fraction - constant) / (1 - constant))
     return optimisation.learning_rate * warmth * 0.5 * (1 + math.cos(math.pi * fallen))
-
-
-_FASTEST = 10.0
-"""Warm-up of the average: at step n the decay is at most (1 + n) / (10 + n)."""
 
 
 class WeightAverage:
@@ -462,7 +457,8 @@ class WeightAverage:
     @torch.no_grad()
     def update(self, model: nn.Module, step: int) -> None:
         """Update the average after a step, counted from 0."""
-        decay = min(self._decay, (1 + step) / (_FASTEST + step))
+        # Warm-up of the average: at step n the decay is at most (1 + n) / (10 + n).
+        decay = min(self._decay, (1 + step) / (10.0 + step))
         averaged: list[Tensor] = list(self.model.parameters())
         get_ema_multi_avg_fn(decay)(averaged, [*model.parameters()], step)
         for mine, theirs in zip(self.model.buffers(), model.buffers(), strict=True):

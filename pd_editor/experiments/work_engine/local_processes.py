@@ -35,8 +35,6 @@ ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
     "1",
 )
 """Read by NumPy's libraries and by torch when they are first imported."""
-_QUEUED_PER_WORKER: Final = 2
-"""Items queued per worker, so that no worker waits for the caller."""
 _UNGUARDED_CODE: Final = 97
 """Exit code of a worker that runs the caller's script instead of its work."""
 PROCESS_DIED: Final = WorkFailure(
@@ -104,7 +102,8 @@ class LocalProcesses:
         with _pool(num_workers) as pool:
             while True:
                 try:
-                    while len(running) < num_workers * _QUEUED_PER_WORKER:
+                    # Items queued per worker, so that no worker waits for the caller.
+                    while len(running) < num_workers * 2:
                         key = next(waiting, None)
                         if key is None:
                             break

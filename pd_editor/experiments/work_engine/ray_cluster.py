@@ -31,8 +31,6 @@ Value = TypeVar("Value")
 
 LOCAL_ADDRESS: Final = "local"
 """Address that starts a cluster on this machine for the time of the run."""
-_QUEUED_PER_CORE: Final = 2
-"""Tasks submitted per core, so that no core waits for the caller."""
 _LEAST_WAITING: Final = 8
 _PROBE_S: Final = 5.0
 _TOKEN_FILE: Final = Path(".ray/auth_token")
@@ -104,7 +102,8 @@ class RayCluster:
         if self.num_workers is not None and not self._is_new:
             return self.num_workers
         cores = int(ray.cluster_resources().get("CPU", 1))
-        return max(cores * _QUEUED_PER_CORE, _LEAST_WAITING)
+        # Tasks submitted per core, so that no core waits for the caller.
+        return max(cores * 2, _LEAST_WAITING)
 
     @contextmanager
     def connected(self) -> Iterator[Any]:

@@ -12,8 +12,6 @@ from torch import Tensor, nn
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.defaults import DeviceName
 
-_MOST_KEPT: Final = 4_000_000
-"""Numbers of four bytes; larger tensors are rare."""
 _ROWS_PER_THREAD: Final = 256
 
 
@@ -53,7 +51,8 @@ def keep_freed_memory() -> None:
     glibc keeps as much as twice the largest block that was freed so far, and gives the
     rest back page by page: of the context of 32 agents that took a third of the time.
     """
-    torch.empty(_MOST_KEPT, device="cpu")
+    # Numbers of four bytes; larger tensors are rare.
+    torch.empty(4_000_000, device="cpu")
 
 
 def lay_out_weights(model: nn.Module) -> None:

@@ -13,11 +13,6 @@ import torch
 from torch import Tensor, nn
 from torch.jit import optimized_execution  # pyright: ignore[reportPrivateImportUsage]
 
-_CALLS_BEFORE: Final = 16
-"""Calls with inputs of one form before it is traced, which takes as long as 30 save."""
-_LARGE: Final = 16
-"""Sizes from here on are of one form: no operation depends on which one it is."""
-
 _SIMPLER: Final = (
     "erase_shape_information",
     "constant_propagation",
@@ -59,7 +54,9 @@ class TracedStep:
         traced = self._traced.get(form)
         if traced is None:
             self._calls[form] += 1
-            if self._calls[form] <= _CALLS_BEFORE:
+            # Calls with inputs of one form before it is traced, which takes as long as
+            # 30 save.
+            if self._calls[form] <= 16:
                 return self._step(*inputs)
             traced = self._traced[form] = self._trace(inputs, tensors)
         # The plain executor: the other one takes a tenth of a second for each function.
@@ -96,7 +93,8 @@ def trace_steps(model: nn.Module) -> None:
 def _form(value: Any) -> tuple[object, list[Tensor]]:
     """What traced operations depend on, and the tensors."""
     if isinstance(value, Tensor):
-        return (value.dtype, *(min(size, _LARGE) for size in value.shape)), [value]
+        # Sizes from here on are of one form: no operation depends on which one it is.
+        return (value.dtype, *(min(size, 16) for size in value.shape)), [value]
     if dataclasses.is_dataclass(value):
         parts = vars(value).values()
     elif isinstance(value, tuple):

@@ -47,8 +47,6 @@ MIRRORED_SHAPE: Final = (0, 1, 2, 3, 5, 4, 7, 6, 8, 9, 10, 11)
 """Index of the feature that replaces each one of ``PIECE_SHAPE`` in a mirrored scene."""
 MIRRORED_SHAPE_SIGNS: Final = (1, -1, -1, -1, 1, 1, 1, 1, 1, 1, 1, 1)
 
-_HALF_WIDTH_M: Final = 1.75
-"""Assumed distance to a boundary without length."""
 _WIDTH_UNIT_M: Final = 2.0
 _WIDEST_M: Final = 8.0
 
@@ -217,7 +215,8 @@ def _width(
     ]
     (beside,) = _points_at(lines, cut.lane, cut.part[:, 1:2])
     width = np.clip(((beside - middle_m) * outward).sum(-1), 0.0, _WIDEST_M)
-    return np.where(usable[cut.lane], width, _HALF_WIDTH_M) / _WIDTH_UNIT_M
+    # Assumed distance to a boundary without length.
+    return np.where(usable[cut.lane], width, 1.75) / _WIDTH_UNIT_M
 
 
 def _crossings(crosswalks: tuple[Crosswalk, ...]) -> LanePieces:

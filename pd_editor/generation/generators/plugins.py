@@ -44,9 +44,6 @@ from pd_editor.scene.prediction import (
 )
 from pd_editor.scene.traffic_sample import TrafficSample
 
-_LEAST_STEP_M: Final = 0.02
-"""An agent that moves less in a step keeps its heading."""
-
 
 class PredictorGenerator:
     """Sample s takes the trajectory of each agent that is the s-th most probable.
@@ -115,7 +112,8 @@ def _sample(
     heading = np.concatenate(
         [agents.heading_rad[:, -1:], np.arctan2(step[..., 1], step[..., 0])], axis=1
     )
-    moves = np.hypot(step[..., 0], step[..., 1]) >= _LEAST_STEP_M
+    # An agent that moves less in a step keeps its heading.
+    moves = np.hypot(step[..., 0], step[..., 1]) >= 0.02
     turns = np.concatenate([np.ones((len(step), 1), bool), moves], axis=1)
     last = np.maximum.accumulate(np.where(turns, np.arange(turns.shape[1]), 0), axis=1)
     heading = np.take_along_axis(heading, last, axis=1)

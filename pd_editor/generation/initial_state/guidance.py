@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Complex, Float
@@ -31,9 +30,6 @@ from pd_editor.generation.initial_state.network.state_encoding import (
 from pd_editor.generation.initial_state.sampler import InitialStateGuide
 from pd_editor.generation.initial_state.state_overlap import OverlapVectors
 from pd_editor.generation.inputs.scene_batch import SceneTensors
-
-_SURELY: Final = 0.5
-"""Least difference of activity codes (means of -0.5 and 0.5) for a clear prediction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +208,8 @@ def _may_park(clean: Float[Tensor, "S B A P"]) -> Bool[Tensor, "S B A"]:
     if clean.shape[-1] == NUM_MOTION_PARTS:
         return stands
     parked, waiting, _ = clean[..., NUM_MOTION_PARTS:].unbind(-1)
-    return stands & (waiting - parked < _SURELY)
+    # Least difference of activity codes (means of -0.5 and 0.5) for a clear prediction.
+    return stands & (waiting - parked < 0.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -33,8 +33,6 @@ from pd_editor.scene.thresholds import MOVING_MPS
 
 _LEAST_AGENTS: Final = 40
 """Agents of a kind that are fewer in the data have the moments of all kinds."""
-_TRACE: Final = 1e-6
-"""Variance that makes the covariance of constant parts regular."""
 
 
 def noisy_traffic(
@@ -99,7 +97,8 @@ def fit_moments(
 
 def _moments(code: Float[Tensor, "A M"]) -> Float[Tensor, "N M"]:
     """Mean, and the transposed Cholesky factor of the covariance."""
-    trace = _TRACE * torch.eye(code.shape[1], dtype=code.dtype)
+    # Variance that makes the covariance of constant parts regular.
+    trace = 1e-6 * torch.eye(code.shape[1], dtype=code.dtype)
     factor = torch.linalg.cholesky(torch.cov(code.T) + trace)
     return torch.cat([code.mean(dim=0, keepdim=True), factor.T])
 

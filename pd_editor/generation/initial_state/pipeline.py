@@ -71,20 +71,12 @@ _MOST_ROWS_AT_ONCE: Final = 255
 _MOST_GPU_PAIRS: Final = 1_000_000
 """The same on a GPU: pairs of agents, each of which takes about a kilobyte."""
 _Progress = TypeVar("_Progress")
-_ATTRIBUTES_KEY: Final = 1
-"""Key of the random numbers of attributes, different from those of agent counts."""
-_SIZES_KEY: Final = 3
-"""Key of the random numbers of the sizes of new agents."""
-_CONFLICTS_KEY: Final = 2
-"""Key of the random numbers that choose among agents in conflict."""
 _PLACE_DIGITS: Final = 2
 _HEADING_DIGITS: Final = 3
 _SPEED_DIGITS: Final = 2
 """Sampled states are rounded to a centimetre, a milliradian and a centimetre a second."""
 _VERSION_STEP: Final = 1_000_003
 """Difference of the sample indices of the versions of a sample."""
-_SECOND_SEED_STEP: Final = 1_000_033
-"""Difference of the seed with which agents are placed again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,7 +238,8 @@ class SquareTask:
     def for_sample(self, sample: int, seed: int) -> "SquareTask":
         """The task of a sample, whose new agents have sizes of their own."""
         kinds = self.placing.new_kinds
-        random = np.random.default_rng([seed, sample, _SIZES_KEY, self.placing.square])
+        # Key of the random numbers of the sizes of new agents.
+        random = np.random.default_rng([seed, sample, 3, self.placing.square])
         rows = np.arange(len(self.placed) - len(kinds), len(self.placed))
         sizes = sampled_sizes_m(kinds, random)
         placed = self.placed.with_rows(rows, size_m=sizes)
@@ -335,17 +328,19 @@ def _placed_anew(
     offenders: dict[int, tuple[str, ...]] = {}
     for sample, squares in placings.items():
         placed = [name for one in squares for name in one.ids]
-        random = np.random.default_rng([seed, sample, _CONFLICTS_KEY, 0])
+        # Key of the random numbers that choose among agents in conflict.
+        random = np.random.default_rng([seed, sample, 2, 0])
         if ids := conflicts.conflicting(scenes[sample], placed, random, kept):
             offenders[sample] = ids
     if not offenders:
         return {}
     num_versions = conflicts.settings.num_versions
     num_steps = max(options.sampler.num_steps // num_versions, 1)
+    # Difference of the seed with which agents are placed again.
     versions = yield from _versions(
         partial(
             place,
-            seed=(seed + _SECOND_SEED_STEP) % MAX_SEED,
+            seed=(seed + 1_000_033) % MAX_SEED,
             options=replace(
                 options, sampler=replace(options.sampler, num_steps=num_steps)
             ),
@@ -507,9 +502,8 @@ def place_agents(
         samples = [one.sample + one.placing.square * _VERSION_STEP**2 for one in tasks]
     scene = scenes_of_square.to(device)
     further = [square] if square else []
-    randoms = [
-        np.random.default_rng([seed, one, _ATTRIBUTES_KEY, *further]) for one in samples
-    ]
+    # Key of the random numbers of attributes, different from those of agent counts.
+    randoms = [np.random.default_rng([seed, one, 1, *further]) for one in samples]
     task = _conditioning(model, scene, tasks, randoms)
     if square not in maps:
         with sampling_mode(scene.has_agent.numel()):

@@ -81,10 +81,6 @@ class KeptPaths:
         return np.isin(np.arange(len(agents)), agent[touch])
 
 
-_ACROSS_SINE: Final = 0.5
-"""Courses that differ by more than 30 degrees, and less than 150, cross."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class ConflictResampling:
     """How agents that conflict with a neighbour, road or kept path are sampled again.
@@ -155,7 +151,8 @@ class PlacedTraffic:
     @cached_property
     def crosses(self) -> Bool[np.ndarray, "A A"]:
         """Which courses cross."""
-        return np.abs(np.sin(self._turn)) >= _ACROSS_SINE
+        # Courses that differ by more than 30 degrees, and less than 150, cross.
+        return np.abs(np.sin(self._turn)) >= 0.5
 
     @cached_property
     def gap_ahead_m(self) -> Float[np.ndarray, "A A"]:

@@ -32,13 +32,9 @@ from pd_editor.scene.scenario import Scenario
 _OUTER_DENSITY: Final = 0.56
 """Density of road users beyond the square around the focal agent, relative to that in it:
 recordings observe fewer agents further out (11.2 against 19.9 per km, ``train``)."""
-_OUTER_CELLS: Final = 1
-"""Number of rings of squares around the central one."""
 _MOST_IN_ORDER: Final = 128
 """Largest number of agents whose squares are sampled one after another. Of more, the
 squares of each of four colours are one turn, and are where the agents are."""
-_LEAST_LANE_M: Final = 15.0
-"""Squares with a shorter length of lanes are left out, unless there is only one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +86,8 @@ def squares_of(
     points, length = pieces.pose[is_lane, :2], pieces.shape[is_lane, 0]
     if region is None:
         middle, half_side = scene_center(scenario), POSITION_UNIT_M
-        first, reach = np.zeros(2), _OUTER_CELLS + 0.5
+        # One ring of squares around the central one.
+        first, reach = np.zeros(2), 1.5
     else:
         middle = np.array(region.center_m)
         per_side = int(np.ceil(region.half_side_m / POSITION_UNIT_M))
@@ -108,7 +105,8 @@ def squares_of(
     lane_m = np.bincount(index.ravel(), length[inside], len(cells)) * PIECE_LENGTH_M
     if not len(cells):
         raise GenerationError(no_lanes(scenario, middle))
-    enough = lane_m >= min(_LEAST_LANE_M, lane_m.max())
+    # Squares with a shorter length of lanes are left out, unless there is only one.
+    enough = lane_m >= min(15.0, lane_m.max())
     colors = cells[enough] % 2 @ [1, 2]
     cells, lane_m = cells[enough] + first, lane_m[enough]
     is_far = np.any(np.abs(cells) > reach, axis=1)

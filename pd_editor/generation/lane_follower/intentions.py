@@ -19,17 +19,9 @@ from pd_editor.scene.paths.lanes.route_choice import RouteChoice, choose_routes
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, PARKED_OFFSET_M, PARKED_TURN_RAD
 
-START_PROBABILITY: Final = 0.4
-"""Probability that a stationary driver on a lane starts within the horizon."""
-START_DELAY_S: Final = 3.0
-"""Stationary drivers that start do so within this time."""
 FREE_SPEED_MPS: Final = {AgentKind.CYCLIST: 5.0}
 DEFAULT_FREE_SPEED_MPS: Final = 10.0
 """Desired speed of drivers that start; Argoverse 2 maps have no speed limits."""
-SPEED_SPREAD: Final = 0.08
-"""Relative standard deviation of desired speeds around the current speed."""
-SPEED_UP: Final = 0.6
-"""Slow drivers make up at most this share of their difference to the free speed."""
 BRANCH_WEIGHT: Final = 0.2
 CHANGE_WEIGHT: Final = 0.03
 """Weights of other routes and of lane changes against the most natural route."""
@@ -111,14 +103,18 @@ def sample_intentions(
     free = np.array(
         [FREE_SPEED_MPS.get(k, DEFAULT_FREE_SPEED_MPS) for k in drivers.kinds]
     )
-    wants_to_start = stands & ~is_parked & (starts < START_PROBABILITY)
-    desired = drivers.speed_mps * np.exp(SPEED_SPREAD * spreads)
-    desired += SPEED_UP * hurries * np.maximum(free - drivers.speed_mps, 0.0)
+    # Probability that a stationary driver on a lane starts within the horizon.
+    wants_to_start = stands & ~is_parked & (starts < 0.4)
+    # Relative standard deviation of desired speeds around the current speed.
+    desired = drivers.speed_mps * np.exp(0.08 * spreads)
+    # Slow drivers make up at most this share of their difference to the free speed.
+    desired += 0.6 * hurries * np.maximum(free - drivers.speed_mps, 0.0)
     desired = np.where(stands, np.where(wants_to_start, free, 0.0), desired)
+    # Stationary drivers that start do so within this time.
     return Intentions(
         paths=_paths(drivers, route, offset),
         desired_speed_mps=desired,
-        delay_s=np.where(wants_to_start, delays * START_DELAY_S, 0.0),
+        delay_s=np.where(wants_to_start, delays * 3.0, 0.0),
         is_parked=is_parked,
     )
 

@@ -129,10 +129,6 @@ def yielding_acceleration(
     return affordable
 
 
-_LEAST_TRACK_M = 1.0
-"""Agents with a shorter path count as stationary in the search for crossings."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Traffic(BoxStates):
     """A agents from the current step on; the simulation writes into the arrays."""
@@ -255,7 +251,8 @@ def _tracks(
     shape = (len(travelled), NUM_SEARCHED)
     x, y, heading = (np.full(shape, np.nan) for _ in range(3))
     grid = np.arange(NUM_SEARCHED) * SPACING_M
-    for row in np.flatnonzero(travelled[:, -1] > _LEAST_TRACK_M):
+    # Agents with a shorter path count as stationary in the search for crossings.
+    for row in np.flatnonzero(travelled[:, -1] > 1.0):
         there = traffic.is_valid[row]
         along = travelled[row, there]
         for values, track in (

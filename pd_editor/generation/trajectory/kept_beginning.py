@@ -26,8 +26,6 @@ _VELOCITY_NOISE_MPS: Final = 0.5
 """Tolerance of the velocity at the end of the kept beginning."""
 _BLEND_S: Final = 2.0
 """Time in which the offset of the rest decays."""
-_TURN_S: Final = 1.0
-"""Time in which the heading turns from the kept one to that of the path."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,7 +167,8 @@ class KeptBeginning:
             return course
         turn = wrap_angle(first - course[:, 1])
         after_s = np.maximum(np.arange(course.shape[1]) - 1, 0) * self.step_s
-        share = np.maximum(1 - after_s / _TURN_S, 0.0)
+        # In a second the heading turns from the kept one to that of the path.
+        share = np.maximum(1 - after_s, 0.0)
         return wrap_angle(course + share * turn[:, None])
 
 

@@ -16,15 +16,8 @@ from pd_editor.generation.trajectory.network.features import Neighbors
 from pd_editor.scene.agent_kind import Activity
 from pd_editor.scene.thresholds import STANDING_MPS
 
-_LEAST_VARIANCE: Final = 0.2
-"""Least noise variance by which errors are weighted: near level 0 all errors are small."""
 _MOST_OVERLAP_LEVEL: Final = 0.5
 """Above this level predictions are means over modes, which may overlap."""
-_MOST_ERROR_M: Final = 1.5
-"""Overlap does not count for trajectories with larger errors: early in the training it
-would prevent learning."""
-_STARTED_M: Final = 2.0
-"""Least final displacement of a stationary agent that starts."""
 _NUM_TIMES: Final = 12
 _DISCS: Final = (-1.0, 0.0, 1.0)
 HELD_M: Final = 0.2
@@ -105,7 +98,9 @@ def trajectory_loss(
         few = int(config.num_levels * _MOST_OVERLAP_LEVEL) or 1
         last = predictions[-1][:few]
         error_m = ((last - clean).square() @ metres).detach().sqrt()
-        is_near = (level[:few] < _MOST_OVERLAP_LEVEL) & (error_m < _MOST_ERROR_M)
+        # Overlap does not count for trajectories with larger errors: early in the
+        # training it would prevent learning.
+        is_near = (level[:few] < _MOST_OVERLAP_LEVEL) & (error_m < 1.5)
         parts["overlap"] = _overlap(
             model.decoder, last, scene, context.neighbors, is_near, is_sampled
         )
@@ -127,7 +122,9 @@ def _weight(
         # Given agents have no noise.
         weight = torch.where(is_sampled, ratio, 0.0)
     else:
-        weight = is_sampled / noise_share.clamp_min(_LEAST_VARIANCE)
+        # Least noise variance by which errors are weighted: near level 0 all errors are
+        # small.
+        weight = is_sampled / noise_share.clamp_min(0.2)
     weight = weight / (is_sampled.sum() * config.num_levels).clamp_min(1)
     return torch.where(starts(model, scene), config.starting_weight * weight, weight)
 
@@ -155,7 +152,8 @@ def starts(model: TrajectoryDenoiser, scene: SceneTensors) -> Bool[Tensor, "B A"
     end = model.decoder.num_steps
     last = torch.arange(end - 1, end, device=scene.future.device)
     x, y = model.decoder.points(scene.future, scene.agent_speed, last)
-    has_left = torch.hypot(x, y)[..., 0] > _STARTED_M
+    # Least final displacement of a stationary agent that starts.
+    has_left = torch.hypot(x, y)[..., 0] > 2.0
     return has_left & (scene.agent_speed < STANDING_MPS) & scene.has_future
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Final, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -46,10 +46,6 @@ from pd_editor.generation.trajectory.sampler import (
 from pd_editor.generation.trajectory.task import TrajectoryTask
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
-
-_MOST_AT_ONCE: Final = 24
-"""Largest number of trajectories of an agent that are denoised together."""
-
 
 _Progress = TypeVar("_Progress")
 
@@ -263,7 +259,8 @@ def sample_task(
     motions: list[Motion] = []
     unguided: list[Motion] = []
     distances: list[torch.Tensor] = []
-    at_once = max(1, _MOST_AT_ONCE // (tries * (1 + compares)))
+    # Largest number of trajectories of an agent that are denoised together.
+    at_once = max(1, 24 // (tries * (1 + compares)))
     for first in range(0, len(samples), at_once):
         chunk = samples[first : first + at_once]
         continues = continuation if first == 0 else None
@@ -383,10 +380,6 @@ def _with_the_rest(
     ), np.concatenate([is_sampled, np.zeros(len(rest), bool)])
 
 
-_MOST_SAMPLES: Final = 4
-"""Number of settings whose samples are kept."""
-
-
 class PresentTrajectories:
     """Noise of the trajectories of a scenario, and samples from it.
 
@@ -450,7 +443,8 @@ class PresentTrajectories:
                 model=self._model, task=self._task, options=options
             )
             sample = sampled_from(run, self._known)
-            if len(self._samples) >= _MOST_SAMPLES:
+            # Number of settings whose samples are kept.
+            if len(self._samples) >= 4:
                 self._samples.clear()
             self._samples[options] = sample
         return sample

@@ -44,8 +44,6 @@ from pd_editor.scene.thresholds import STANDING_MPS
 
 _LEAST_KNOWN_STEPS: Final = 10
 """A context agent with fewer future steps is sampled like the others, and kept."""
-_LATE_S: Final = 4.0
-"""Agents that enter within this time are given, extended back to the current step."""
 SAME_STEP_S: Final = 1e-6
 _MET_WITHIN_M: Final = 300.0
 """Agents at 25 m/s each that are further apart do not meet within the horizon."""
@@ -289,7 +287,8 @@ def _without_gaps(scene: SceneTensors) -> SceneTensors:
 def _with_late_agents(scenario: Scenario, late: LateAgents) -> Scenario:
     """The scenario in which late agents that are seen soon enough exist from now on."""
     axis = scenario.time_axis
-    soon = late.entering_by(axis.current_step + round(_LATE_S / axis.step_s))
+    # Agents that enter within this time are given, extended back to the current step.
+    soon = late.entering_by(axis.current_step + round(4.0 / axis.step_s))
     if not len(soon.row):
         return scenario
     return replace(scenario, agents=soon.extended_backwards(scenario))

@@ -18,10 +18,6 @@ CUT_M: Final = 1.0
 MAX_CUT_M: Final = 25.0
 MAX_CUT_SHARE: Final = 0.4
 """Largest fraction of a lane by which each end is shortened."""
-APART_M: Final = 2.4
-"""Centre lines further apart than this carry traffic side by side."""
-STUB_M: Final = 8.0
-"""Length of the road made of a junction lane that begins or ends at the map's edge."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +106,9 @@ def roads_of(lines: LaneLines, crossing: frozenset[int]) -> tuple[Road, ...]:
     ]
     for lane_id in sorted(crossing):
         length = lines.length_m[lane_id]
-        stub = min(STUB_M, MAX_CUT_SHARE * length)
+        # Length of the road made of a junction lane that begins or ends at the map's
+        # edge.
+        stub = min(8.0, MAX_CUT_SHARE * length)
         begins, ends = not lines.predecessors[lane_id], not lines.successors[lane_id]
         if begins:
             part = LaneInterval(lane_id=lane_id, start_m=0.0, end_m=stub)
@@ -179,8 +177,9 @@ def _shared(
     points = shapely.points(point_at(line, along))
     near = np.zeros(len(along))
     for other in others:
+        # Centre lines further apart than this carry traffic side by side.
         near = np.maximum(
-            near, shapely.distance(shapely.LineString(other), points) < APART_M
+            near, shapely.distance(shapely.LineString(other), points) < 2.4
         )
     apart = np.flatnonzero(near == 0)
     return float(along[apart[0]]) if len(apart) else length

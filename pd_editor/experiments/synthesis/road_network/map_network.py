@@ -44,9 +44,6 @@ _MANY_LANES: Final = 6
 _SPEED_MPS: Final = (11.5, 13.5, 16.0)
 """Speed limits of roads with one, two and more lanes; Argoverse 2 maps have none."""
 
-_BEND_MPS2: Final = 2.2
-"""Lateral acceleration of an average driver in a curve."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LaneNetFile:
@@ -220,7 +217,8 @@ def _set_line(
     lane.set("shape", shape_text(points_m, 4))
     lane.set("length", f"{length_m:.4f}")
     limit = float(lane.attrib["speed"])
-    in_bend = curve_speed_mps(points_m, _BEND_MPS2)
+    # Lateral acceleration of an average driver in a curve.
+    in_bend = curve_speed_mps(points_m, 2.2)
     lane.set("speed", f"{min(limit, in_bend):.2f}")
 
 

@@ -34,10 +34,6 @@ from pd_editor.experiments.synthesis.road_network.streets import (
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at
 
-_BESIDE_M: Final = (55.0, 80.0)
-"""Distance from the centre of the divided road to the parallel street."""
-_EXTRA_LANE_M: Final = (60.0, 90.0)
-"""Length of acceleration and deceleration lanes."""
 _RAMP_MPS: Final = 11.0
 
 
@@ -105,10 +101,12 @@ def _with_ramps(
     """Add the off-ramp, the on-ramp, and the parallel street's junctions between them."""
     total = float(arc_length(side.left_m)[-1])
     off_m = float(random.uniform(90, 120))
-    off_lane_m, on_lane_m = random.uniform(*_EXTRA_LANE_M, 2)
+    # Length of acceleration and deceleration lanes.
+    off_lane_m, on_lane_m = random.uniform(60.0, 90.0, 2)
     on_m = total - float(random.uniform(100, 120)) - on_lane_m
     names = _main_road(builder, side, [off_m, off_lane_m, on_m, on_lane_m])
-    distance = float(random.uniform(*_BESIDE_M)) + side.main.width_m()
+    # Distance from the centre of the divided road to the parallel street.
+    distance = float(random.uniform(55.0, 80.0)) + side.main.width_m()
     beside = offset_line(line, -distance)
     style = replace(collector(random), num_lanes=1)
     length = float(arc_length(beside)[-1])

@@ -27,8 +27,6 @@ from pd_editor.experiments.synthesis.road_network.streets import (
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import offset_line
 
-_FLARE_M: Final = 32.0
-"""Distance from the ring at which entry and exit separate."""
 _RING_SPACING_M: Final = 2.0
 _ENTRY_RAD: Final = np.radians(48.0)
 """Angle between the ring and an entry or exit."""
@@ -115,7 +113,8 @@ def _leg(
     """Add entry, exit and street of a leg, and sometimes a junction at its far end."""
     outer = ring.radius_m + ring.width_m
     far = float(random.uniform(150, 230)) * unit_vector(angle)
-    near = (outer + _FLARE_M) * unit_vector(angle)
+    # Distance from the ring at which entry and exit separate.
+    near = (outer + 32.0) * unit_vector(angle)
     kind = sample_curve_kind(random)
     street = curve(near, far, kind, float(random.uniform(-0.4, 0.4)))
     side = residential(random)

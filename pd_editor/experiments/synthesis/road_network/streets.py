@@ -216,8 +216,6 @@ _SIDEWALK_M: Final = 2.5
 _CORNER_M: Final = 3.3
 _CORNER_SPREAD: Final = 0.8
 """Standard deviation of the logarithm of the radius."""
-_CORNERS_M: Final = (2.2, 12.0)
-"""Least and greatest radius."""
 
 
 def residential(random: np.random.Generator) -> Carriageway:
@@ -299,7 +297,8 @@ def corner_radius_m(random: np.random.Generator) -> float:
     The radius of the kerb is larger by the sidewalk's width.
     """
     radius = _CORNER_M * np.exp(_CORNER_SPREAD * random.normal())
-    return float(np.clip(radius, *_CORNERS_M))
+    # Least and greatest radius.
+    return float(np.clip(radius, 2.2, 12.0))
 
 
 def crossing_width_m(random: np.random.Generator) -> float:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -112,12 +111,6 @@ def _chain(lanes: list[SumoLane], crossing: set[str]) -> LaneChain:
     )
 
 
-_SPACING_M: Final = 1.0
-"""Distance between the points of a line through a junction."""
-_MAX_STEP_M: Final = 3.0
-"""Larger lateral steps between lanes are kept: SUMO's cyclists turn at a lane's edge."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Joint:
     """Start or end of a road's lane."""
@@ -188,7 +181,8 @@ def _junction_run(
     points = without_repeats(np.concatenate([lane.shape_m for lane in run]), 1e-3)
     if len(points) > 1:
         length = float(arc_length(points)[-1])
-        points = resample(points, max(int(np.ceil(length / _SPACING_M)) + 1, 5))
+        # Points of lines through junctions are a metre apart.
+        points = resample(points, max(int(np.ceil(length)) + 1, 5))
     along = arc_length(points)
     fraction = (along / max(float(along[-1]), 1e-6))[:, None]
     # Offsets are eased in and out, so that lines join the roads' lanes without a kink.
@@ -196,7 +190,9 @@ def _junction_run(
     for joint, row, weight in ((start, 0, 1.0 - eased), (end, -1, eased)):
         if joint is not None:
             step = joint.point_m - points[row]
-            if np.linalg.norm(step) < _MAX_STEP_M:
+            # Larger lateral steps between lanes are kept: SUMO's cyclists turn at a
+            # lane's edge.
+            if np.linalg.norm(step) < 3.0:
                 points = points + weight * step
     ends = [joint.width_m for joint in (start, end) if joint is not None]
     ends = ends or [run[0].width_m]

@@ -185,11 +185,6 @@ MODELS: Final[tuple[VehicleModel, ...]] = (
     ),
 )  # fmt: skip
 
-ACCEL_SPREAD: Final = 0.5
-"""Standard deviation of the logarithm of drivers' accelerations."""
-
-DECEL_SPREAD: Final = 0.3
-"""Standard deviation of the logarithm of drivers' decelerations."""
 
 ACCEL_OVER_SPEED: Final = (
     (0.0, 1.45), (3.0, 1.6), (6.0, 1.2), (10.0, 1.0), (14.0, 0.75), (20.0, 0.5),
@@ -226,9 +221,11 @@ def sample_vehicle_type(
     lateral = float(np.clip(random.normal(0.0, model.lateral_m), -1.1, 1.1))
     if model.kind is AgentKind.CYCLIST:
         lateral = -1.2 + lateral
-    harsh = float(np.clip(random.normal(0.0, DECEL_SPREAD), -0.5, 0.5))
+    # Standard deviation of the logarithm of drivers' decelerations.
+    harsh = float(np.clip(random.normal(0.0, 0.3), -0.5, 0.5))
     decel = model.decel_mps2 * np.exp(harsh)
-    pace = float(np.clip(random.normal(0.0, ACCEL_SPREAD), -0.8, 0.8))
+    # Standard deviation of the logarithm of drivers' accelerations.
+    pace = float(np.clip(random.normal(0.0, 0.5), -0.8, 0.8))
     accel = model.accel_mps2 * np.exp(pace)
     attributes = {
         "id": type_id,

@@ -53,8 +53,6 @@ LATERAL_RESOLUTION_M: Final = 0.6
 SLOW_MPS: Final = 2.0
 JAM_SHARE: Final = 0.42
 """Share of slow time above which the demand exceeds the capacity of the roads."""
-LESS_FLOW: Final = 0.6
-"""Factor by which the flow is reduced in that case."""
 MAX_RETRIES: Final = 2
 
 JAM_S: Final = 90.0
@@ -86,7 +84,8 @@ def simulate(
     for _ in range(MAX_RETRIES):
         if _slow_share(tracks) <= JAM_SHARE:
             break
-        options = replace(options, flow_per_lane=LESS_FLOW * options.flow_per_lane)
+        # The flow is reduced by this factor.
+        options = replace(options, flow_per_lane=0.6 * options.flow_per_lane)
         tracks, signals = _traffic(network, graph, options, duration_s, seed, random)
     num_steps = round(duration_s / STEP_S)
     return finished_recording(

@@ -181,13 +181,6 @@ MAX_LATERAL_MPS2: Final = 6.0
 MAX_LONGITUDINAL_MPS2: Final = 9.0
 MIN_SPEED_MPS: Final = 1.0
 """Below this speed the direction of motion is not evaluated."""
-MAX_DRIFT_RAD: Final = 0.6
-"""Largest angle between heading and motion."""
-
-_PAIR_STRIDE: Final = 5
-"""Steps between two searches for pairs of near agents."""
-_PAIR_SLACK_M: Final = 12.0
-"""Largest approach of two vehicles between two searches."""
 
 
 def has_artefact(tracks: TrafficTracks, step_s: float) -> Bool[np.ndarray, "A"]:
@@ -199,7 +192,8 @@ def has_artefact(tracks: TrafficTracks, step_s: float) -> Bool[np.ndarray, "A"]:
     along = np.sum(forward * tracks.velocity_mps, axis=1)
     drives = np.array([kind is not AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
     drift = np.arccos(np.clip(along / np.maximum(speed, 1e-9), -1.0, 1.0))
-    slips = drives[tracks.agent] & (speed > MIN_SPEED_MPS) & (drift > MAX_DRIFT_RAD)
+    # Largest angle between heading and motion.
+    slips = drives[tracks.agent] & (speed > MIN_SPEED_MPS) & (drift > 0.6)
     change = np.diff(tracks.velocity_mps, axis=0) / step_s
     ahead = np.sum(change * forward[1:], axis=1)
     aside = forward[1:, 0] * change[:, 1] - forward[1:, 1] * change[:, 0]
@@ -251,12 +245,14 @@ def _near_pairs(tracks: TrafficTracks) -> Int[np.ndarray, "Q 2"]:
     num_agents = len(tracks.ids)
     near = np.zeros((num_agents, num_agents), bool)
     reach = np.hypot(*tracks.size_m.T) / 2
-    looked = np.flatnonzero(tracks.step % _PAIR_STRIDE == 0)
+    # Steps between two searches for pairs of near agents.
+    looked = np.flatnonzero(tracks.step % 5 == 0)
     looked = looked[np.argsort(tracks.step[looked], kind="stable")]
     for rows in np.split(looked, np.flatnonzero(np.diff(tracks.step[looked])) + 1):
         agents, at = tracks.agent[rows], tracks.position_m[rows]
         gap = np.hypot(at[:, None, 0] - at[None, :, 0], at[:, None, 1] - at[None, :, 1])
-        limit = reach[agents][:, None] + reach[agents] + _PAIR_SLACK_M
+        # Largest approach of two vehicles between two searches.
+        limit = reach[agents][:, None] + reach[agents] + 12.0
         near[np.ix_(agents, agents)] |= gap < limit
     return np.argwhere(np.triu(near, 1))
 

@@ -33,8 +33,6 @@ _NUM_AVERAGED: Final = 4
 .24; of one place of a training network over 160 s by .12 to .16."""
 _NUM_AS_FULL: Final = 10
 """Number of these with a similar number of agents, if that is known."""
-_USUAL_WEIGHT: Final = 2.0
-"""Pseudo-count: weight of the mean over similar squares, in agents of one square."""
 _VEHICLE_LANE: Final = 0
 _CELLS: Final = (len(AGENT_KINDS), 2, 2)
 _NUM_CELLS: Final = 4 * len(AGENT_KINDS)
@@ -132,7 +130,9 @@ class AgentCounts:
         # A kind that no similar square has follows all squares, or is on the road.
         usual = counted.sum(axis=0) + 1e-3 * self.counts.sum(axis=0)
         usual = _normalized(usual + _ON_ROAD * 1e-6)
-        share = np.maximum(square - present, 0.0) + _USUAL_WEIGHT * usual
+        # Pseudo-count: weight of the mean over similar squares, in agents of one
+        # square.
+        share = np.maximum(square - present, 0.0) + 2.0 * usual
         if only_on_road:
             share = share * _ON_ROAD
         if moving_share is not None:

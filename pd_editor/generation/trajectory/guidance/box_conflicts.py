@@ -9,9 +9,6 @@ from torch import Tensor
 
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 
-_STRIDE: Final = 3
-"""Boxes are compared at every third step."""
-
 _LEAST_WAY_M: Final = 0.1
 
 
@@ -89,9 +86,8 @@ class BoxTracks:
     def of(cls, motion: PredictedMotion, braking_mps2: float) -> "BoxTracks":
         """The boxes of a prediction."""
         count = motion.position_m.shape[2]
-        later = torch.arange(count - 1, 0, -_STRIDE, device=motion.size_m.device).flip(
-            0
-        )
+        # Boxes are compared at every third step.
+        later = torch.arange(count - 1, 0, -3, device=motion.size_m.device).flip(0)
         step = torch.nn.functional.pad(later, (1, 0))
         position, time = motion.position_m[:, :, step], motion.time_s[step]
         along = position.diff(dim=2).norm(dim=-1).cumsum(dim=-1)

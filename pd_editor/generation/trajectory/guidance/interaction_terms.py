@@ -39,19 +39,9 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.paths.car_following import HARDEST_BRAKING_MPS2
 from pd_editor.scene.paths.suggested_state import SIDE_GAP_M
 
-_SHARE_OF_GAP: Final = 0.8
-"""Where agents are nearer now than the wanted margin, this share of their gap is kept."""
 _LEAST_MARGIN_M: Final = 0.01
 _GENTLE_MPS2: Final = 3.0
 """Slowing down that takes more costs more, so that agents rather swerve."""
-_SWERVE_COST: Final = 3.0
-"""Metres of slowing down that a metre of swerving is worth."""
-_OTHERS_COST: Final = 20.0
-"""Additional cost of a swerve into a third agent."""
-_FORWARD_PER_ASIDE: Final = 2.0
-"""Least way forward per way to the side."""
-_PARALLEL_COS: Final = 0.8
-"""Agents swerve around others of about the same or the opposite heading only."""
 _NEVER: Final = 1e5
 
 
@@ -142,7 +132,9 @@ class AvoidTerm:
         self, apart_m: Float[Tensor, "P"]
     ) -> tuple[Float[Tensor, "P"], Float[Tensor, "P"]]:
         """Wanted gaps to the side and ahead: no more than there is now."""
-        now = (_SHARE_OF_GAP * apart_m).clamp_min(_LEAST_MARGIN_M)
+        # Where agents are nearer now than the wanted margin, this share of their gap is
+        # kept.
+        now = (0.8 * apart_m).clamp_min(_LEAST_MARGIN_M)
         # Of boxes that touch now, none comes closer.
         now = torch.where(apart_m > 0, now, apart_m - _LEAST_MARGIN_M)
         return (
@@ -286,19 +278,23 @@ class _Swerving:
         reach = width + conflicts.margin_m[:, None]
         needed = (reach + sign[:, None] * aside).clamp_min(0) * beside
         most = needed.amax(dim=-1)
-        cost = _SWERVE_COST * (most + most.square())
-        crosses = turned[0].gather(1, first)[:, 0] < _PARALLEL_COS
+        # Metres of slowing down that a metre of swerving is worth.
+        cost = 3.0 * (most + most.square())
+        # Agents swerve around others of about the same or the opposite heading only.
+        crosses = turned[0].gather(1, first)[:, 0] < 0.8
         left = torch.stack([-heading.sin(), heading.cos()], dim=-1)
         moved = (sign[:, None] * needed)[..., None] * left
-        cost = cost + _OTHERS_COST * _hits_others(tracks, conflicts, moved)
+        # Additional cost of a swerve into a third agent.
+        cost = cost + 20.0 * _hits_others(tracks, conflicts, moved)
         way = (tracks.position_m - tracks.position_m[:, :, :1]).norm(dim=-1)[
             sample, own
         ]
+        # Least way forward per way to the side.
         return cls(
             sign=sign,
             needed_m=needed,
             cost=cost + torch.where(crosses, _NEVER, 0.0),
-            is_possible=(way >= _FORWARD_PER_ASIDE * needed).all(dim=-1),
+            is_possible=(way >= 2.0 * needed).all(dim=-1),
         )
 
 

@@ -46,8 +46,6 @@ from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_fo
 from pd_editor.scene.paths.driving_paths import DrivingPaths
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
-_PREFERENCE_M: Final = 1.0
-"""How much nearer a planned path must come to a goal than the predicted path."""
 _SAME_GOAL_M: Final = 0.5
 _ROUNDS: Final = 2
 
@@ -287,7 +285,8 @@ class GoalTerm(AgentsTerm):
         """The curve to the goal in each sample, with the goal's place on it."""
         along, left = predicted.nearest(self._point_m)
         planned, planned_along, planned_left = self._planned
-        is_planned = left.abs() > planned_left.abs() + _PREFERENCE_M
+        # How much nearer a planned path must come to a goal than the predicted path.
+        is_planned = left.abs() > planned_left.abs() + 1.0
         node = torch.where(
             is_planned[..., None, None],
             _with_nodes(planned, predicted.node.shape[-2]).node,
@@ -384,10 +383,6 @@ def _with_nodes(curves: Curves, count: int) -> Curves:
     return Curves(node=torch.cat([curves.node, last + further * step], dim=-2))
 
 
-_FURTHEST_M: Final = 8.0
-"""A box further outside is on another ground, such as a parking lot, and stays there."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoadTerm(AgentsTerm):
     """Moves boxes that would leave the road back by their worst corner."""
@@ -427,7 +422,9 @@ class RoadTerm(AgentsTerm):
         length = np.take_along_axis(distance, worst, axis=-1)[..., 0]
         direction = np.take_along_axis(shift, worst[..., None], axis=-2)[..., 0, :]
         direction /= np.maximum(length, 1e-9)[..., None]
-        counts = (length > 0) & (length < _FURTHEST_M)
+        # A box further outside is on another ground, such as a parking lot, and stays
+        # there.
+        counts = (length > 0) & (length < 8.0)
         wide = torch.zeros_like(position)
         wide[:, :, ::ROAD_STRIDE] = context.tensor(direction)
         asked = torch.zeros_like(position[..., 0])

@@ -41,10 +41,6 @@ from pd_editor.generation.trajectory.network.decoding import STAYS_M
 from pd_editor.scene.paths.car_following import ACCELERATION_MPS2, HARDEST_BRAKING_MPS2
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
-_RAMP_SHARE: Final = 0.6
-"""Share of the time in which a target speed should be reached."""
-_LEAST_CHANGE_M: Final = 0.05
-"""A retimed prediction that differs by less is met."""
 _NUM_RATES: Final = 4
 """Number of braking rates that are tried for a stop."""
 _STANDS_STEPS: Final = 5
@@ -75,7 +71,8 @@ class _Pace:
     def changed(self, along_m: Float[Tensor, "S G T"]) -> Bool[Tensor, "S G 1"]:
         """Whether a retimed motion differs from the predicted one."""
         gap = (along_m - self.along_m).abs().amax(dim=-1, keepdim=True)
-        return gap > _LEAST_CHANGE_M
+        # A retimed prediction that differs by less is met.
+        return gap > 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,7 +92,8 @@ class SpeedTerm(AgentsTerm):
         pace = _Pace.of(motion, self.agents)
         first = pace.speed_mps[..., :1]
         change = self.guided.of_each("speed_mps") - first
-        needed = change.abs() / (_RAMP_SHARE * motion.time_s[-1])
+        # Share of the time in which a target speed should be reached.
+        needed = change.abs() / (0.6 * motion.time_s[-1])
         rate = torch.where(
             change > 0,
             needed.clamp(ACCELERATION_MPS2, FIRM_ACCELERATION_MPS2),

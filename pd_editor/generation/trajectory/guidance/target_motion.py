@@ -16,8 +16,6 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
 )
 from pd_editor.scene.paths.driving_paths import SPACING_M
 
-_NUM_FURTHER: Final = 45
-"""Points, one every ``SPACING_M``, that extend a predicted path."""
 _NUM_COMPARED: Final = 6
 _LEAST_STEP_M: Final = 0.01
 
@@ -110,7 +108,8 @@ def extended(curves: Curves, guided: GuidedAgents) -> Curves:
     others = planned[agent[..., None], path[:, None], node[:, :, None]]
     gap = (others - compared[:, :, None]).norm(dim=-1).mean(dim=-1)
     best = gap.masked_fill_(~exists, torch.inf).argmin(dim=-1)
-    further = torch.arange(_NUM_FURTHER + 1, device=planned.device)
+    # So many points, one every ``SPACING_M``, extend a predicted path.
+    further = torch.arange(45 + 1, device=planned.device)
     node = ((end / SPACING_M).ceil().long() + further).clamp_max_(most)
     points = planned[agent, best[..., None], node]
     # The remainder begins where the curve ends.

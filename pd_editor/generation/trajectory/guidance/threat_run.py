@@ -49,8 +49,6 @@ from pd_editor.scene.time_axis import TimeAxis
 
 _SHARES: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 """Shares of the network's deviation from the plan that are tried, the largest first."""
-_NEAR_STEPS: Final = 4
-"""The plan is followed closely so many steps before and after the meeting."""
 _MOST_OTHERS: Final = 12
 _OTHERS_WITHIN_M: Final = 60.0
 
@@ -279,7 +277,9 @@ class ThreatTerm:
             if len(plans):
                 target[sample] = plans.track.position_m[0]
                 step = int(plans.meeting_step[0])
-                near[sample] = np.abs(moment - step) <= _NEAR_STEPS
+                # The plan is followed closely so many steps before and after the
+                # meeting.
+                near[sample] = np.abs(moment - step) <= 4
                 # Gaps to the rear or the front are kept after the meeting.
                 follows = threat.aim.approach in ("rear", *IN_FRONT)
                 near[sample] |= (moment > step) & follows & (not threat.aim.is_contact)

@@ -38,7 +38,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, Final, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import torch
@@ -109,9 +109,6 @@ class TermGuidance:
 
 
 _Value = TypeVar("_Value", bound=GuidanceTerm)
-
-_INDEPENDENT_ROWS: Final = 10.0
-"""A trajectory has ten latents, so rows at all steps count as this many."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -345,6 +342,7 @@ def row_weights(
         strength: weight of the term, or of each agent.
         like: a tensor of the wanted shape.
     """
-    share = _INDEPENDENT_ROWS / like.shape[-1]
+    # A trajectory has ten latents, so rows at all steps count as this many.
+    share = 10.0 / like.shape[-1]
     weight = torch.as_tensor((strength * share) ** 0.5 / accepted)
     return weight.to(like).expand_as(like)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -13,9 +13,6 @@ from pd_editor.generation.features.scene_features import LATENT_SIZE
 from pd_editor.generation.trajectory.network.features import (
     NUM_WAYPOINT_FEATURES,
 )
-
-NUM_TOKEN_SETS: Final = 2
-"""Number of token sets with separate heads: map tokens and candidates."""
 
 
 class Tokens(NamedTuple):
@@ -70,7 +67,8 @@ class AgentBlock(nn.Module):
     ) -> None:
         super().__init__()
         self.num_heads, self.edge_width = num_heads, edge_width
-        to_tokens, to_edges = NUM_TOKEN_SETS * width, num_heads * edge_width
+        # Number of token sets with separate heads: map tokens and candidates.
+        to_tokens, to_edges = 2 * width, num_heads * edge_width
         self.sizes = [to_tokens, width, to_edges, width, width]
         """Queries of tokens, neighbours and edges; keys and values for neighbours."""
         self.norm = nn.LayerNorm(width)

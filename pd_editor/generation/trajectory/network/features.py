@@ -154,8 +154,6 @@ NUM_GAP_FEATURES: Final = 2 * NUM_WAYPOINTS
 _LEAST_SQUARE: Final = 1e-6 / NEAR_M**2
 _HELD: Final = 0.2 / NEAR_M
 """An agent that moves less between two waypoints keeps its heading."""
-_GAP_SCALE: Final = 2.0
-"""Gaps are clamped to this: 2 m in units of 4 m scaled features."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -236,7 +234,8 @@ class InteractionGeometry:
             x, y = (theirs + self.position - own[..., None]).unbind()
             closeness = _closeness(x, y)
             gap, ahead = self._gaps(direction[..., None], their_direction, x, y)
-            gap = gap.mul_(_GAP_SCALE).tanh_()
+            # Gaps are clamped to this: 2 m in units of 4 m scaled features.
+            gap = gap.mul_(2.0).tanh_()
             parts = [x * closeness, y * closeness, closeness, gap, ahead * closeness]
         return torch.cat(parts).flatten(2).movedim(0, -1)
 
