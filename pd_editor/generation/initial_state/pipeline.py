@@ -675,7 +675,7 @@ def _outside(scenario: Scenario, placings: Sequence[SquarePlacement]) -> set[str
         center, half_side = _square(one.region)
         rows = scenario.agents.rows(one.ids)
         place = scenario.agents.position_m[rows, scenario.current_step]
-        is_out = (np.abs(place - center) > half_side).any(axis=1)
+        is_out = np.any(np.abs(place - center) > half_side, axis=1)
         found.update(name for name, out in zip(one.ids, is_out, strict=True) if out)
     return found
 
