@@ -252,6 +252,9 @@ def _bound(
     lanelet: etree._Element, tag: str, line: Float[np.ndarray, "K 2"], mark: str
 ) -> None:
     bound = _child(lanelet, tag)
+    if np.ptp(line, axis=0).max() < _LEAST_STEP_M:
+        # Around which a lane turns; a bound has two points.
+        line = line + _LEAST_STEP_M * np.linspace(0.0, 1.0, len(line))[:, None]
     for x, y in line:
         _point(bound, x, y)
     _child(bound, "lineMarking", mark)

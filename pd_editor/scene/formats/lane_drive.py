@@ -94,7 +94,7 @@ class LaneGraph:
         self, lane: tuple[int, bool], length_m: float, goals: Collection[int] = ()
     ) -> Way:
         """Along a lane and those after it: towards goals, else straight on at forks."""
-        route = self._route(lane, goals)
+        route = self.route(lane, goals)
         number, against = lane
         parts, starts, lanes, total = [], [], [], 0.0
         while total < min(length_m, _FARTHEST_M):
@@ -122,7 +122,7 @@ class LaneGraph:
         line = self._lane_of[number].centerline_m[:: -1 if against else 1]
         return float(np.cos(_last_heading(line) - heading))
 
-    def _route(self, lane: tuple[int, bool], goals: Collection[int]) -> set[int]:
+    def route(self, lane: tuple[int, bool], goals: Collection[int]) -> set[int]:
         """Lanes on the shortest way to the nearest lane beside a goal."""
         wanted = {self._key_of[n][:2] for n in goals}
         before: dict[int, int | None] = {lane[0]: None}
@@ -236,12 +236,14 @@ class Driver:
         last, point = self._shifts[-1], self.states()[0][step]
         return self._onto(step, seconds, "sinusoidal", last.way, point, offset_m)
 
-    def go_to(self, step: int, goals: Collection[int]) -> None:
-        """Turn at forks towards lanes."""
-        if (lane := self.lane_at(step)) is not None:
-            way = self._graph.way(lane, _FARTHEST_M, goals)
-            point = self.states()[0][step]
-            self._onto(step, 0.0, "step", way, point, self.offset_m)
+    def go_to(self, step: int, goals: Collection[int]) -> bool:
+        """Turn at forks towards lanes; False if its lane does not lead there."""
+        lane = self.lane_at(step)
+        if lane is None or not self._graph.route(lane, goals):
+            return False
+        way, point = self._graph.way(lane, _FARTHEST_M, goals), self.states()[0][step]
+        self._onto(step, 0.0, "step", way, point, self.offset_m)
+        return True
 
     def seconds_of(self, step: int, distance_m: float) -> float:
         """How long it takes for a distance."""

@@ -455,10 +455,9 @@ class _Story:
         places = action.children(".//Waypoint/Position") or action.children("Position")
         spots = [self._spot(one, 0.0) for one in places]
         lanes = [self._graph.lane_of(*one.pose) for one in spots if one is not None]
-        if not lanes:
-            return None
         goals = [one[0] for one in lanes if one is not None]
-        driver.go_to(step, goals[-1:])
+        if not goals or not driver.go_to(step, goals[-1:]):
+            return None
         return float(driver.times_s[step])
 
     def _follow(self, action: Place, names: tuple[str, ...], start_s: float) -> None:

@@ -119,7 +119,10 @@ def ways_of_bounds(
     """Ways, 1 or -1, in which two lines are the left and the right bound of a lane."""
     a, b = resample(left_m, _SHAPE_POINTS), resample(right_m, _SHAPE_POINTS)
     apart = [np.linalg.norm(a - other, axis=1).sum() for other in (b, b[::-1])]
-    turn = 1 if apart[0] <= apart[1] else -1
+    # The inner bound of a U-turn is short, and may lead back.
+    shortest = min(np.linalg.norm(one[-1] - one[0]) for one in (a, b))
+    is_turned = apart[1] < apart[0] and shortest > 0.5 * apart[1] / _SHAPE_POINTS
+    turn = -1 if is_turned else 1
     x, y = (np.concatenate([left_m, right_m[::-turn]]) - left_m[0]).T
     # Along the left bound, and back along the right one, is clockwise.
     way = -1 if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0 else 1

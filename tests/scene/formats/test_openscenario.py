@@ -554,5 +554,8 @@ def test_routes_lead_through_forks(tmp_path: Path):
     position = '<Position><LanePosition roadId="6" laneId="-1" s="50"/></Position>'
     way = f"""<PrivateAction><RoutingAction><AssignRouteAction><Route name="r">
     <Waypoint>{position}</Waypoint></Route></AssignRouteAction></RoutingAction></PrivateAction>"""
-    scene = drive(tmp_path, {car: way}, "")
+    other = "7:-2:50:10"
+    scene = drive(tmp_path, {car: way, other: way}, "")
     assert where(scene, car, 6)[1] > 10
+    np.testing.assert_allclose(where(scene, other, 6), (110, -6), atol=1e-6)
+    assert "AssignRouteAction" in " ".join(scene.provenance.notes)

@@ -11,6 +11,7 @@ from pd_editor.scene.geometry.polyline import (
     point_at,
     resample,
     smoothed,
+    ways_of_bounds,
     without_repeats,
 )
 
@@ -83,3 +84,15 @@ def test_offset_of_a_circle_is_a_circle():
 def test_offset_is_never_further_than_twice_the_distance(line):
     moved = np.linalg.norm(offset_line(line, 1.5) - line, axis=1)
     assert moved.max() <= 3.0 * np.sqrt(2) + 1e-9
+
+
+def test_inner_bounds_of_tight_turns_are_not_turned_round():
+    """Exported U-turns came back with their inner bounds, and so their middles, moved."""
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 9)
+    outer = 3.2 * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    for inner in ([[0, 0.3], [0.4, 0], [0, -0.3]], [[0, 0.01], [0, -0.01]]):
+        assert ways_of_bounds(np.array(inner, float), outer) == (1, 1)
+    street = np.array([[0.0, 0], [4, 0]])
+    beside = street - [0, 3.5]
+    assert ways_of_bounds(street, beside[::-1]) == (1, -1)
+    assert ways_of_bounds(street[::-1], beside) == (-1, 1)
