@@ -5,7 +5,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from pd_editor.base.errors import EditError, ExportError
+import numpy as np
+
+from pd_editor.base.errors import EditError, ExportError, PdEditorError
 from pd_editor.base.plain_text import number_of
 from pd_editor.base.regular_file import user_path, write_whole
 from pd_editor.cli.export import opened_session
@@ -25,6 +27,7 @@ from pd_editor.cli.output import (
     read_plans,
     refuse_existing,
 )
+from pd_editor.editor.variant import Variant
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME
 from pd_editor.scene.formats.figure import FigureLook
@@ -83,19 +86,19 @@ def render(options: RenderOptions) -> Outcome:
     look = _look(target, {name: one for name, one in asked.items() if one})
     refuse_existing(target, overwrite=options.overwrite)
     references = all_scenes(options.scenarios, target)
-    if asked["compare"]:
-        # The files of an export do not tell the original, its recipe does.
-        recipes = [user_path(one) / RECIPE_NAME for one in references]
-        pairs = zip(references, recipes, strict=True)
-        references = tuple(str(r) if r.is_file() else one for one, r in pairs)
     sessions = [opened_session(one, described(""), options.cut) for one in references]
     found = tuple(replace(one.scenario, scenario_id=one.name) for one in sessions)
+    lacks: tuple[str, ...] = ()
     if not found:
         raise EditError("Missing SCENARIO; see pd-editor render --help.")
     if is_pair and len(found) != 2:
         raise ExportError(
             f"{target}: --compare shows two scenes side by side, not {len(found)}."
         )
+    if asked["compare"] or look is None:
+        found, lacks = zip(*map(_with_original, found), strict=True)
+        if asked["compare"] and lacks[0]:
+            raise ExportError(lacks[0])
     if isinstance(look, FilmLook) and options.cut == SceneCut():
         # A cut counts its steps anew.
         folder = user_path(references[0]).resolve()
@@ -107,8 +110,27 @@ def render(options: RenderOptions) -> Outcome:
     return Outcome(
         folders=(target,),
         scenarios=found,
-        remarks=(f"{count}, {len(content) / 1e6:.2f} MB.",),
+        remarks=(f"{count}, {len(content) / 1e6:.2f} MB.", *filter(None, lacks)),
     )
+
+
+def _with_original(scenario: Scenario) -> tuple[Scenario, str]:
+    """An export with what its recipe tells of before the warp, and why it does not."""
+    where = Path(scenario.provenance.source)
+    if scenario.applied_warp is not None or not scenario.is_warped:
+        return scenario, ""
+    try:
+        made = opened_session(str(where / RECIPE_NAME), Variant(), SceneCut()).scenario
+        if made.provenance.source != scenario.provenance.source:
+            made, _ = _with_original(made)
+    except PdEditorError as error:
+        return scenario, f"{scenario.scenario_id} has no original: {error}"
+    now, then = scenario.time_axis, made.time_axis
+    is_same = (now.num_steps, now.current_step) == (then.num_steps, then.current_step)
+    if not is_same or not np.allclose(made.origin_city_m, scenario.origin_city_m):
+        told = "has no original: that is of other moments, or another part of the map."
+        return scenario, f"{scenario.scenario_id} {told}"
+    return replace(scenario, applied_warp=made.applied_warp), ""
 
 
 def _content(

@@ -58,6 +58,29 @@ def test_a_film_and_figures_are_rendered_by_their_endings(shell: Shell, tmp_path
         assert figure.read_bytes().startswith(b"%PDF")
 
 
+def test_what_an_export_was_before_its_warp_is_shown(shell: Shell, tmp_path: Path):
+    """What was generated on an exported warp was told to have no original."""
+    warped = pd_editor.warp("crosswalk", kind="smooth-turn", power=6, out=tmp_path)
+    made = shell.run(
+        "generate", warped.folder, "--model", "lane-follower", "--out", tmp_path / "b"
+    )
+    assert made.code == 0, made.err
+    (folder,) = (tmp_path / "b").iterdir()
+    page, figure = tmp_path / "a.html", tmp_path / "a.png"
+    for one in (warped.folder, folder, folder / "recipe.json"):
+        done = shell.run("render", one, "--out", page, "--overwrite")
+        assert done.code == 0, done.err
+        assert scenes_in(page.read_bytes())[0]["original"]["lines"]
+        asked = ("--compare", "--out", figure, "--overwrite")
+        assert shell.run("render", one, *asked).code == 0
+    warped.folder.rename(tmp_path / "moved")
+    told = shell.refused("render", folder, *asked)
+    assert "has no original:" in told
+    done = shell.run("render", folder, "--out", page, "--overwrite")
+    assert "has no original:" in done.out + done.err
+    assert scenes_in(page.read_bytes())[0]["original"] is None
+
+
 def test_options_of_another_kind_and_several_scenes_are_refused(
     shell: Shell, tmp_path: Path
 ):

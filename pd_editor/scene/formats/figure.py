@@ -187,9 +187,11 @@ def _original(scenario: Scenario) -> Scenario:
     """The scene before its road was warped."""
     applied = scenario.applied_warp
     if applied is None:
+        why = "expected the recipe.json of a scene whose road it warps"
+        if scenario.is_warped:
+            why = "its files have the warped road alone; pd-editor render reads its recipe"
         raise ExportError(
-            f"{scenario.scenario_id} has no original to compare with; expected the "
-            "recipe.json of a scene whose road it warps."
+            f"{scenario.scenario_id} has no original to compare with; {why}."
         )
     return replace(
         scenario,
