@@ -8,8 +8,8 @@ export const secondsOf = (step: number, axis: Pick<TimelineState, "stepS">): num
 
 /** A time as the page shows it, with a true minus sign. */
 export function inWords(step: number, axis: Pick<TimelineState, "stepS">): string {
-  const sign = step < -0.05 ? "\u2212" : "";
-  return `${sign}${Math.abs(secondsOf(step, axis)).toFixed(1)} s`;
+  const seconds = Math.abs(secondsOf(step, axis)).toFixed(1);
+  return `${step < 0 && seconds !== "0.0" ? "\u2212" : ""}${seconds} s`;
 }
 
 /** The step that is shown so many seconds after a message of the server. */

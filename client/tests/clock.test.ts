@@ -30,4 +30,5 @@ test("all whole seconds have ticks, of long recordings some", () => {
 test("times have a true minus sign, but zero has none", () => {
   assert.equal(inWords(-15, axis), "\u22121.5 s");
   assert.equal(inWords(-0.01, axis), "0.0 s");
+  assert.equal(inWords(-0.4, axis), "0.0 s");
 });

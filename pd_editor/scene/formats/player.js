@@ -1,11 +1,11 @@
-/* Built by .ci/client.py from client/ (e4a55cf3a47b9053); not to be edited. */
+/* Built by .ci/client.py from client/ (598a34c2665d3c87); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts
   var secondsOf = (step, axis) => step * axis.stepS;
   function inWords(step, axis) {
-    const sign = step < -0.05 ? "−" : "";
-    return `${sign}${Math.abs(secondsOf(step, axis)).toFixed(1)} s`;
+    const seconds = Math.abs(secondsOf(step, axis)).toFixed(1);
+    return `${step < 0 && seconds !== "0.0" ? "−" : ""}${seconds} s`;
   }
   function stepAfter(seconds, head2, { beginStep, endStep, stepS }) {
     if (!head2.isPlaying) return head2.step;

@@ -214,16 +214,16 @@ class LibraryActions:
         self._changed()
 
     def _put_removed_back(self) -> None:
-        names, self._workspace.removed = self._workspace.removed, ()
-        failures: list[ExportError] = []
+        names, failures = self._workspace.removed, dict[str, ExportError]()
         for name in names:
             try:
                 self._library.put_back(name)
             except ExportError as error:
-                failures.append(error)
+                failures[name] = error
+        self._workspace.removed = tuple(failures)
         self._changed()
         if failures:
-            raise failures[0]
+            raise next(iter(failures.values()))
         self._ui.notify(f"{number_of(len(names), 'scenario')} put back")
 
     def _changed(self) -> None:

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (e4a55cf3a47b9053); not to be edited. */
+/* Built by .ci/client.py from client/ (598a34c2665d3c87); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3886,8 +3886,8 @@
   var MOST_TICKS = 24;
   var secondsOf = (step, axis2) => step * axis2.stepS;
   function inWords(step, axis2) {
-    const sign = step < -0.05 ? "−" : "";
-    return `${sign}${Math.abs(secondsOf(step, axis2)).toFixed(1)} s`;
+    const seconds = Math.abs(secondsOf(step, axis2)).toFixed(1);
+    return `${step < 0 && seconds !== "0.0" ? "−" : ""}${seconds} s`;
   }
   function stepAfter(seconds, head3, { beginStep, endStep, stepS }) {
     if (!head3.isPlaying) return head3.step;

@@ -300,7 +300,9 @@ class Comparison:
             )
         if added:
             parts.append(f"{added} added")
-        return "Original: " + (", ".join(parts) if parts else "nothing has changed")
+        earlier = session.base.provenance.base
+        name = f"Export of {earlier.root.scenario_id}" if earlier else "Original"
+        return f"{name}: {', '.join(parts) if parts else 'nothing has changed'}"
 
     def _heard(self, event: CompareEvent) -> None:
         if event.kind == "hold":

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (e4a55cf3a47b9053); not to be edited. */
+/* Built by .ci/client.py from client/ (598a34c2665d3c87); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

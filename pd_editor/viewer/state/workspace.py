@@ -545,9 +545,13 @@ class Workspace:
             ExportError: the state cannot be written.
         """
         self.session.commit_gesture()
-        former = self.saved_card()
+        former, session = self.saved_card(), self.session
+        if former is not None and former == self._opened_card():
+            # Its files and recipe stay.
+            said = {"tags": session.variant.tags, "note": session.variant.note}
+            self.library.describe([former.name], lambda one: replace(one, **said))
+            return former
         recipe = self._recipe_to_save(former)
-        session = self.session
         card = card_of(session.scenario, session.base, recipe)
         if former is not None:
             card = replace(card, saved_at=former.saved_at, author=former.author)
@@ -593,7 +597,18 @@ class Workspace:
             entry = self.library.card(mark.name)
             if entry is not None and entry.saved_at == mark.saved_at:
                 return entry
-        return None
+        return self._opened_card()
+
+    def _opened_card(self) -> LibraryCard | None:
+        """Entry of the library that is open as it is, under its name."""
+        session, root = self.session, os.path.realpath(self.library.root)
+        place = Path(os.path.realpath(session.base.provenance.source))
+        is_it = session.scenario is session.base and session.name == place.name
+        return (
+            self.library.card(place.name)
+            if is_it and place.parent == Path(root)
+            else None
+        )
 
     def _recipe_to_save(self, former: LibraryCard | None) -> Recipe:
         """Recipe with a name that is unused, or that the former entry of the state has."""

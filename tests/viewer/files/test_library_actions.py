@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import threading
 import zipfile
 from collections.abc import Iterator
@@ -538,3 +539,45 @@ def test_what_cannot_be_read_or_indexed_is_told(tabs):
         tab.run(tab.elements.start.look)
         assert tab.shown("startPage")["told"].startswith("Nothing found. 1 cannot")
         assert tab.shown("startPage")["told"].endswith("x: cannot be written.")
+
+
+def test_what_was_opened_from_the_library_is_no_second_time_saved(tabs):
+    """Its tags were not shown, and each star made a copy of it."""
+    tab, other = tabs
+    drive(tab, 3.0)
+    star(tab, name="kept", tags=("cut-in",), note="near miss")
+    recipe = tab.tab.workspace.library.root / "kept/recipe.json"
+    edits = json.loads(recipe.read_text())["commands"]
+    other.choose("library", "kept", "open")
+    until(lambda: other.session.scenario.scenario_id == "kept")
+    assert other.session.variant.tags == ("cut-in",)
+    assert other.session.variant.note == "near miss"
+    other.press("Save to library")
+    assert other.notices[-1] == IS_KEPT
+    other.type("Tags", "merge")
+    other.press("Save to library")
+    assert other.notices[-1][0] == "Updated in the library: kept"
+    assert listed(other) == ["kept"]
+    assert other.tab.workspace.library.card("kept").row.tags == ("merge",)
+    assert json.loads(recipe.read_text())["commands"] == edits
+    # Edited, or named, it is another one.
+    drive(other, 6.0)
+    other.press("Save to library")
+    assert len(listed(other)) == 2
+    assert other.tab.workspace.library.card("kept").row.tags == ("merge",)
+
+
+def test_what_cannot_be_put_back_yet_can_be_later(tabs):
+    """The button was gone, and with it what had been removed."""
+    tab, other = tabs
+    drive(tab, 3.0)
+    star(tab, name="kept")
+    tab.choose("library", "kept", "reject")
+    drive(other, 6.0)
+    star(other, name="kept")
+    act(tab, "put-back")
+    assert "has this name by now" in tab.notices[-1][1]
+    assert bar(tab)["put-back"] == "Put back 1"
+    star(other, name="another")
+    act(tab, "put-back")
+    assert sorted(listed(tab)) == ["another", "kept"]

@@ -1,11 +1,14 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+import pd_editor
 from pd_editor.editor.commands import DeleteAgents, SetAgentSpeed, TransformAgents
 from pd_editor.scene.palette import LIGHT
 from pd_editor.viewer.scene.original_view import _paths, changed_rows, difference_notes
 from tests.builders import two_agents_that_pass
+from tests.viewer.fake_browser import connected_tab, running_app
 
 
 def moved(scenario, dx_m: float):
@@ -63,3 +66,16 @@ def test_dashes_lie_where_the_original_drove():
     assert drawn[:, 0].min() >= path[:, 0].min() - 0.01
     assert drawn[:, 0].max() <= path[:, 0].max() + 0.01
     assert np.ptp(connectors.points_m[:, 0]) > 39
+
+
+def test_an_export_is_compared_by_its_own_name(tmp_path: Path):
+    """An exported warp that nothing had changed since was called the original."""
+    made = pd_editor.warp("roundabout", kind="smooth-turn", power=6, out=tmp_path)
+    with (
+        running_app(tmp_path / "library", made.folder) as app,
+        connected_tab(app) as tab,
+    ):
+        tab.hear("compare", kind="hold")
+        assert (
+            tab.shown("compare")["text"] == "Export of roundabout: nothing has changed"
+        )
