@@ -65,7 +65,7 @@ class IndexRow:
     def lineage(self) -> str:
         """Of which scenario it is a variant, and by which numbers; empty: of none."""
         values = values_in_words(self.values)
-        return f"variant of {self.parent}: {values}" if values else ""
+        return f"{values}, variant of {self.parent}" if values else ""
 
     @property
     def values_told(self) -> str:

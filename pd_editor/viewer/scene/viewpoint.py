@@ -189,6 +189,8 @@ class Viewpoint:
             scale = former.half_height_m / (TOP_TO_3D * pose.half_height_m)
             look = np.subtract(pose.position_m, pose.look_at_m)
             self._look(replace(pose, position_m=vector(pose.look_at_m + scale * look)))
+        if self._ui.session.selection:
+            self.uncover()
         self._model.view_switched.emit()
 
     def turn(self) -> None:

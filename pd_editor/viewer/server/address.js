@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (598a34c2665d3c87); not to be edited. */
+/* Built by .ci/client.py from client/ (08d0d84ccc5fbf6f); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

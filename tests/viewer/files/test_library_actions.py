@@ -333,7 +333,7 @@ def test_members_of_a_family_are_found_by_their_values(tmp_path: Path):
         large = [name for name, power in powers.items() if power > 4]
         # Nothing needs to be read for that.
         until(lambda: listed(tab) == large)
-        told = f"variant of bend: power {powers[large[0]]:.4g}"
+        told = f"power {powers[large[0]]:.4g}, variant of bend"
         assert told in lines(tab, large[0])
         assert "kept" in lines(tab, large[0])
 

@@ -49,3 +49,25 @@ def test_framed_agents_are_above_the_curve_of_speed(tab: FakeTab):
     screen, _ = projected(tab.ui.client.camera, corners)
     lowest = 1.0 - tab.model.covered["timeline"] / CAMERA["image_height"]
     assert screen[:, 1].max() < lowest + 1e-3
+
+
+def test_the_selection_stays_in_sight_when_the_view_is_switched(tab: FakeTab):
+    """In 3-D, a car that F had framed from above was under the curve of speed."""
+    view, session = tab.elements.viewpoint, tab.session
+    scenario = session.scenario
+    now = scenario.current_step
+    name = next(
+        name
+        for name, there in zip(
+            scenario.agents.ids, scenario.agents.is_valid[:, now], strict=True
+        )
+        if there and name != scenario.focal_id
+    )
+    place = scenario.agents.position_m[scenario.agents.row_of[name], now]
+    tab.run(lambda: session.select((name,)))
+    tab.run(view.show_top)
+    for _ in range(2):
+        tab.run(view.switch)
+        screen, _ = projected(tab.ui.client.camera, np.append(place, 0.0)[None])
+        lowest = 1.0 - tab.model.covered_px / CAMERA["image_height"]
+        assert 0.0 < screen[0, 1] < lowest
