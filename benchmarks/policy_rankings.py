@@ -18,13 +18,12 @@ import pd_editor
 from pd_editor.editor.commands import SetLocks
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.policies import policy_of
-from pd_editor.experiments.closed_loop.report import Drive, policy_values
 from pd_editor.experiments.closed_loop.roll_out import (
     RollOutRequest,
     roll_out,
     route_of,
 )
-from pd_editor.experiments.closed_loop.scores import drive_scores
+from pd_editor.experiments.closed_loop.scores import Drive, drive_scores, policy_values
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.scenario import EGO_ID, Scenario

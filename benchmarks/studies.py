@@ -19,18 +19,18 @@ import numpy as np
 from benchmarks.figures import load_in_words
 from pd_editor.experiments.evaluation.evaluation import Scene, scenes_of
 from pd_editor.experiments.evaluation.method import Method
+from pd_editor.experiments.studies.outcomes import (
+    SearchItem,
+    SearchSettings,
+    grid_worst_cases,
+    search_scene,
+)
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     grid_conditions,
     study_items,
 )
 from pd_editor.experiments.studies.variant_rows import run_study, study_scene
-from pd_editor.experiments.studies.worst_case import (
-    SearchItem,
-    SearchSettings,
-    grid_worst_cases,
-    search_scene,
-)
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.ray_cluster import RayCluster
 from pd_editor.experiments.work_engine.work_engine import (

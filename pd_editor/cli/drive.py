@@ -32,13 +32,12 @@ from pd_editor.cli.output import (
 from pd_editor.editor.scenario_store import open_part
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.experiments.closed_loop.policies import policy_of
-from pd_editor.experiments.closed_loop.report import Drive, drive_report
 from pd_editor.experiments.closed_loop.roll_out import (
     RollOutRequest,
     roll_out,
     route_of,
 )
-from pd_editor.experiments.closed_loop.scores import drive_scores
+from pd_editor.experiments.closed_loop.scores import Drive, drive_report, drive_scores
 from pd_editor.experiments.work_engine.work_engine import failure_of
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator

@@ -48,8 +48,8 @@ from pd_editor.experiments.evaluation.report.realism import (
     scene_test_tables,
 )
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import road_conditions
+from pd_editor.experiments.evaluation.scene_rows import RowsFolder
 from pd_editor.experiments.evaluation.summary import Summary, summarise
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.generators import (

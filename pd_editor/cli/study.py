@@ -13,6 +13,7 @@ from pd_editor.experiments.evaluation.road_condition import (
     DEFAULT_ANCHOR,
     road_conditions,
 )
+from pd_editor.experiments.studies.outcomes import SearchSettings
 from pd_editor.experiments.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
@@ -24,7 +25,6 @@ from pd_editor.experiments.studies.whole_study import (
     StudyExtras,
     run_whole_study,
 )
-from pd_editor.experiments.studies.worst_case import SearchSettings
 from pd_editor.scene.generation import MAX_SAMPLES
 from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
 from pd_editor.scene.road_warp import WARP_KINDS

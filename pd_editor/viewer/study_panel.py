@@ -15,15 +15,20 @@ from pd_editor.base.installed_files import ALL_DEMOS
 from pd_editor.editor.commands.road import WARP_NAME
 from pd_editor.experiments.evaluation.evaluation import scenes_of
 from pd_editor.experiments.evaluation.method import REFERENCE_METHODS, Method
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import (
     ANCHORS,
     DEFAULT_ANCHOR,
     RoadCondition,
     road_conditions,
 )
+from pd_editor.experiments.evaluation.scene_rows import RowsFolder
 from pd_editor.experiments.report import REPORT_PAGE
-from pd_editor.experiments.studies.severity import SeverityCurve
+from pd_editor.experiments.studies.outcomes import (
+    GRID_SIZE,
+    SearchSettings,
+    SeverityCurve,
+    WorstCase,
+)
 from pd_editor.experiments.studies.study_plan import (
     GRID_POWERS,
     StudyPlan,
@@ -31,11 +36,6 @@ from pd_editor.experiments.studies.study_plan import (
 )
 from pd_editor.experiments.studies.study_report import SHOWN
 from pd_editor.experiments.studies.whole_study import Study, StudyExtras
-from pd_editor.experiments.studies.worst_case import (
-    GRID_SIZE,
-    SearchSettings,
-    WorstCase,
-)
 from pd_editor.scene.generation import GeneratorSpec, ScenarioGenerator
 from pd_editor.scene.road_warp import WARP_KINDS, WarpKind
 from pd_editor.viewer.tab.panel_style import FixedText, KeptSettings

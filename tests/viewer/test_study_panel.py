@@ -8,9 +8,8 @@ import numpy as np
 
 from pd_editor.experiments.evaluation.evaluation import FoundScenes, Scene
 from pd_editor.experiments.evaluation.summary import Estimate
-from pd_editor.experiments.studies.severity import SeverityCurve
+from pd_editor.experiments.studies.outcomes import SearchSettings, SeverityCurve
 from pd_editor.experiments.studies.whole_study import WORK_ITEMS, StudyExtras
-from pd_editor.experiments.studies.worst_case import SearchSettings
 from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.viewer.state import study_run
 from pd_editor.viewer.state.study_run import StudyRun

@@ -11,9 +11,9 @@ from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import data_root
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
 from pd_editor.experiments.evaluation.method import TrialPlan
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.scene_rows import (
     ROW_SCHEMA,
+    RowsFolder,
     SceneItem,
     evaluate_scene,
 )

@@ -10,12 +10,12 @@ from typing import Any, Final
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.evaluation.evaluation import Scene
 from pd_editor.experiments.evaluation.method import TrialPlan
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import (
     ANCHORS,
     DEFAULT_ANCHOR,
     RoadCondition,
 )
+from pd_editor.experiments.evaluation.scene_rows import RowsFolder
 from pd_editor.experiments.studies.variant_rows import (
     VARIANT_SCHEMA,
     VARIANTS_NAME,

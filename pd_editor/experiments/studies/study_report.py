@@ -35,11 +35,15 @@ from pd_editor.experiments.report import (
     command_section,
     table_of_first,
 )
-from pd_editor.experiments.studies.avoidable_danger import AvoidableDanger
-from pd_editor.experiments.studies.severity import SeverityCurve, road_title
+from pd_editor.experiments.studies.outcomes import (
+    AvoidableDanger,
+    SearchSettings,
+    SeverityCurve,
+    WorstCase,
+    road_title,
+)
 from pd_editor.experiments.studies.study_plan import StudyPlan
 from pd_editor.experiments.studies.variant_rows import StudyItem, StudyRecord
-from pd_editor.experiments.studies.worst_case import SearchSettings, WorstCase
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GeneratedTraffic, TrafficSample
 

@@ -24,9 +24,12 @@ from pd_editor.experiments.evaluation.method import (
     TrialItem,
     tried,
 )
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
 from pd_editor.experiments.evaluation.road_condition import RoadCondition
-from pd_editor.experiments.evaluation.scene_rows import SceneRows, is_on_its_way
+from pd_editor.experiments.evaluation.scene_rows import (
+    RowsFolder,
+    SceneRows,
+    is_on_its_way,
+)
 from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GenerationRequest

@@ -12,12 +12,17 @@ import pyarrow as pa
 from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
-from pd_editor.experiments.studies.avoidable_danger import (
+from pd_editor.experiments.evaluation.scene_rows import RowsFolder
+from pd_editor.experiments.studies.outcomes import (
     AvoidableDanger,
+    SearchItem,
+    SearchSettings,
+    WorstCase,
     dangers_of_part,
+    grid_worst_cases,
+    search_scene,
+    severity_curves,
 )
-from pd_editor.experiments.studies.severity import severity_curves
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     study_command,
@@ -37,13 +42,6 @@ from pd_editor.experiments.studies.variant_rows import (
     StudyItem,
     StudyRecord,
     run_study,
-)
-from pd_editor.experiments.studies.worst_case import (
-    SearchItem,
-    SearchSettings,
-    WorstCase,
-    grid_worst_cases,
-    search_scene,
 )
 from pd_editor.experiments.work_engine.work_engine import (
     WorkEngine,

@@ -30,6 +30,7 @@ from pd_editor.scene.formats.registry import is_foreign_scene
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.paths.lanes.nearest_lane import LaneMatch, nearest_lanes
+from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
@@ -201,7 +202,7 @@ def _quantities() -> tuple[Quantity, ...]:
     add("movers in a scene", "", 0, 80, 20, lambda s: _count(s, "movers"))
     add("pedestrians in a scene", "", 0, 40, 20, lambda s: _count(s, "pedestrians"))
     add("kind", "", 0, len(_KINDS), len(_KINDS), _kind)
-    add("lanes in a scene", "", 0, 160, 20, _lane_count)
+    add("lanes in a scene", "", 0, 160, 20, lambda s: _rows(np.array([len(_lanes(s))])))
     add("length of lanes", "m", 0, 120, 30, _lane_length)
     add("curvature of lanes", "1/m", 0, 0.2, 40, _lane_curvature)
     add("lanes in junctions", "share", 0, 1, 2, _lane_in_junction)
@@ -226,8 +227,7 @@ def _rows(value: np.ndarray, is_valid: np.ndarray | None = None) -> MaskedValues
 
 
 def _motion(scene: MeasuredScene, name: str) -> MaskedValues:
-    found = motion_values(scene.motor_vehicles)[name]
-    return _rows(found.value, found.is_valid)
+    return motion_values(scene.motor_vehicles)[name]
 
 
 def _speed_of_moving(scene: MeasuredScene) -> MaskedValues:
@@ -243,18 +243,15 @@ def _starts(scene: MeasuredScene) -> MaskedValues:
 
 
 def _nearest(scene: MeasuredScene) -> MaskedValues:
-    found = nearest_distance(scene.motor_vehicles)
-    return _rows(found.value, found.is_valid)
+    return nearest_distance(scene.motor_vehicles)
 
 
 def _density(scene: MeasuredScene) -> MaskedValues:
-    found = local_density(scene.motor_vehicles)
-    return _rows(found.value, found.is_valid)
+    return local_density(scene.motor_vehicles)
 
 
 def _edge(scene: MeasuredScene, which: int) -> MaskedValues:
-    found = nearest_edge(scene.motor_vehicles)[which]
-    return _rows(found.value, found.is_valid)
+    return nearest_edge(scene.motor_vehicles)[which]
 
 
 def _offset(scene: MeasuredScene, *, moving: bool) -> MaskedValues:
@@ -302,19 +299,19 @@ def _kind(scene: MeasuredScene) -> MaskedValues:
     return _rows(np.array([_KINDS.index(kind) + 0.5 for kind in kinds], float))
 
 
-def _lane_count(scene: MeasuredScene) -> MaskedValues:
-    return _rows(np.array([len(scene.scenario.road_map.lanes)]))
+def _lanes(scene: MeasuredScene) -> tuple[Lane, ...]:
+    return scene.scenario.road_map.lanes
 
 
 def _lane_length(scene: MeasuredScene) -> MaskedValues:
-    lanes = scene.scenario.road_map.lanes
-    return _rows(np.array([arc_length(lane.centerline_m)[-1] for lane in lanes], float))
+    length = [arc_length(lane.centerline_m)[-1] for lane in _lanes(scene)]
+    return _rows(np.array(length, float))
 
 
 def _lane_curvature(scene: MeasuredScene) -> MaskedValues:
     """Change of direction from a lane's start to its end, divided by its length."""
     found = []
-    for lane in scene.scenario.road_map.lanes:
+    for lane in _lanes(scene):
         steps = np.diff(lane.centerline_m, axis=0)
         turn = wrap_angle(np.diff(heading_of(steps))).sum()
         found.append(abs(turn) / max(arc_length(lane.centerline_m)[-1], 1.0))
@@ -322,8 +319,7 @@ def _lane_curvature(scene: MeasuredScene) -> MaskedValues:
 
 
 def _lane_in_junction(scene: MeasuredScene) -> MaskedValues:
-    lanes = scene.scenario.road_map.lanes
-    return _rows(np.array([lane.is_intersection for lane in lanes], float))
+    return _rows(np.array([lane.is_intersection for lane in _lanes(scene)], float))
 
 
 QUANTITIES: Final[tuple[Quantity, ...]] = _quantities()

@@ -28,11 +28,11 @@ from pd_editor.generation.trajectory.guidance.threat_run import (
     threats_in_force,
 )
 from pd_editor.generation.trajectory.guidance.trajectory_term import TermGuidance
-from pd_editor.generation.trajectory.joint_selection import (
+from pd_editor.generation.trajectory.network.decoding import Motion
+from pd_editor.generation.trajectory.sample_yielding import (
     TrajectoryChoices,
     select_jointly,
 )
-from pd_editor.generation.trajectory.network.decoding import Motion
 from pd_editor.generation.trajectory.sampler import (
     GivenTrajectories,
     KnownNoise,

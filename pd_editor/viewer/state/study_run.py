@@ -6,8 +6,8 @@ from typing import Any
 
 from pd_editor.base.errors import PdEditorError
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
-from pd_editor.experiments.studies.severity import SeverityCurve, severity_curves
+from pd_editor.experiments.evaluation.scene_rows import RowsFolder
+from pd_editor.experiments.studies.outcomes import SeverityCurve, severity_curves
 from pd_editor.experiments.studies.study_plan import StudyPlan, study_items
 from pd_editor.experiments.studies.whole_study import (
     WORK_ITEMS,

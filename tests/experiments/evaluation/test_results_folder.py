@@ -1,8 +1,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from pd_editor.experiments.evaluation.results_folder import RowsFolder
-from pd_editor.experiments.evaluation.scene_rows import ROW_SCHEMA, SceneRows
+from pd_editor.experiments.evaluation.scene_rows import (
+    ROW_SCHEMA,
+    RowsFolder,
+    SceneRows,
+)
 
 EMPTY = SceneRows(table=ROW_SCHEMA.empty_table(), model_sha256={"m": "1"})
 

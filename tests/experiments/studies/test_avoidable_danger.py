@@ -9,7 +9,7 @@ import shapely
 
 from pd_editor.analysis.metrics.box_overlaps import MIN_OVERLAP_M2
 from pd_editor.base.errors import EditError
-from pd_editor.experiments.studies.avoidable_danger import avoidable_dangers, ego_of
+from pd_editor.experiments.studies.outcomes import avoidable_dangers, ego_of
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.scenario import Scenario

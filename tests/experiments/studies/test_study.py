@@ -17,7 +17,13 @@ from pd_editor.experiments.evaluation.road_condition import (
     RoadCondition,
     road_conditions,
 )
-from pd_editor.experiments.studies.severity import severity_curves
+from pd_editor.experiments.studies.outcomes import (
+    SearchItem,
+    SearchSettings,
+    grid_worst_cases,
+    search_scene,
+    severity_curves,
+)
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     grid_conditions,
@@ -29,12 +35,6 @@ from pd_editor.experiments.studies.variant_rows import (
     STUDY_METRICS,
     VARIANTS_NAME,
     run_study,
-)
-from pd_editor.experiments.studies.worst_case import (
-    SearchItem,
-    SearchSettings,
-    grid_worst_cases,
-    search_scene,
 )
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line

@@ -3,8 +3,11 @@ import torch
 
 from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
-from pd_editor.generation.inputs.relative_pose import pose_features, relative_pose
-from pd_editor.generation.inputs.scene_batch import batch_of
+from pd_editor.generation.inputs.scene_batch import (
+    batch_of,
+    pose_features,
+    relative_pose,
+)
 from tests.generation.trajectory.scenes import arc_basis, packed_scene, scene_batch
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from pd_editor.generation.trajectory.joint_selection import (
+from pd_editor.generation.trajectory.sample_yielding import (
     TrajectoryChoices,
     select_jointly,
 )

@@ -8,6 +8,8 @@ from typing import Final
 import numpy as np
 import shapely
 from jaxtyping import Float
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from pd_editor.base.errors import SynthesisError
 from pd_editor.scene.geometry.polyline import arc_length, point_at
@@ -315,29 +317,22 @@ def _joined(
 ) -> LaneRoads:
     """Form junctions from ends of roads that are linked or whose links cross."""
     num_roads = len(roads)
-    parent = list(range(2 * num_roads))
-
-    def root(end: int) -> int:
-        while parent[end] != end:
-            parent[end] = parent[parent[end]]
-            end = parent[end]
-        return end
-
-    for link in links:
-        parent[root(num_roads + link.start[0])] = root(link.end[0])
+    meet = [(num_roads + link.start[0], link.end[0]) for link in links]
     ways = [shapely.LineString(lines.line(link.lane_intervals)) for link in links]
     if ways:
         for one, other in shapely.STRtree(ways).query(ways, predicate="crosses").T:
-            parent[root(links[one].end[0])] = root(links[other].end[0])
-    numbers: dict[int, int] = {}
-    ends = [numbers.setdefault(root(end), len(numbers)) for end in range(2 * num_roads)]
+            meet.append((links[one].end[0], links[other].end[0]))
+    one, other = np.reshape(meet, (-1, 2)).astype(int).T
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(2 * num_roads,) * 2)
+    count, junction = connected_components(graph, directed=False)
+    ends = junction.tolist()
     return _without_loops(
         LaneRoads(
             roads=roads,
             links=links,
             start_junction=tuple(ends[:num_roads]),
             end_junction=tuple(ends[num_roads:]),
-            num_junctions=len(numbers),
+            num_junctions=count,
         ),
     )
 

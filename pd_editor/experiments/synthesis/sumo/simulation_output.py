@@ -57,8 +57,8 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
     Raises:
         SynthesisError: a file is missing or lacks a column.
     """
-    names: list[np.ndarray] = []
-    values: list[np.ndarray] = []
+    names: list[np.ndarray] = [np.zeros(0, object)]
+    values: list[np.ndarray] = [np.zeros((0, 1 + len(_COLUMNS)))]
     type_of: dict[str, str] = {}
     places = np.zeros(0, np.int64)
     for path in paths:
@@ -93,8 +93,6 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
         names.append(name[alone])
         values.append(rows[alone])
         places = place
-    if not values or sum(len(part) for part in values) == 0:
-        return _no_tracks()
     numbers = np.concatenate(values)
     unique, agent = np.unique(np.concatenate(names).astype(str), return_inverse=True)
     step = np.rint(numbers[:, 0] / step_s).astype(int)
@@ -107,14 +105,6 @@ def read_raw_tracks(paths: tuple[Path, ...], step_s: float) -> RawTracks:
         heading_rad=heading_of_sumo(numbers[order, 3]),
         type_of=type_of,
     )
-
-
-def _no_tracks() -> RawTracks:
-    none = np.zeros(0, int)
-    return RawTracks(
-        names=(), agent=none, step=none,
-        front_m=np.zeros((0, 2)), heading_rad=np.zeros(0),
-    )  # fmt: skip
 
 
 STATES_NAME: Final = "states.xml"

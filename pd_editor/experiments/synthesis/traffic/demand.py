@@ -252,7 +252,10 @@ def _trips(
     random: np.random.Generator,
 ) -> list[_Trip]:
     trips: list[_Trip] = []
-    for model, share in _present_models(options):
+    for model in MODELS:
+        share = options.shares.get(model.name, 0.0)
+        if share <= 0:
+            continue
         choice = RouteSampler(
             graph=graph, vehicle_class=model.sumo_class, options=options
         )
@@ -264,14 +267,6 @@ def _trips(
             flow *= random.lognormal(0.0, options.flow_spread)
             trips += _trips_of(choice, entry, model, flow, duration_s, random)
     return trips
-
-
-def _present_models(options: DemandOptions) -> list[tuple[VehicleModel, float]]:
-    return [
-        (model, options.shares[model.name])
-        for model in MODELS
-        if options.shares.get(model.name, 0.0) > 0
-    ]
 
 
 def _trips_of(

@@ -17,7 +17,6 @@ from pd_editor.experiments.synthesis.sumo.parking_bays import (
 )
 from pd_editor.experiments.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.experiments.synthesis.traffic.tracks import TrafficTracks
-from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.geometry.oriented_box import Boxes, box_corners
@@ -29,13 +28,6 @@ SWEEP_SPACING_M: Final = 0.6
 
 CLEARANCE_M: Final = 0.15
 """Least gap between a parked vehicle and the area swept by traffic."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ParkedVehicles(Boxes):
-    """K parked vehicles."""
-
-    kinds: tuple[AgentKind, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +45,7 @@ def sample_parked_vehicles(
     traffic: TrafficTracks,
     options: ParkingOptions,
     random: np.random.Generator,
-) -> ParkedVehicles:
+) -> Boxes:
     """Sample parked vehicles that touch neither traffic nor each other."""
     places = [
         _along(line, options, options.strip_end_m, random.uniform(-0.35, 0.45), random)
@@ -75,8 +67,7 @@ def sample_parked_vehicles(
             np.clip(random.normal(1.92, 0.08, count), 1.7, 2.15),
         ]
     )
-    parked = ParkedVehicles(
-        kinds=(AgentKind.VEHICLE,) * count,
+    parked = Boxes(
         size_m=size,
         position_m=np.concatenate([np.zeros((0, 2)), *(p.position_m for p in places)]),
         heading_rad=np.concatenate([np.zeros(0), *(p.heading_rad for p in places)]),
@@ -84,13 +75,7 @@ def sample_parked_vehicles(
     on_road = np.repeat(
         [one.is_on_road for one in places], [len(one.heading_rad) for one in places]
     ).astype(bool)
-    free = _is_free(parked, on_road, network.road_map, traffic)
-    return ParkedVehicles(
-        kinds=(AgentKind.VEHICLE,) * int(free.sum()),
-        size_m=parked.size_m[free],
-        position_m=parked.position_m[free],
-        heading_rad=parked.heading_rad[free],
-    )
+    return parked[_is_free(parked, on_road, network.road_map, traffic)]
 
 
 def _along(
@@ -208,7 +193,7 @@ def _beside(
 
 
 def _is_free(
-    parked: ParkedVehicles,
+    parked: Boxes,
     on_road: Bool[np.ndarray, "K"],
     road_map: RoadMap,
     traffic: TrafficTracks,

@@ -30,7 +30,6 @@ from pd_editor.experiments.synthesis.traffic.demand import (
 )
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.parked_vehicles import (
-    ParkedVehicles,
     sample_parked_vehicles,
 )
 from pd_editor.experiments.synthesis.traffic.pedestrians import sample_pedestrians
@@ -41,6 +40,7 @@ from pd_editor.experiments.synthesis.traffic.tracks import (
     without_overlaps,
 )
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.signals import Signal
 
 STEP_S: Final = 0.1
@@ -199,10 +199,10 @@ def _recording(
     network: Network,
     seed: int,
     tracks: TrafficTracks,
-    parked: ParkedVehicles,
+    parked: Boxes,
     num_steps: int,
 ) -> Recording:
-    num_parked = len(parked.kinds)
+    num_parked = len(parked.heading_rad)
     counts = np.concatenate([np.diff(tracks.first_row), np.full(num_parked, num_steps)])
     return Recording(
         name=f"{network.name}-{seed}",
@@ -212,7 +212,7 @@ def _recording(
         step_s=STEP_S,
         num_steps=num_steps,
         ids=(*tracks.ids, *(f"parked-{row:04d}" for row in range(num_parked))),
-        kinds=(*tracks.kinds, *parked.kinds),
+        kinds=(*tracks.kinds, *[AgentKind.VEHICLE] * num_parked),
         size_m=np.concatenate([tracks.size_m, parked.size_m]),
         is_parked=np.arange(len(counts)) >= len(tracks.ids),
         first_step=np.concatenate([tracks.first_step, np.zeros(num_parked, int)]),

@@ -22,8 +22,7 @@ from pd_editor.generation.initial_state.network.features import (
     noise_factors,
     piece_relations,
 )
-from pd_editor.generation.inputs.relative_pose import selected
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs.scene_batch import SceneTensors, selected
 
 
 class TokenGroup(NamedTuple):

@@ -20,12 +20,12 @@ from pd_editor.analysis.guidance.kinds.space import (
 from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.analysis.repair.yielding import GAP_M
-from pd_editor.generation.trajectory.guidance.box_conflicts import (
+from pd_editor.generation.trajectory.guidance.latent_motion import (
     BoxTracks,
+    PredictedMotion,
     beside_m,
     depth_m,
 )
-from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.trajectory_term import (
     AgentsTerm,
     ResidualRows,

@@ -29,8 +29,7 @@ from pd_editor.generation.features.scene_features import (
     NUM_FUTURE_STEPS,
     NUM_NEAR_AGENTS,
 )
-from pd_editor.generation.inputs.relative_pose import gathered
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs.scene_batch import SceneTensors, gathered
 from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
 from pd_editor.generation.trajectory.network.block import (
     AgentBlock,

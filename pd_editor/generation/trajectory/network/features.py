@@ -13,14 +13,14 @@ from pd_editor.generation.features.scene_features import (
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
-from pd_editor.generation.inputs.relative_pose import (
+from pd_editor.generation.inputs.scene_batch import (
     NEAR_M,
     NUM_POSE_FEATURES,
+    SceneTensors,
     gathered,
     pose_features,
     relative_pose,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.scene.thresholds import STANDING_MPS
 

@@ -11,11 +11,11 @@ from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.parking_bays import ParkingBay
 from pd_editor.experiments.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.experiments.synthesis.traffic.parked_vehicles import (
-    ParkedVehicles,
     sample_parked_vehicles,
 )
 from pd_editor.experiments.synthesis.traffic.tracks import TrafficTracks
 from pd_editor.scene.agent_kind import AgentKind
+from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import straight_lane
 
@@ -57,7 +57,7 @@ def one_car(y_m: float) -> TrafficTracks:
     )
 
 
-def parked(options: ParkingOptions, seed: int, y_m: float = 0.0) -> ParkedVehicles:
+def parked(options: ParkingOptions, seed: int, y_m: float = 0.0) -> Boxes:
     random = np.random.default_rng(seed)
     return sample_parked_vehicles(street(), one_car(y_m), options, random)
 

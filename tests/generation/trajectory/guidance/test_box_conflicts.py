@@ -7,8 +7,8 @@ import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pd_editor.generation.trajectory.guidance.box_conflicts import depth_m
 from pd_editor.generation.trajectory.guidance.interaction_terms import last_places
+from pd_editor.generation.trajectory.guidance.latent_motion import depth_m
 from pd_editor.scene.geometry.oriented_box import box_corners
 
 boxes = st.tuples(
