@@ -28,9 +28,10 @@ from pd_editor.experiments.studies.outcomes import (
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     grid_conditions,
+    run_study,
     study_items,
+    study_scene,
 )
-from pd_editor.experiments.studies.variant_rows import run_study, study_scene
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.ray_cluster import RayCluster
 from pd_editor.experiments.work_engine.work_engine import (

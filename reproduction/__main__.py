@@ -10,8 +10,10 @@ import tyro
 from pd_editor.base.errors import PdEditorError
 from pd_editor.cli.evaluate import within
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
-from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
-from pd_editor.experiments.evaluation.road_condition import road_conditions
+from pd_editor.experiments.evaluation.evaluation_task import (
+    EvaluationTask,
+    road_conditions,
+)
 from pd_editor.experiments.work_engine.ray_cluster import EngineChoice, EngineName
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.generators import make_generator

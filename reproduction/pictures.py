@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from pd_editor.base.errors import PdEditorError
-from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
+from pd_editor.experiments.evaluation.evaluation_task import (
+    EvaluationTask,
+    RoadCondition,
+)
 from pd_editor.experiments.evaluation.method import (
     GROUND_TRUTH,
     REFERENCE_METHODS,
     Method,
 )
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.generation.features.scene_features import scene_center
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import (

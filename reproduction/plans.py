@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Final, Literal
 
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
-from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
+from pd_editor.experiments.evaluation.evaluation_task import (
+    EvaluationTask,
+    RoadCondition,
+)
 from pd_editor.experiments.evaluation.method import GROUND_TRUTH, Method
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.scene.generation import ScenarioGenerator
 from reproduction.systems import REFERENCES, STATES, TRAJECTORIES, Trained
 

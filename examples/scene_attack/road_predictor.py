@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from pd_editor.experiments.evaluation.road_condition import road_conditions
+from pd_editor.experiments.evaluation.evaluation_task import road_conditions
 from pd_editor.scene.agent_kind import MOTOR_VEHICLE_KINDS
 from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.formats.registry import read_scene

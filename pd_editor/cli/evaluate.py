@@ -36,6 +36,7 @@ from pd_editor.experiments.evaluation.evaluation_task import (
     AgentsChoice,
     EvaluationTask,
     StatesChoice,
+    road_conditions,
 )
 from pd_editor.experiments.evaluation.method import (
     GROUND_TRUTH,
@@ -48,7 +49,6 @@ from pd_editor.experiments.evaluation.report.realism import (
     scene_test_tables,
 )
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
-from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.experiments.evaluation.scene_rows import RowsFolder
 from pd_editor.experiments.evaluation.summary import Summary, summarise
 from pd_editor.generation.defaults import DeviceName

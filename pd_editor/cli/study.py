@@ -8,18 +8,18 @@ from pd_editor.base.errors import InputError
 from pd_editor.cli.evaluate import TrialOptions, checked_methods, within
 from pd_editor.cli.options import FolderOption, Folders, Number, several, shown, taking
 from pd_editor.cli.output import work_shown
-from pd_editor.experiments.evaluation.evaluation_task import DRIVING
-from pd_editor.experiments.evaluation.road_condition import (
+from pd_editor.experiments.evaluation.evaluation_task import (
     DEFAULT_ANCHOR,
+    DRIVING,
     road_conditions,
 )
 from pd_editor.experiments.studies.outcomes import SearchSettings
 from pd_editor.experiments.studies.study_plan import (
     GRID_POWERS,
+    STUDY_METRICS,
     StudyPlan,
     grid_conditions,
 )
-from pd_editor.experiments.studies.variant_rows import STUDY_METRICS
 from pd_editor.experiments.studies.whole_study import (
     Study,
     StudyExtras,

@@ -29,13 +29,6 @@ from pd_editor.generation.core.sampler import Sampler, sample_steps
 from pd_editor.generation.core.traced_step import trace_steps
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.initial_state.attributes import attribute_notes
-from pd_editor.generation.initial_state.fitting import (
-    colliding_with_kept,
-    num_overlapping,
-    without_new,
-    without_overlapping,
-    without_unfit,
-)
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
     InitialStateOptions,
@@ -47,6 +40,13 @@ from pd_editor.generation.initial_state.placement_rules import (
     PLACEMENT_RULES,
     KeptPaths,
     PlacementRule,
+)
+from pd_editor.generation.initial_state.squares import (
+    colliding_with_kept,
+    num_overlapping,
+    without_new,
+    without_overlapping,
+    without_unfit,
 )
 from pd_editor.generation.request_options import (
     attribute_request,

@@ -12,7 +12,6 @@ from pd_editor.base.errors import GenerationError
 from pd_editor.generation.checkpoints.model_folder import TrainedStage
 from pd_editor.generation.defaults import NUM_TRIES
 from pd_editor.generation.initial_state.attributes import AttributeRequest
-from pd_editor.generation.initial_state.fitting import limited
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
     InitialStateOptions,
@@ -22,7 +21,7 @@ from pd_editor.generation.initial_state.placement_rules import (
     ConflictSearch,
     PlacementRule,
 )
-from pd_editor.generation.initial_state.squares import Placement, placings_of
+from pd_editor.generation.initial_state.squares import Placement, limited, placings_of
 from pd_editor.generation.trajectory.pipeline import TrajectoryOptions
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.generation import AVOIDANCE, LANE_GUIDANCE, GenerationRequest

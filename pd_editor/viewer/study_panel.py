@@ -14,13 +14,13 @@ from pd_editor.base.errors import FolderInUseError, InputError
 from pd_editor.base.installed_files import ALL_DEMOS
 from pd_editor.editor.commands.road import WARP_NAME
 from pd_editor.experiments.evaluation.evaluation import scenes_of
-from pd_editor.experiments.evaluation.method import REFERENCE_METHODS, Method
-from pd_editor.experiments.evaluation.road_condition import (
+from pd_editor.experiments.evaluation.evaluation_task import (
     ANCHORS,
     DEFAULT_ANCHOR,
     RoadCondition,
     road_conditions,
 )
+from pd_editor.experiments.evaluation.method import REFERENCE_METHODS, Method
 from pd_editor.experiments.evaluation.scene_rows import RowsFolder
 from pd_editor.experiments.report import REPORT_PAGE
 from pd_editor.experiments.studies.outcomes import (

@@ -5,7 +5,7 @@ import pytest
 
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
-from pd_editor.experiments.evaluation.road_condition import road_conditions
+from pd_editor.experiments.evaluation.evaluation_task import road_conditions
 from reproduction.plans import paper_plan
 from reproduction.systems import in_table_order, label_of, trained_systems
 

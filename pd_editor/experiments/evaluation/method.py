@@ -20,7 +20,7 @@ from pd_editor.analysis.metrics.traffic_view import (
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import is_reference
 from pd_editor.base.plain_text import nearest_or_all
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
+from pd_editor.experiments.evaluation.evaluation_task import RoadCondition
 from pd_editor.experiments.work_engine.work_engine import failure_of, time_limit
 from pd_editor.scene.base_reference import SceneCut, part_name
 from pd_editor.scene.generation import (

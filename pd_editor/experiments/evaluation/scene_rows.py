@@ -18,14 +18,17 @@ from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffi
 from pd_editor.analysis.metrics.values import METRICS, MetricValues
 from pd_editor.base.regular_file import unwritable
 from pd_editor.editor.scenario_store import scene_part
-from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
+from pd_editor.experiments.evaluation.evaluation_task import (
+    DRIVING,
+    EvaluationTask,
+    RoadCondition,
+)
 from pd_editor.experiments.evaluation.method import (
     EvaluatedTraffic,
     Method,
     TrialItem,
     tried,
 )
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.work_engine.work_engine import (
     WorkEngine,
     WorkProgress,

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
+from pd_editor.experiments.evaluation.evaluation_task import RoadCondition
 from pd_editor.experiments.evaluation.method import GROUND_TRUTH
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.experiments.report import NONE
 

@@ -20,7 +20,7 @@ from pd_editor.base.errors import EditError, InputError
 from pd_editor.editor.commands import AdoptTrajectory
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.editor.variant import short_id
-from pd_editor.experiments.evaluation.road_condition import (
+from pd_editor.experiments.evaluation.evaluation_task import (
     DEFAULT_ANCHOR,
     PLAIN,
     RoadCondition,
@@ -30,7 +30,7 @@ from pd_editor.experiments.evaluation.summary import (
     mean_over_scenes,
     scene_weights,
 )
-from pd_editor.experiments.studies.variant_rows import (
+from pd_editor.experiments.studies.study_plan import (
     STUDY_AGENTS,
     STUDY_METRICS,
     StudyAgents,

@@ -19,13 +19,17 @@ from pd_editor.editor.variant import (
     power_name,
     short_id,
 )
-from pd_editor.experiments.evaluation.method import GROUND_TRUTH
-from pd_editor.experiments.evaluation.report.figures import COLORS, Panels
-from pd_editor.experiments.evaluation.report.tables import named, unit_of
-from pd_editor.experiments.evaluation.road_condition import (
+from pd_editor.experiments.evaluation.evaluation_task import (
     DEFAULT_ANCHOR,
     RoadCondition,
     road_conditions,
+)
+from pd_editor.experiments.evaluation.method import GROUND_TRUTH
+from pd_editor.experiments.evaluation.report.tables import (
+    COLORS,
+    Panels,
+    named,
+    unit_of,
 )
 from pd_editor.experiments.report import (
     Figure,
@@ -42,8 +46,7 @@ from pd_editor.experiments.studies.outcomes import (
     WorstCase,
     road_title,
 )
-from pd_editor.experiments.studies.study_plan import StudyPlan
-from pd_editor.experiments.studies.variant_rows import StudyItem, StudyRecord
+from pd_editor.experiments.studies.study_plan import StudyItem, StudyPlan, StudyRecord
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GeneratedTraffic, TrafficSample
 

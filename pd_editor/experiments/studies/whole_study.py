@@ -24,7 +24,11 @@ from pd_editor.experiments.studies.outcomes import (
     severity_curves,
 )
 from pd_editor.experiments.studies.study_plan import (
+    VARIANT_SCHEMA,
+    StudyItem,
     StudyPlan,
+    StudyRecord,
+    run_study,
     study_command,
     study_items,
 )
@@ -36,12 +40,6 @@ from pd_editor.experiments.studies.study_report import (
     export_danger,
     study_report,
     worst_of_scenes,
-)
-from pd_editor.experiments.studies.variant_rows import (
-    VARIANT_SCHEMA,
-    StudyItem,
-    StudyRecord,
-    run_study,
 )
 from pd_editor.experiments.work_engine.work_engine import (
     WorkEngine,

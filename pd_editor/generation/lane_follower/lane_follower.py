@@ -8,13 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.generation.lane_follower.intentions import (
+from pd_editor.generation.lane_follower.simulated_traffic import (
     Drivers,
     drivers_at,
-    sample_intentions,
-)
-from pd_editor.generation.lane_follower.simulated_traffic import (
     initial_traffic,
+    sample_intentions,
     simulate,
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS

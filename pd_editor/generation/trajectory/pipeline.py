@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.generation.core.noise_schedule import even_levels
 from pd_editor.generation.core.sampler import Sampler, sample_steps
-from pd_editor.generation.trajectory.continuation import Continuation, inverted_noise
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     NearestCandidateGuide,
     TrajectoryGuidance,
@@ -34,6 +33,7 @@ from pd_editor.generation.trajectory.sample_yielding import (
     select_jointly,
 )
 from pd_editor.generation.trajectory.sampler import (
+    Continuation,
     GivenTrajectories,
     KnownNoise,
     SamplerStep,
@@ -41,6 +41,7 @@ from pd_editor.generation.trajectory.sampler import (
     TrajectoryModel,
     TrajectoryNoise,
     TrajectorySamplerConfig,
+    inverted_noise,
     sample_trajectories,
 )
 from pd_editor.generation.trajectory.task import TrajectoryTask

@@ -1,8 +1,8 @@
-"""Sampler of trajectory latents."""
+"""Sampler of trajectory latents, and its inverse: the noise of given trajectories."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from pd_editor.generation.core.sampler import (
     SamplerStep,
     preparing_mode,
     sample_steps,
+    sampling_mode,
 )
 from pd_editor.generation.defaults import NUM_STEPS
 from pd_editor.generation.features.scene_features import LATENT_SIZE
@@ -164,3 +165,59 @@ def sample_trajectories(
         return held(clean if guide is None else guide(clean, levels[step]))
 
     return sampler(denoise, start, model.schedule, levels, SamplerConfig(), fresh_noise)
+
+
+_NUM_STEPS: Final = 4
+_NUM_ITERATIONS: Final = 2
+"""Iterations per step. On 6 real scenarios the error is 1.7 m (root mean square over a
+trajectory, moving agents), with 1 iteration 1.9 m and with 4 1.5 m."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Continuation:
+    """Noise of the present trajectories of one scene, and the inversion's error."""
+
+    known: KnownNoise
+    reference: Float[Tensor, "B A 10"]
+    """Sample from this noise in the scene before the edit."""
+    correction: Float[Tensor, "B A 10"]
+    """Present latents minus ``reference``; 0 without noise."""
+
+    def corrected(
+        self, latent: Float[Tensor, "S B A 10"], decoder: TrajectoryDecoder
+    ) -> Float[Tensor, "S B A 10"]:
+        """Add the correction to the first sample."""
+        scale = decoder.get_buffer("scale_m") / decoder.num_steps**0.5
+        change = (latent[:1] - self.reference) * scale
+        # Change of a sample at which the correction has faded to 37 %.
+        share = torch.exp(-change.square().sum(dim=-1) / 4.0**2)
+        first = torch.addcmul(latent[:1], share[..., None], self.correction)
+        return torch.cat([first, latent[1:]])
+
+
+def inverted_noise(
+    model: TrajectoryModel,
+    scene: SceneTensors,
+    context: Any,
+    is_given: Bool[Tensor, "B A"],
+) -> Float[Tensor, "B A 10"]:
+    """Noise from which deterministic sampling leads to the trajectories of ``scene``."""
+    clean = scene.future
+    schedule, levels = model.schedule, even_levels(_NUM_STEPS)
+    with sampling_mode(scene.has_agent.numel()):
+        table = clean.new_tensor(levels)[:, None, None, None]
+        denoise = model.at_levels(torch.where(is_given, 0.0, table), context)
+        edges = clean.new_tensor([*levels, 0.0])[:, None]
+        alphas, sigmas = schedule.alpha(edges), schedule.sigma(edges)
+        noisy = clean[None]
+        for index in reversed(range(_NUM_STEPS)):
+            alpha, sigma = alphas[index], sigmas[index]
+            target, next_alpha, next_sigma = noisy, alphas[index + 1], sigmas[index + 1]
+            noisy = torch.where(is_given[..., None], clean, alpha * target)
+            for _ in range(_NUM_ITERATIONS):
+                predicted = denoise(noisy, index)
+                noise = (noisy - alpha * predicted) / sigma
+                signal = (target - next_sigma * noise) / next_alpha
+                found = alpha * signal + sigma * noise
+                noisy = torch.where(is_given[..., None], clean, found)
+    return noisy[0]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pd_editor.analysis.guidance.stop_line import cross_line
+from pd_editor.analysis.guidance.kinds.course import cross_line
 from pd_editor.scene.road_map import RoadMap
 from tests.builders import LANE_WIDTH_M, straight_lane, two_lane_road
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from pd_editor.analysis.guidance.pace import Ask, Pace, Rates, pace_of
+from pd_editor.analysis.guidance.way_points import Ask, Pace, Rates, pace_of
 
 RATES = Rates(up=1.5, down=2.0, hardest_up=2.5, hardest_down=5.0, cruise_mps=9.0)
 TIMES_S = np.linspace(0.0, 20.0, 2_001)

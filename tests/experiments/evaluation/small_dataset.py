@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from pd_editor.experiments.evaluation.evaluation import EvaluationPlan
+from pd_editor.experiments.evaluation.evaluation_task import road_conditions
 from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.road_condition import road_conditions
 from pd_editor.experiments.work_engine.work_engine import WorkResult, failure_of
 from pd_editor.scene.av2_io.map_file import map_bytes
 from pd_editor.scene.av2_io.write import tracks_bytes

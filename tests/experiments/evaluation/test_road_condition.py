@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pd_editor.base.errors import InputError
-from pd_editor.experiments.evaluation.road_condition import (
+from pd_editor.experiments.evaluation.evaluation_task import (
     ALL_CONDITIONS,
     road_conditions,
 )

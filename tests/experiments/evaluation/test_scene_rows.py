@@ -3,9 +3,11 @@ from dataclasses import replace
 import pytest
 
 from pd_editor.base.errors import EditError, InputError
-from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
+from pd_editor.experiments.evaluation.evaluation_task import (
+    EvaluationTask,
+    RoadCondition,
+)
 from pd_editor.experiments.evaluation.method import Method
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_rows import (
     ROW_SCHEMA,
     SceneItem,

@@ -5,7 +5,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pd_editor.experiments.evaluation.road_condition import road_conditions
+from pd_editor.experiments.evaluation.evaluation_task import road_conditions
 from pd_editor.experiments.evaluation.scene_rows import ROW_SCHEMA
 from pd_editor.experiments.evaluation.summary import FAR_FROM_LANE, Summary, summarise
 

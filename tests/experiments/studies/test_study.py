@@ -13,7 +13,7 @@ from pd_editor.base.errors import InputError
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.evaluation.evaluation import scenes_of
-from pd_editor.experiments.evaluation.road_condition import (
+from pd_editor.experiments.evaluation.evaluation_task import (
     RoadCondition,
     road_conditions,
 )
@@ -25,17 +25,15 @@ from pd_editor.experiments.studies.outcomes import (
     severity_curves,
 )
 from pd_editor.experiments.studies.study_plan import (
-    StudyPlan,
-    grid_conditions,
-    study_items,
-)
-from pd_editor.experiments.studies.study_report import export_cases, worst_of_scenes
-from pd_editor.experiments.studies.variant_rows import (
     STUDY_AGENTS,
     STUDY_METRICS,
     VARIANTS_NAME,
+    StudyPlan,
+    grid_conditions,
     run_study,
+    study_items,
 )
+from pd_editor.experiments.studies.study_report import export_cases, worst_of_scenes
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from pd_editor.experiments.work_engine.work_engine import WorkProgress, progress_line
 from pd_editor.scene.av2_io.read import read_scenario

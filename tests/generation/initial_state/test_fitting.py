@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.editor.commands import traffic_command
-from pd_editor.generation.initial_state.fitting import (
+from pd_editor.generation.initial_state.placement_rules import ConflictSearch
+from pd_editor.generation.initial_state.squares import (
     colliding_with_kept,
     without_overlapping,
 )
-from pd_editor.generation.initial_state.placement_rules import ConflictSearch
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import (

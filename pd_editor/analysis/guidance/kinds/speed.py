@@ -23,12 +23,14 @@ from pd_editor.analysis.guidance.kinds.course import (
     LANE_REACH_M,
     GoalPoint,
     check_points,
+    cross_line,
+    crossing,
     lane_kinds,
     length_m,
     moved_points,
+    overrun_m,
     rounded,
 )
-from pd_editor.analysis.guidance.stop_line import cross_line, crossing, overrun_m
 from pd_editor.analysis.metrics.motion import kinematics
 from pd_editor.analysis.metrics.traffic_view import generated_traffic
 from pd_editor.base.errors import EditError

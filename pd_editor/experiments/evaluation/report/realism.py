@@ -20,9 +20,8 @@ from pd_editor.analysis.metrics.distribution_distance import (
 )
 from pd_editor.analysis.metrics.likelihoods import LIKELIHOODS, NUM_SAMPLES, meta_metric
 from pd_editor.analysis.metrics.values import METRICS, MetricValues, measured
-from pd_editor.experiments.evaluation.evaluation_task import EvaluationTask
+from pd_editor.experiments.evaluation.evaluation_task import PLAIN, EvaluationTask
 from pd_editor.experiments.evaluation.method import GROUND_TRUTH
-from pd_editor.experiments.evaluation.road_condition import PLAIN
 from pd_editor.experiments.evaluation.summary import (
     Estimate,
     mean_over_scenes,

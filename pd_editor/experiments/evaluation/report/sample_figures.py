@@ -12,14 +12,17 @@ import pyarrow.parquet as pq
 
 from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.experiments.evaluation.evaluation import Scene, scenes_of
-from pd_editor.experiments.evaluation.evaluation_task import DRIVING, EvaluationTask
+from pd_editor.experiments.evaluation.evaluation_task import (
+    DRIVING,
+    EvaluationTask,
+    RoadCondition,
+)
 from pd_editor.experiments.evaluation.method import (
     GROUND_TRUTH,
     Method,
     forget_generators,
 )
 from pd_editor.experiments.evaluation.report.realism import scene_test_of
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.scene_rows import (
     ROW_SCHEMA,
     SceneItem,

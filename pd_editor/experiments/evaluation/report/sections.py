@@ -18,22 +18,20 @@ from pd_editor.experiments.evaluation.evaluation import (
 from pd_editor.experiments.evaluation.evaluation_task import (
     SAMPLED_HALF_SIDE_M,
     EvaluationTask,
-)
-from pd_editor.experiments.evaluation.report.figures import (
-    PLACING_SHOWN,
-    SHOWN,
-    figures_of,
+    RoadCondition,
 )
 from pd_editor.experiments.evaluation.report.tables import (
     HEADLINES,
     PLACING_HEADLINES,
+    PLACING_SHOWN,
+    SHOWN,
     complete_tables,
     definition_table,
     difference_tables,
+    figures_of,
     headline_tables,
     road_tables,
 )
-from pd_editor.experiments.evaluation.road_condition import RoadCondition
 from pd_editor.experiments.evaluation.summary import COVERAGE, NUM_RESAMPLES, Summary
 from pd_editor.experiments.report import Report, ReportTable, Section, table_of_first
 from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION

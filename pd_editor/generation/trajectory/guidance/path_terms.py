@@ -17,8 +17,7 @@ from pd_editor.analysis.guidance.guidance_kind import (
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.path import FollowLane, FollowPath, way_plan
 from pd_editor.analysis.guidance.kinds.space import ROAD_STRIDE, StayOnRoad
-from pd_editor.analysis.guidance.pace import Rates
-from pd_editor.analysis.guidance.way_points import WayPlan, WayPoint
+from pd_editor.analysis.guidance.way_points import Rates, WayPlan, WayPoint
 from pd_editor.analysis.metrics.road import is_off_road, way_back_m
 from pd_editor.analysis.threats.encounter import Track
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion

@@ -13,13 +13,13 @@ from pd_editor.analysis.guidance.guidance_kind import (
     LIMIT_BRAKING_MPS2,
     MAX_BRAKING_MPS2,
 )
+from pd_editor.analysis.guidance.kinds.course import LINE_MARGIN_M
 from pd_editor.analysis.guidance.kinds.speed import (
     ComfortLimits,
     SpeedLimit,
     StopAtLine,
     TargetSpeed,
 )
-from pd_editor.analysis.guidance.stop_line import LINE_MARGIN_M
 from pd_editor.analysis.repair.state_repairs import STANDING_GAP_M
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.target_motion import (

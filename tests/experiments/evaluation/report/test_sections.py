@@ -17,9 +17,8 @@ from pd_editor.experiments.evaluation.evaluation import (
     scenes_of,
     splits_of,
 )
-from pd_editor.experiments.evaluation.report.figures import SHOWN, figures_of
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
-from pd_editor.experiments.evaluation.report.tables import named
+from pd_editor.experiments.evaluation.report.tables import SHOWN, figures_of, named
 from pd_editor.experiments.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.experiments.evaluation.summary import Summary, summarise
 from tests.experiments.evaluation.small_dataset import OneByOne, plan_for, write_dataset
