@@ -32,8 +32,6 @@ from pd_editor.experiments.synthesis.realism_report import (
     scenario_folders,
 )
 
-_MAX_REASONS = 5
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Synthesis:
@@ -59,7 +57,7 @@ class Synthesis:
             lines.append(f"{self.num_requested} windows were asked for.")
         if failures:
             lines.append(f"{len(failures)} networks failed:")
-            lines += [f"  {failures[key]}" for key in sorted(failures)[:_MAX_REASONS]]
+            lines += [f"  {failures[key]}" for key in sorted(failures)[:5]]
         return "\n".join(lines)
 
 

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 REPORT_PAGE: Final = "report.html"
 NONE: Final = "-"
 """A cell without a value."""
-_TEMPLATE: Final = "report.html.jinja"
 _MARKS: Final = (
     (re.compile(r"\*\*(.+?)\*\*"), r"<b>\1</b>"),
     (re.compile(r"\*(\w+)\*"), r"<i>\1</i>"),
@@ -90,7 +89,7 @@ class Report:
             "marked": _marked,
             "base64": lambda data: base64.b64encode(data).decode(),
         }
-        return environment.get_template(_TEMPLATE).render(report=self)
+        return environment.get_template("report.html.jinja").render(report=self)
 
     def write(self, folder: Path, name: str = "report") -> tuple[Path, Path]:
         """Write both files; returns their paths.

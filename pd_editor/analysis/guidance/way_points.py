@@ -29,7 +29,6 @@ from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 _TRIED_SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 """How far rates go from usual ones to the hardest, until what is asked for is met."""
-_FOREVER_S: Final = 1e4
 
 _Leg = tuple[float, float]
 """Duration and acceleration."""
@@ -110,7 +109,7 @@ def pace_of(asks: Sequence[Ask], first_mps: float, rates: Rates) -> Pace:
     for ask, following in zip(asks, [*asks, None][1:], strict=True):
         time, along, speed = nodes[-1]
         gap = max(ask.along_m - along, 0.0)
-        release = -1.0 if ask.release_s is None else min(ask.release_s, _FOREVER_S)
+        release = -1.0 if ask.release_s is None else min(ask.release_s, 1e4)
         left = None if ask.at_s is None else ask.at_s - time
         if release > time + gap / max(speed, after_wait or 0.0, 0.1):
             _drive(nodes, _legs(gap, speed, 0.0, left, rates)[0])

@@ -114,7 +114,6 @@ def _midline(crosswalk: Crosswalk) -> Float[np.ndarray, "N 2"]:
 
 MAX_WAY_TO_ROAD_M: Final = 5.0
 """Largest distance over which an agent is moved back onto the road."""
-_EXIT_BEHIND_M: Final = 6.0
 _EXIT_AHEAD_M: Final = 60.0
 """Drivable areas often extend past the last lane by up to this length."""
 _EXIT_HALF_WIDTH_M: Final = 4.0
@@ -255,7 +254,7 @@ def _through(
     ahead, aside = offsets_from(points, ways, path[:, 1])
     along = moved @ ways.T
     is_through = (
-        (ahead > -_EXIT_BEHIND_M)
+        (ahead > -6.0)
         & (ahead < _EXIT_AHEAD_M)
         & (np.abs(aside) < _EXIT_HALF_WIDTH_M)
         & (along > _EXIT_COSINE * np.linalg.norm(moved, axis=-1)[:, None])

@@ -34,7 +34,6 @@ AgentsChoice = Literal["all", "paper"]
 
 SAMPLED_HALF_SIDE_M: Final = 62.0
 """Half the side of the square around the focal agent in which states are sampled."""
-BOUNDARY_M = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +116,7 @@ def paper_init_agents(view: TrafficView) -> Bool[np.ndarray, "A"]:
     points = map_points(view.scenario.road_map)
     in_lane = np.zeros(len(view), bool)
     for targets, reach in (
-        (points.boundary_m, BOUNDARY_M),
+        (points.boundary_m, 2.0),
         (points.center_m, OFF_LANE_M),
     ):
         if len(targets):

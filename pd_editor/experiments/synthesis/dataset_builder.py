@@ -45,7 +45,6 @@ from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import replace_folder
 
-MIN_DURATION_S: Final = 30.0
 MAX_DURATION_S: Final = 160.0
 
 
@@ -114,8 +113,8 @@ def make_network(item: NetworkItem) -> NetworkFiles:
 
 
 def _recording(item: NetworkItem) -> Recording:
-    # Duration by which each window lengthens a recording.
-    wanted_s = MIN_DURATION_S + 2.0 * item.num_windows
+    # Least duration, and that by which each window lengthens a recording.
+    wanted_s = 30.0 + 2.0 * item.num_windows
     duration_s = min(wanted_s, MAX_DURATION_S)
     if item.city_folder is not None:
         return simulate_city(item.city_folder, item.seed, duration_s=duration_s)
@@ -189,10 +188,8 @@ class DatasetFolder(ResumableFolder):
 WINDOWS_PER_SHARD: Final = 80
 FOLDERS_PER_NETWORK: Final = 20
 """Scenario folders per network; fewer than in a shard, for a greater variety of roads."""
-_MAX_ROUNDS: Final = 8
 _MAX_NUM: Final = 1_000_000
 _MAX_SEED: Final = 20_000
-_SEEDS_PER_CORPUS: Final = 100_000
 
 
 @lru_cache(maxsize=8)
@@ -322,7 +319,7 @@ def build_dataset(
     networks: dict[str, NetworkRecord] = {}
     failures: dict[str, str] = {}
     num_resumed = num_planned = 0
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(8):
         missing = plan.num - sum(one.num_windows for one in networks.values())
         usable = [one for one in places if not _is_hopeless(one, plan, failures)]
         if missing <= 0 or (places and not usable):
@@ -380,7 +377,7 @@ def _items(
             family=family,
             map_folder=place if plan.maps else None,
             city_folder=place if plan.networks else None,
-            seed=plan.seed * _SEEDS_PER_CORPUS + index,
+            seed=plan.seed * 100_000 + index,
             num_windows=num_windows // count + (number < num_windows % count),
             as_shard=plan.as_shards,
             with_noise=plan.with_noise,

@@ -70,7 +70,6 @@ from pd_editor.generation.trajectory.sampler import (
     sample_trajectories,
 )
 
-_ROAD_STRIDE: Final = 4
 _ON_ROAD_M: Final = 0.5
 """Centres count as off the road that are nearer to its edge."""
 
@@ -174,7 +173,7 @@ def off_road_m(
     decoder: TrajectoryDecoder, latent: Float[Tensor, "S B A 10"], scene: SceneTensors
 ) -> Float[Tensor, "S B A"]:
     """Mean distance in time off the drivable area of vehicles that are on it now."""
-    x, y, _ = _motion(decoder, latent, scene.agent_speed, _ROAD_STRIDE)
+    x, y, _ = _motion(decoder, latent, scene.agent_speed, 4)
     forward = torch.polar(torch.ones_like(scene.agent_speed), scene.agent_pose[..., 2])
     place = torch.complex(*scene.agent_pose[..., :2].unbind(-1))
     # [S B A T], then a last axis for the pieces of the boundary.

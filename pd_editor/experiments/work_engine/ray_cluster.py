@@ -31,8 +31,6 @@ Value = TypeVar("Value")
 
 LOCAL_ADDRESS: Final = "local"
 """Address that starts a cluster on this machine for the time of the run."""
-_LEAST_WAITING: Final = 8
-_PROBE_S: Final = 5.0
 _TOKEN_FILE: Final = Path(".ray/auth_token")
 """Below the home folder; ``ray get-auth-token --generate`` writes it."""
 
@@ -103,7 +101,7 @@ class RayCluster:
             return self.num_workers
         cores = int(ray.cluster_resources().get("CPU", 1))
         # Tasks submitted per core, so that no core waits for the caller.
-        return max(cores * 2, _LEAST_WAITING)
+        return max(cores * 2, 8)
 
     @contextmanager
     def connected(self) -> Iterator[Any]:
@@ -152,7 +150,7 @@ class RayCluster:
         """Raise at once if nothing listens; Ray itself would try for minutes."""
         host, _, port = (self.address or "").removeprefix("ray://").rpartition(":")
         if host and port.isdecimal():
-            socket.create_connection((host.strip("[]"), int(port)), _PROBE_S).close()
+            socket.create_connection((host.strip("[]"), int(port)), 5.0).close()
 
 
 def _result_in(

@@ -197,8 +197,6 @@ def run_items(
 
 WORKER_MARK: Final = "PD_EDITOR_WORKER"
 """Environment variable of workers that are not children of this process."""
-_GRACE_SHARE: Final = 0.5
-_LEAST_GRACE_S: Final = 5.0
 
 
 class TimeLimitError(GenerationError):
@@ -230,9 +228,7 @@ def time_limit(limit_s: float | None) -> Iterator[None]:
         return
 
     before = signal.signal(signal.SIGALRM, stop)
-    watchdog = threading.Timer(
-        limit_s + max(_GRACE_SHARE * limit_s, _LEAST_GRACE_S), os._exit, (1,)
-    )
+    watchdog = threading.Timer(limit_s + max(0.5 * limit_s, 5.0), os._exit, (1,))
     watchdog.daemon = True
     if multiprocessing.parent_process() is not None or WORKER_MARK in os.environ:
         watchdog.start()

@@ -3,7 +3,6 @@
 import contextlib
 import functools
 from collections.abc import Iterator, Sequence
-from typing import Final
 
 import torch
 from jaxtyping import Bool
@@ -11,8 +10,6 @@ from torch import Tensor, nn
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.defaults import DeviceName
-
-_ROWS_PER_THREAD: Final = 256
 
 
 def sampling_device(name: DeviceName) -> torch.device:
@@ -73,7 +70,7 @@ def threads_for(num_rows: int) -> Iterator[None]:
     They are so short that waiting for other threads would dominate.
     """
     usual = _usual_threads()
-    torch.set_num_threads(min(usual, 1 + num_rows // _ROWS_PER_THREAD))
+    torch.set_num_threads(min(usual, 1 + num_rows // 256))
     try:
         yield
     finally:

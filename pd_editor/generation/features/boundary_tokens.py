@@ -23,8 +23,6 @@ where pieces run the other way, since the drivable area stays on their left."""
 
 _CLOSED_GAP_M: Final = 0.3
 """Areas nearer to each other than twice this are merged: maps have gaps between them."""
-_LEAST_HOLE_M2: Final = 4.0
-_LEAST_PART_M2: Final = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,13 +96,12 @@ def _rings(road_map: RoadMap) -> list[Float[np.ndarray, "N 2"]]:
     closed = shapely.buffer(closed, -_CLOSED_GAP_M, join_style="mitre")
     rings: list[np.ndarray] = []
     for part in shapely.get_parts(closed):
-        if part.area < _LEAST_PART_M2:
+        # Small parts and holes are left out.
+        if part.area < 20.0:
             continue
         ground_left = shapely.geometry.polygon.orient(part)
         holes = [
-            one
-            for one in ground_left.interiors
-            if shapely.Polygon(one).area >= _LEAST_HOLE_M2
+            one for one in ground_left.interiors if shapely.Polygon(one).area >= 4.0
         ]
         rings += [
             np.asarray(one.coords)[:, :2] for one in (ground_left.exterior, *holes)

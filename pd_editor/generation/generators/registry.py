@@ -45,7 +45,6 @@ SHIPPED_MODEL: Final = "path-diffuser"
 """The default among the shipped models."""
 MODEL_CONFIG: Final = "config.json"
 """The file that makes a folder a model."""
-_WEIGHTS_PATTERN: Final = "*.safetensors"
 USUAL_WARP_SHARE: Final = 0.3
 """Share of warped roads in trainings before it was recorded."""
 
@@ -275,7 +274,7 @@ def _damage(folder: Path) -> str:
         return f"{MODEL_CONFIG} is not readable JSON"
     except (LookupError, TypeError):
         return f"{MODEL_CONFIG} lists no stages"
-    files = sorted(folder.glob(_WEIGHTS_PATTERN))
+    files = sorted(folder.glob("*.safetensors"))
     if not files:
         return "the weights (*.safetensors) are missing"
     for name, stage in stages.items():

@@ -23,8 +23,6 @@ from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS, PARKED_OFFSET_M
 
-_EVERY_STEPS: Final = 2
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeptPaths:
@@ -38,7 +36,7 @@ class KeptPaths:
     def of(cls, scenario: Scenario, generated_ids: Collection[str]) -> "KeptPaths":
         """All agents that move later, but those whose trajectories are generated."""
         agents, now = scenario.agents, scenario.current_step
-        steps = np.arange(now, agents.num_steps, _EVERY_STEPS)
+        steps = np.arange(now, agents.num_steps, 2)
         speed = np.hypot(*np.moveaxis(agents.velocity_mps[:, steps], -1, 0))
         moves = (agents.is_valid[:, steps] & (speed >= MOVING_MPS)).any(axis=1)
         generated = agents.rows(tuple(generated_ids))

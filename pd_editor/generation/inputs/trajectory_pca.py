@@ -16,7 +16,6 @@ NUM_ACROSS: Final = LATENT_SIZE - NUM_ALONG
 MIRRORED_LATENT_SIGNS: Final = (1.0,) * NUM_ALONG + (-1.0,) * NUM_ACROSS
 """Signs of the latents of a mirrored trajectory."""
 
-_LEAST_SCALE_M: Final = 0.05
 _CHORD_STEPS: Final = 2
 _TURNS_FROM_M: Final = 0.25
 """Least length of a chord that defines a heading."""
@@ -59,7 +58,7 @@ class TrajectoryBasis:
             mean_m=mean,
             along=along,
             across=across,
-            scale_m=np.maximum(scale, _LEAST_SCALE_M),
+            scale_m=np.maximum(scale, 0.05),
         )
 
     @property

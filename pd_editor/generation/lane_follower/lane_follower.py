@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Generator, Iterator
-from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -24,8 +23,6 @@ from pd_editor.scene.generation import (
     TrafficSample,
 )
 from pd_editor.scene.thresholds import MOVING_MPS
-
-STEPS_PER_REPORT: Final = 10
 
 
 class LaneFollower:
@@ -107,7 +104,7 @@ def _reports(
 ) -> Iterator[GenerationProgress]:
     total = max(request.scenario.time_axis.num_future_steps, 1)
     for step in steps:
-        if step % STEPS_PER_REPORT == 0:
+        if step % 10 == 0:
             yield GenerationProgress(
                 fraction=(sample + step / total) / request.num_samples,
                 message=f"Sample {sample + 1} of {request.num_samples}",

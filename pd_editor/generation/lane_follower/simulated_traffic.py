@@ -188,7 +188,6 @@ TIME_MARGIN_S: Final = 2.0
 """A driver does not yield to agents that leave the zone this long before it enters."""
 _MERGING_RAD: Final = np.radians(30)
 _LEAST_MPS: Final = 0.5
-_STOPS_WITHIN_MPS2: Final = 6.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -274,7 +273,7 @@ def yielding_acceleration(
     is_inside = (other_to_go <= 0) & (other_to_leave > 0) & ~crossings.is_merge
     comes = (theirs > _LEAST_MPS) & (other_to_go > 0)
     later = (arrival > other_arrival) | ((arrival == other_arrival) & (row > other))
-    can_stop = to_go > mine**2 / (2 * _STOPS_WITHIN_MPS2)
+    can_stop = to_go > mine**2 / (2 * 6.0)
     yields = (is_inside | (comes & later)) & (to_go > 0) & can_stop
     yields &= arrival < other_gone + TIME_MARGIN_S
     gap = np.where(yields, to_go + 1.0, np.inf)

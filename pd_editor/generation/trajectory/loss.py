@@ -18,7 +18,6 @@ from pd_editor.scene.thresholds import STANDING_MPS
 
 _MOST_OVERLAP_LEVEL: Final = 0.5
 """Above this level predictions are means over modes, which may overlap."""
-_NUM_TIMES: Final = 12
 _DISCS: Final = (-1.0, 0.0, 1.0)
 HELD_M: Final = 0.2
 """An agent that moves less between two steps keeps its heading."""
@@ -244,7 +243,7 @@ def _disc_centers(
     size: Float[Tensor, "G 2"],
 ) -> tuple[Float[Tensor, "S G T D"], Float[Tensor, "S G T D"]]:
     """Centres of the discs along each box, in the frame of its agent's current pose."""
-    steps = torch.linspace(0, decoder.num_steps, _NUM_TIMES + 1, device=latent.device)
+    steps = torch.linspace(0, decoder.num_steps, 13, device=latent.device)
     x, y = decoder.points(latent, speed, steps[1:].long() - 1)
     ahead_x = torch.diff(x, dim=-1, prepend=torch.zeros_like(x[..., :1])) + HELD_M
     ahead_y = torch.diff(y, dim=-1, prepend=torch.zeros_like(y[..., :1]))

@@ -26,7 +26,6 @@ from pd_editor.scene.signals import closed_lines
 
 _STRIDE: Final = 2
 """Stride of the steps at which boxes are compared."""
-_MAX_ROUNDS: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +53,7 @@ def select_jointly(
     num_choices = len(choices.position_m)
     pairs, conflicts = _conflicts(choices, is_sampled)
     choice = np.zeros(len(is_sampled), int)
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(4):
         now = conflicts[np.arange(len(pairs)), choice[pairs[:, 0]], choice[pairs[:, 1]]]
         changed = False
         for row in np.unique(pairs[now > 0]):

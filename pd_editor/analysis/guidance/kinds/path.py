@@ -68,7 +68,6 @@ MAX_DRAWN_POINTS: Final = 60
 """A line that is drawn by hand is simplified to so many points."""
 _LEAST_PATH_M: Final = 3.0
 _LANE_TOLERANCE_M: Final = 0.2
-_ON_LANE_M: Final = 0.05
 _GRID_M: Final = 0.5
 
 POINT_FORMS: Final[Mapping[str, Form]] = {
@@ -332,7 +331,7 @@ def _along_lanes(
     ends = np.array([before_m, after_m])
     found = nearest_lanes(scenario.road_map, ends, kinds=kinds)
     first, last = found.lane_id.tolist()
-    if not found.is_valid.all() or found.distance_m.max() > _ON_LANE_M:
+    if not found.is_valid.all() or found.distance_m.max() > 0.05:
         return []
     chain = lane_chain(scenario.road_map, first, last, kinds=kinds)
     line = None if chain is None else lane_line(scenario.road_map, chain)

@@ -188,7 +188,6 @@ JOINT_METRICS: Final = (
     "width",
 )
 """Features of the maximum mean discrepancy: those of Scenario Dreamer."""
-_MOST_AGENTS: Final = 2000
 _KEYS: Final = ("scenario_id", "method", "sample", "agent_id")
 
 
@@ -251,7 +250,7 @@ class _Rows:
     ) -> tuple[Float[np.ndarray, "N F"], np.ndarray]:
         """``JOINT_METRICS`` of evenly chosen agents that have all, and their scenes."""
         rows = np.flatnonzero(which & self._states_count)
-        rows = rows[:: len(rows) // _MOST_AGENTS + 1]
+        rows = rows[:: len(rows) // 2000 + 1]
         found = [
             np.concatenate([self.columns[name][row] for name in JOINT_METRICS])
             for row in rows

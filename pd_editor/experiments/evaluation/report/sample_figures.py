@@ -50,15 +50,12 @@ PLACING_FIGURES: Final = (
     "speed",
     "standing",
 )
-SCENE_TEST: Final = "scene_test"
-NUM_FAILED: Final = "failed_scenes"
 _SAMPLED: Final = "samples"
 _RECORDED: Final = "recorded"
 _PLAIN_ROAD: Final = RoadCondition()
 _MODEL: Final = "model:raw=1"
 """Without guidance and repair, which would hide what the network has not learnt."""
 _METHODS: Final = (GROUND_TRUTH, _MODEL)
-_GROUP: Final = "movers"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +100,7 @@ class FigureScenes:
             tables.append(found.table)
         forget_generators()
         figures = self._summarised(pa.concat_tables(tables))
-        figures[_SAMPLED][NUM_FAILED] = float(num_failed)
+        figures[_SAMPLED]["failed_scenes"] = float(num_failed)
         return figures
 
     def _summarised(self, table: pa.Table) -> dict[str, dict[str, float]]:
@@ -121,12 +118,12 @@ class FigureScenes:
                 splits = tuple(dict.fromkeys(scene.split for scene in self.scenes))
                 test = scene_test_of(rows, _MODEL, splits)
                 if test is not None:
-                    found[_SAMPLED][SCENE_TEST] = test.auc
+                    found[_SAMPLED]["scene_test"] = test.auc
             return found
 
     def _means(self, summary: Summary, method: int) -> dict[str, float]:
         shown = PLACING_FIGURES if self.task.samples_states else DRIVING_FIGURES
-        group = summary.groups.index(_GROUP)
+        group = summary.groups.index("movers")
         means = {
             name: float(summary.statistics[name].mean.value[method, 0, group])
             for name in shown

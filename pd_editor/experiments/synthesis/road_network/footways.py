@@ -16,7 +16,6 @@ OUTSIDE_M: Final = 1.7
 """Distance of a footway's centre line from the edge of the drivable area or of a lane."""
 RIM_M: Final = 6.0
 """Length by which roads extend beyond the ends of a map's lanes."""
-RIM_HALF_WIDTH_M: Final = 4.0
 SMOOTH_M: Final = 1.5
 """Smaller details of an edge are smoothed."""
 MIN_LENGTH_M: Final = 15.0
@@ -87,7 +86,7 @@ def _rims(road_map: RoadMap) -> list[shapely.Geometry]:
         return []
     beyond = np.stack(starts) + RIM_M * unit_vector(heading_of(np.stack(ways)))
     return [
-        shapely.LineString([start, end]).buffer(RIM_HALF_WIDTH_M, cap_style="flat")
+        shapely.LineString([start, end]).buffer(4.0, cap_style="flat")
         for start, end in zip(starts, beyond, strict=True)
     ]
 

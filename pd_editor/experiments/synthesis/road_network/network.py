@@ -61,7 +61,6 @@ TAPER_M: Final = 22.0
 """Length over which an additional lane opens or closes."""
 _JUNCTION_M: Final = 14.0
 """Approximate length of street ends that a junction occupies."""
-_MIN_BAY_M: Final = 12.0
 _CLEAR_M: Final = 15.0
 """Least distance between centre lines of streets away from their junctions."""
 _NEAR_JUNCTION_M: Final = 23.0
@@ -202,7 +201,7 @@ class NetworkBuilder:
         room_m = length / 2 - _JUNCTION_M - TAPER_M
         bay_m = min(bay_m, room_m)
         opens_m = length - _JUNCTION_M - bay_m - TAPER_M
-        if bay_m < _MIN_BAY_M:
+        if bay_m < 12.0:
             self.one_way(start, end, left_m, strips, speed, priority)
             return
         before, taper, after = split(left_m, [opens_m, opens_m + TAPER_M])

@@ -34,8 +34,6 @@ from pd_editor.experiments.synthesis.road_network.streets import (
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at
 
-_RAMP_MPS: Final = 11.0
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Side:
@@ -202,10 +200,9 @@ def _ramp(
         ends, line = (node, f"{side.name}.off"), between_poses(*end, street, across)
     else:
         ends, line = (f"{side.name}.on", node), between_poses(street, -across, *end)
-    builder.one_way(*ends, line, (side.lane,), _RAMP_MPS)
+    builder.one_way(*ends, line, (side.lane,), 11.0)
 
 
-_SLIP_MPS: Final = 8.5
 _SLIP_RAD: Final = 0.2
 """Angle between a street and the slip lane where it diverges or merges."""
 _ISLAND_M: Final = 0.8
@@ -305,7 +302,7 @@ def _slip(
     line = between_poses(
         start, _turned(ahead, -_SLIP_RAD), end, _turned(onward, _SLIP_RAD)
     )
-    slip = builder.one_way(*ends, line, (lane,), _SLIP_MPS)
+    slip = builder.one_way(*ends, line, (lane,), 8.5)
     builder.connect(slip, f"join{out}-far{out}", (lane,), [(0, 0)])
     builder.removed.append((f"fork{leg}-c", f"c-join{out}"))
 

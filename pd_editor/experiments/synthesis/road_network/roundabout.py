@@ -27,12 +27,10 @@ from pd_editor.experiments.synthesis.road_network.streets import (
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import offset_line
 
-_RING_SPACING_M: Final = 2.0
 _ENTRY_RAD: Final = np.radians(48.0)
 """Angle between the ring and an entry or exit."""
 _RADII_M: Final = {3: (17.0, 24.0), 4: (23.0, 28.0)}
 """Range of the radius of the ring's left edge, by its number of legs."""
-_MEDIAN_M: Final = 0.8
 _CLEAR_M: Final = 2.5
 """Distance between the ring and the ends of entries."""
 
@@ -95,7 +93,7 @@ def _arcs(builder: NetworkBuilder, angles: Float[np.ndarray, "L"], ring: Ring) -
     for k, (start, first) in enumerate(places):
         end, last = places[(k + 1) % len(places)]
         sweep = (last - first) % (2 * np.pi) - 2 * ring.half_gap_rad
-        count = max(int(sweep * ring.radius_m / _RING_SPACING_M), 3)
+        count = max(int(sweep * ring.radius_m / 2.0), 3)
         at = first + ring.half_gap_rad + np.linspace(0.0, sweep, count)
         arc = ring.radius_m * unit_vector(at)
         edges.append(builder.one_way(start, end, arc, ring.strips, 7.5, priority=3))
@@ -142,7 +140,7 @@ def _link(
     at = angle + side * ring.half_opening_rad
     name = f"{'in' if enters else 'out'}{leg}"
     builder.node(name, ring.middle_m() * unit_vector(at))
-    line = offset_line(street[::-side], -_MEDIAN_M / 2)
+    line = offset_line(street[::-side], -0.8 / 2)
     at = at - side * 1.3 * ring.half_gap_rad
     point = (ring.radius_m + ring.width_m + _CLEAR_M) * unit_vector(at)
     around, inward = unit_vector(at + np.pi / 2), -side * unit_vector(at)

@@ -209,9 +209,6 @@ class Carriageway:
         return sum(strip.width_m for strip in self.strips())
 
 
-_LANE_WIDTH_M: Final = 3.3
-_LANE_SPREAD_M: Final = 0.3
-_LANE_WIDTHS_M: Final = (2.75, 4.1)
 _SIDEWALK_M: Final = 2.5
 _CORNER_M: Final = 3.3
 _CORNER_SPREAD: Final = 0.8
@@ -307,8 +304,8 @@ def crossing_width_m(random: np.random.Generator) -> float:
 
 
 def _width(random: np.random.Generator) -> float:
-    width = random.normal(_LANE_WIDTH_M, _LANE_SPREAD_M)
-    return round(float(np.clip(width, *_LANE_WIDTHS_M)), 2)
+    width = random.normal(3.3, 0.3)
+    return round(float(np.clip(width, 2.75, 4.1)), 2)
 
 
 def _sampled_width(

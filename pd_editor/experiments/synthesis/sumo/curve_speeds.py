@@ -24,8 +24,6 @@ REACH: Final = 3
 
 LEAST_SPEED_MPS: Final = 2.5
 
-_AFOOT: Final = ("crossing", "walkingarea")
-
 
 def curve_speed_mps(
     shape_m: Float[np.ndarray, "N 2"], lateral_mps2: float = LATERAL_MPS2
@@ -65,7 +63,7 @@ def _limit_speeds(root: ElementTree.Element) -> None:
     lanes = {
         lane.attrib["id"]: lane
         for edge in root.iter("edge")
-        if edge.get("function") not in _AFOOT
+        if edge.get("function") not in ("crossing", "walkingarea")
         for lane in edge.iter("lane")
     }
     shapes = {name: _shape(lane) for name, lane in lanes.items()}

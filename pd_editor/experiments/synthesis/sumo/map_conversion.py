@@ -49,7 +49,6 @@ _SHARES: Final[Mapping[str, Mapping[LaneMark, float]]] = {
 }
 """Shares of markings between the directions of a road, beside a median, on the left of a
 one-way street, and on the right."""
-_PAINTED_M: Final = 1.0
 _WIDEST_MEDIAN_M: Final = 8.0
 """Widest median between the directions of one road."""
 _SPACING_M: Final = 3.0
@@ -92,7 +91,7 @@ def sample_lane_markings(
     middle: dict[str, LaneMark] = {}
     kerb: dict[str, LaneMark] = {}
     for edge, (other, gap_m) in _opposites(net).items():
-        if gap_m < _PAINTED_M:
+        if gap_m < 1.0:
             middle[edge] = middle.get(other) or _sampled("two-way", random)
         else:
             beside = "median" if gap_m < _WIDEST_MEDIAN_M else "one-way"
@@ -148,10 +147,6 @@ _MEDIAN_M: Final = 22.0
 _SPREAD: Final = 0.92
 """Standard deviation of the logarithm of the length."""
 _LEAST_M: Final = 1.5
-_MOST_M: Final = 150.0
-FIRST_LANE_ID: Final = 1000
-FIRST_CROSSWALK_ID: Final = 1
-FIRST_AREA_ID: Final = 500
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,7 +167,7 @@ def edge_cuts(net: SumoNet, random: np.random.Generator) -> dict[str, list[float
         at, fractions = 0.0, []
         while True:
             step = _MEDIAN_M * np.exp(_SPREAD * random.normal())
-            at += float(np.clip(step, _LEAST_M, _MOST_M))
+            at += float(np.clip(step, _LEAST_M, 150.0))
             if at > length - _LEAST_M:
                 break
             fractions.append(at / length)
@@ -230,7 +225,7 @@ def net_road_map(
         chain_sections(chain, line, cuts.get(chain.main.edge, []))
         for chain, line in zip(chains.chains, lines, strict=True)
     ]
-    first_id = FIRST_LANE_ID + np.concatenate(
+    first_id = 1000 + np.concatenate(
         [[0], np.cumsum([len(cut.parts) for cut in sections])]
     )
     ids = [
@@ -246,8 +241,8 @@ def net_road_map(
     bays = sample_parking_bays(lanes, random, bay_share)
     road_map = RoadMap(
         lanes=lanes,
-        crosswalks=net.crosswalks(FIRST_CROSSWALK_ID),
-        drivable_areas=drivable_areas(net, lanes, bays, FIRST_AREA_ID),
+        crosswalks=net.crosswalks(1),
+        drivable_areas=drivable_areas(net, lanes, bays, 500),
     )
     return NetRoadMap(
         road_map=road_map,

@@ -38,7 +38,6 @@ class _BayKind:
     """Range of their angle to the lane."""
 
 
-_PERPENDICULAR_SHARE: Final = 0.25
 _PERPENDICULAR: Final = _BayKind(pitch_m=2.75, aside_m=(1.6, 5.0))
 _ANGLED: Final = _BayKind(pitch_m=3.5, aside_m=(1.2, 3.2), angle_deg=(-60.0, -42.0))
 
@@ -88,7 +87,7 @@ def sample_parking_bays(
     for lane in kerb_lanes(lanes):
         if random.random() >= share:
             continue
-        is_perpendicular = random.random() < _PERPENDICULAR_SHARE
+        is_perpendicular = random.random() < 0.25
         kind = _PERPENDICULAR if is_perpendicular else _ANGLED
         length = float(arc_length(lane.right_m)[-1])
         if length < 2 * END_M + MIN_LENGTH_M:

@@ -15,7 +15,6 @@ from pd_editor.base.errors import InputError, SynthesisError
 from pd_editor.scene.formats.sumo_net import SumoNet, read_sumo_net
 from pd_editor.scene.formats.xml_file import Place, added, parse_xml
 
-_CONFIGS: Final = (".sumocfg", ".sumo.cfg")
 _FILES: Final = ("net-file", "additional-files", "route-files")
 _DEMAND: Final = (
     "vehicle", "trip", "person", "flow", "personFlow", "route", "routeDistribution",
@@ -115,7 +114,11 @@ def _named_files(folder: Path) -> list[Path]:
     found: list[Path] = []
     failure: InputError | None = None
     try:
-        configs = [one for one in sorted(os.listdir(folder)) if one.endswith(_CONFIGS)]
+        configs = [
+            one
+            for one in sorted(os.listdir(folder))
+            if one.endswith((".sumocfg", ".sumo.cfg"))
+        ]
     except OSError as error:
         raise InputError(
             f"{folder}: is no folder that can be read ({error})."

@@ -192,8 +192,6 @@ ACCEL_OVER_SPEED: Final = (
 )  # fmt: skip
 """Factor of the acceleration at a speed in m/s."""
 
-PEDESTRIAN_SIZE_M: Final = (0.65, 0.7)
-
 
 @dataclass(frozen=True, kw_only=True)
 class SampledType:
@@ -268,8 +266,7 @@ def sample_vehicle_type(
 def sample_pedestrian_type(type_id: str, random: np.random.Generator) -> SampledType:
     """Sample a pedestrian with a walking speed."""
     size = tuple(
-        float(np.clip(random.normal(mean, 0.08), 0.45, 1.0))
-        for mean in PEDESTRIAN_SIZE_M
+        float(np.clip(random.normal(mean, 0.08), 0.45, 1.0)) for mean in (0.65, 0.7)
     )
     attributes = {
         "id": type_id,

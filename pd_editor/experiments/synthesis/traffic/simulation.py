@@ -50,16 +50,12 @@ WARM_UP_S: Final = 20.0
 LATERAL_RESOLUTION_M: Final = 0.6
 """Lateral resolution of SUMO's sublane model."""
 
-SLOW_MPS: Final = 2.0
 JAM_SHARE: Final = 0.42
 """Share of slow time above which the demand exceeds the capacity of the roads."""
-MAX_RETRIES: Final = 2
 
 JAM_S: Final = 90.0
 """Vehicles that wait longer at the head of a lane are removed."""
 LEAST_GREEN_S: Final = 7.0
-
-PROGRAM_ID: Final = "sampled"
 
 
 def simulate(
@@ -81,7 +77,7 @@ def simulate(
     graph = read_traffic_graph(network.net_file)
     random = np.random.default_rng(seed)
     tracks, signals = _traffic(network, graph, options, duration_s, seed, random)
-    for _ in range(MAX_RETRIES):
+    for _ in range(2):
         if _slow_share(tracks) <= JAM_SHARE:
             break
         # The flow is reduced by this factor.
@@ -156,7 +152,7 @@ def _slow_share(tracks: TrafficTracks) -> float:
     if not rows.any():
         return 0.0
     speed = np.linalg.norm(tracks.velocity_mps[rows], axis=1)
-    return float((speed < SLOW_MPS).mean())
+    return float((speed < 2.0).mean())
 
 
 def run_traffic(
@@ -262,7 +258,7 @@ def _plan(
         {
             "id": light.attrib["id"],
             "type": "actuated" if is_actuated else "static",
-            "programID": PROGRAM_ID,
+            "programID": "sampled",
             "offset": f"{random.uniform(0.0, 60.0):.0f}",
         },
     )

@@ -81,7 +81,6 @@ from pd_editor.generation.inputs.scene_batch import SceneTensors
 
 _NUM_TOKEN_FEATURES: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8
-_NUM_ERROR_LEVELS: Final = 21
 NUM_ATTRIBUTE_CODES: Final = CONDITIONED_YES + 1
 """Number of codes of an attribute: not set, no, yes."""
 
@@ -269,7 +268,7 @@ class InitialStateDenoiser(nn.Module):
         self.register_buffer(
             "state_moments", torch.tensor(moments, dtype=torch.float32)
         )
-        errors = torch.zeros(_NUM_ERROR_LEVELS, len(spread))
+        errors = torch.zeros(21, len(spread))
         self.register_buffer("clean_variance", errors)
 
     @property

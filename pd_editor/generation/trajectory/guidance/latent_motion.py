@@ -5,7 +5,6 @@ and y of the others, so that derivatives and least squares need tables only.
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -213,9 +212,6 @@ def _derivatives(
     return torch.stack([values, rate, values @ fits.mT])
 
 
-_LEAST_WAY_M: Final = 0.1
-
-
 def depth_m(
     offset_m: Float[Tensor, "*N 2"],
     heading_rad: tuple[Float[Tensor, "*#N"], Float[Tensor, "*#N"]],
@@ -334,7 +330,7 @@ class BoxTracks:
         """
         count = len(self.step)
         way = self.along_m[sample, own].gather(1, last.clamp(0, count - 1))
-        way = way.clamp_min(_LEAST_WAY_M)
+        way = way.clamp_min(0.1)
         speed, time = self.speed_mps[sample, own][:, None], self.time_s
         slows = 2 * (speed * time - way) / time.square().clamp_min(0.01)
         braking = torch.where(2 * way < speed * time, speed.square() / (2 * way), slows)

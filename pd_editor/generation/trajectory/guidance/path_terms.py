@@ -45,9 +45,6 @@ from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_fo
 from pd_editor.scene.paths.driving_paths import DrivingPaths
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
-_SAME_GOAL_M: Final = 0.5
-_ROUNDS: Final = 2
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathTerm(AgentsTerm):
@@ -104,7 +101,7 @@ class PathTerm(AgentsTerm):
             pace, motion.velocity_mps[:, self.agents, 0].norm(dim=-1), motion.step_s
         )
         slowed = pace
-        for _ in range(_ROUNDS):
+        for _ in range(2):
             slowed = distances(
                 braked_in_time(
                     speed.minimum(self._limits(slowed)),
@@ -275,7 +272,7 @@ class GoalTerm(AgentsTerm):
         least = speed * braking_s - MAX_BRAKING_MPS2 * braking_s.square() / 2
         along = along_m.maximum(least).minimum(most)
         left = left_m.clamp(-2 * config.goal_way_m, 2 * config.goal_way_m)
-        stayed = (along - along_m).abs() + (left - left_m).abs() < _SAME_GOAL_M
+        stayed = (along - along_m).abs() + (left - left_m).abs() < 0.5
         return along, left, stayed
 
     def _curves(

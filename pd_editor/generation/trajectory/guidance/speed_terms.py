@@ -43,7 +43,6 @@ from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 _NUM_RATES: Final = 4
 """Number of braking rates that are tried for a stop."""
-_STANDS_STEPS: Final = 5
 _BESIDE_LINE_M: Final = LINE_MARGIN_M + 0.5
 """A stop line is stopped at this far beside its ends: a bit further than it counts."""
 
@@ -178,7 +177,7 @@ class StopTerm(AgentsTerm):
         for harder in range(1, _NUM_RATES):
             # Braking as late and as hard as it takes to stand within the time.
             later, _ = self._stopped(pace, stop_m, motion.time_s, harder)
-            stands = stopped[..., -_STANDS_STEPS:].diff(dim=-1).amax(dim=-1) < 0.01
+            stands = stopped[..., -5:].diff(dim=-1).amax(dim=-1) < 0.01
             stopped = torch.where(stands[..., None], stopped, later)
         crosses = crosses & exists
         wanted = crosses & pace.changed(stopped)

@@ -17,7 +17,6 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
 from pd_editor.scene.paths.driving_paths import SPACING_M
 
 _NUM_COMPARED: Final = 6
-_LEAST_STEP_M: Final = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,7 +116,7 @@ def extended(curves: Curves, guided: GuidedAgents) -> Curves:
     step = points.diff(dim=-2)
     length = step.norm(dim=-1)
     direction = torch.where(
-        length[..., None] > _LEAST_STEP_M,
+        length[..., None] > 0.01,
         torch.nn.functional.normalize(step, dim=-1),
         last[..., 2:4],
     )

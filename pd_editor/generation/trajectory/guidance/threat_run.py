@@ -49,8 +49,6 @@ from pd_editor.scene.time_axis import TimeAxis
 
 _SHARES: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 """Shares of the network's deviation from the plan that are tried, the largest first."""
-_MOST_OTHERS: Final = 12
-_OTHERS_WITHIN_M: Final = 60.0
 
 
 def threats_in_force(terms: Sequence[GuidanceTerm]) -> tuple[Threaten, ...]:
@@ -326,7 +324,8 @@ def _planned(
         away = np.linalg.norm(motion.position_m[sample, known] - mine, axis=-1)
         away = away.min(axis=1, initial=np.inf)
         near = known[np.argsort(away, kind="stable")]
-        near = near[np.isin(near, known[away < _OTHERS_WITHIN_M])]
+        # The nearest 12 within 60 m count.
+        near = near[np.isin(near, known[away < 60.0])]
         may_change = scene.is_sampled[near]
 
         def tracks(agents: Int[np.ndarray, "N"]) -> list[Track]:
@@ -339,7 +338,7 @@ def _planned(
                 scene.track(motion, sample, other),
                 aim,
                 kept=tracks(near[~may_change]),
-                others=tracks(near[may_change][:_MOST_OTHERS]),
+                others=tracks(near[may_change][:12]),
                 model=ModelFit(
                     reference_m=mine,
                     step_s=scene.basis.step_s,
