@@ -132,7 +132,9 @@ class PathDiffuser:
             ("initial_state_model", initial_state_model, InitialStateDenoiser),
             ("trajectory_model", trajectory_model, TrajectoryModel),
         ):
-            if given is not None and not isinstance(given, kind):
+            # From Python 3.12 on, isinstance misses the sub-modules of an nn.Module.
+            names = (n for n in {*kind.__annotations__, *vars(kind)} if n[0] != "_")
+            if given is not None and not all(hasattr(given, one) for one in names):
                 raise GenerationError(
                     f"{argument} is of type {type(given).__name__}; expected one with all "
                     f"members of {kind.__name__}."
