@@ -202,6 +202,7 @@ class _Story:
         self._depth = 0
         self._is_timed, self.is_driven = True, False
         self._drivers: dict[str, Driver] = {}
+        self._courses: dict[str, tuple[Float[np.ndarray, "T 2"], Any] | None] = {}
         self._follows_s: dict[str, float] = {}
         """When the first trajectories of entities begin."""
         board = root.child("Storyboard")
@@ -228,20 +229,22 @@ class _Story:
             if event.element.find("Action/PrivateAction") is not None:
                 self._acting.update(names)
         # What happens first decides on what else does.
-        starts = [self._event_s(*one) for one in pending]
-        while pending:
-            number = int(np.argmin(starts))
-            start_s = starts.pop(number)
-            _, event, names = pending.pop(number)
+        rest = [
+            (self._event_s(*one), _depends(one[0]) or _depends(one[1]), one)
+            for one in pending
+        ]
+        while rest:
+            first = min(rest, key=lambda row: row[0])
+            rest.remove(first)
+            start_s, _, (_, event, names) = first
             end_s = self._act(event, names, start_s)
+            self._courses.clear()
             for one in (event, *event.children("Action")):
                 self._lasting[one.get("name")] = start_s, end_s
             if np.isfinite(start_s):
-                starts = [
-                    self._event_s(*one)
-                    if _depends(one[0]) or _depends(one[1])
-                    else time
-                    for one, time in zip(pending, starts, strict=True)
+                rest = [
+                    (self._event_s(*one), True, one) if is_open else (time, False, one)
+                    for time, is_open, one in rest
                 ]
 
     def _event_s(self, act: Place, event: Place, names: tuple[str, ...]) -> float:
@@ -275,10 +278,10 @@ class _Story:
                 holds = [self._holds(rule, name) for name in actors]
                 known = np.array([n for n in holds if n is not None], bool)
                 if len(known):
-                    is_all = one.child("TriggeringEntities").get(
-                        "triggeringEntitiesRule"
+                    is_all = one.children(
+                        "TriggeringEntities[@triggeringEntitiesRule='all']"
                     )
-                    met = known.all(axis=0) if is_all == "all" else known.any(axis=0)
+                    met = known.all(axis=0) if is_all else known.any(axis=0)
                     rows = np.flatnonzero(met & (self._times_s >= after_s))
                     return (
                         float(self._times_s[rows[0]]) + delay_s if len(rows) else np.inf
@@ -287,6 +290,11 @@ class _Story:
 
     def _course(self, name: str) -> tuple[Float[np.ndarray, "T 2"], Any] | None:
         """Places and speeds of an entity; None if they are unknown."""
+        if name not in self._courses:
+            self._courses[name] = self._new_course(name)
+        return self._courses[name]
+
+    def _new_course(self, name: str) -> tuple[Float[np.ndarray, "T 2"], Any] | None:
         driver, own = self._drivers.get(name), self._states[name]
         if len(own) > 1:
             times = np.array(sorted(own))
@@ -305,7 +313,7 @@ class _Story:
         other = self._course(rule.get("entityRef")) if rule.get("entityRef") else None
         if other is None:
             for position in rule.children("Position"):
-                if (spot := self._spot(position, 0.0)) is not None:
+                if (spot := self._spot_if_any(position)) is not None:
                     other = np.array([spot.pose[:2]]), np.zeros(1)
         if own is None or _unread_value(rule, tag):
             return None
@@ -453,7 +461,7 @@ class _Story:
     def _go_to(self, action: Place, driver: Driver, step: int) -> float | None:
         """Along a route, or to a place."""
         places = action.children(".//Waypoint/Position") or action.children("Position")
-        spots = [self._spot(one, 0.0) for one in places]
+        spots = [self._spot_if_any(one) for one in places]
         lanes = [self._graph.lane_of(*one.pose) for one in spots if one is not None]
         goals = [one[0] for one in lanes if one is not None]
         if not goals or not driver.go_to(step, goals[-1:]):
@@ -589,6 +597,13 @@ class _Story:
                 heading = (heading if is_relative else 0.0) + turn.number("h")
             return replace(found, pose=(x, y, heading))
         return None
+
+    def _spot_if_any(self, position: Place) -> _Spot | None:
+        """A place that conditions and routes name, which may be beyond the roads."""
+        try:
+            return self._spot(position, 0.0)
+        except FormatError:
+            return None
 
     def _on_earth(self, one: Place) -> Float[np.ndarray, "2"] | None:
         """A place of a latitude and a longitude, before version 1.2 in radians."""

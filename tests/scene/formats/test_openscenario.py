@@ -559,3 +559,14 @@ def test_routes_lead_through_forks(tmp_path: Path):
     assert where(scene, car, 6)[1] > 10
     np.testing.assert_allclose(where(scene, other, 6), (110, -6), atol=1e-6)
     assert "AssignRouteAction" in " ".join(scene.provenance.notes)
+
+
+def test_places_of_conditions_may_be_beyond_the_roads(tmp_path: Path):
+    car = "7:-1:10:10"
+    far = '<Position><LanePosition roadId="7" laneId="-1" s="900"/></Position>'
+    reach = f'<ReachPositionCondition tolerance="1">{far}</ReachPositionCondition>'
+    rule = f"<ByEntityCondition><EntityCondition>{reach}</EntityCondition></ByEntityCondition>"
+    stops = re.sub("<ByValue.*?</ByValueCondition>", rule, event(car, slower(0, ""), 0))
+    scene = drive(tmp_path, {car: ""}, stops)
+    np.testing.assert_allclose(where(scene, car, 9), (100, -2), atol=1e-6)
+    assert "SpeedAction on a condition" in " ".join(scene.provenance.notes)
