@@ -16,7 +16,7 @@ from benchmarks.candidates import crowd, full_scenarios, movers_now
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.generation.features.scene_features import packed, scene_features
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
-from pd_editor.generation.inputs.scene_batch import batch_of
+from pd_editor.generation.inputs import batch_of
 from pd_editor.generation.trajectory.loss import trajectory_loss
 from pd_editor.generation.trajectory.network.denoiser import (
     TrajectoryConfig,

@@ -61,7 +61,7 @@ from pd_editor.generation.initial_state.sampler import (
     finished_states,
     sample_initial_states,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.generation.inputs import SceneTensors, batch_of
 from pd_editor.generation.stages import INITIAL_STATES, STAGE_KINDS
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import TrafficSample, scene_seed

@@ -162,7 +162,7 @@ def _network_works(scenario: Scenario) -> list[Callable[[], object]]:
     from pd_editor.generation.generators import SHIPPED_MODEL
     from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
     from pd_editor.generation.initial_state.sampler import sample_initial_states
-    from pd_editor.generation.inputs.scene_batch import batch_of
+    from pd_editor.generation.inputs import batch_of
     from pd_editor.generation.path_diffuser import PathDiffuser
     from pd_editor.generation.stages import INITIAL_STATES, TRAJECTORIES
     from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from pd_editor.base.installed_files import models_folder
 from pd_editor.generation.core.sampler import Denoise
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 

@@ -26,7 +26,7 @@ from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateDenoiser,
     InitialStateLayer,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from reproduction.paper_tables import AttentionScores
 from reproduction.systems import STATES, Trained, in_table_order
 
 if TYPE_CHECKING:
-    from pd_editor.generation.inputs.scene_batch import SceneTensors
+    from pd_editor.generation.inputs import SceneTensors
 
 LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 MAX_SCENES: Final = 12
@@ -34,7 +34,7 @@ def recorded_states(scenario: Scenario) -> "SceneTensors":
     from pd_editor.generation.initial_state.network.state_encoding import (
         POSITION_UNIT_M,
     )
-    from pd_editor.generation.inputs.scene_batch import batch_of
+    from pd_editor.generation.inputs import batch_of
 
     features = scene_features(scenario, with_candidates=False)
 

@@ -16,7 +16,7 @@ from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,

@@ -35,7 +35,20 @@ from pd_editor.scene.time_axis import TimeAxis
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingNoise:
-    """Parameters of a tracker's errors; zero or infinity disables each."""
+    """Parameters of a tracker's errors; zero or infinity disables each.
+
+    Noise is stationary and smooth: white noise under a Gaussian kernel, so that its
+    correlation over a time d is exp(-d^2 / (4 c^2)), with the kernel's width c. Its strength
+    differs between agents (log-normal factor), which gives the heavy tails of real tracks.
+    Noise of velocities is independent of that of positions, as after a tracker's filter.
+
+    The defaults follow 35 scenarios of Argoverse 2's train split: heading against motion
+    0.7 deg at the median and 3.6 deg at the 90th percentile; given speed against motion
+    0.3 and 1.1 m/s; positions of standing vehicles scatter by 0.07 m (90 %: 0.24 m); over
+    1 s tracks leave a parabola by 1.5 cm along and 0.3 cm across only, so drift is slow.
+    Occlusions are set so that a scene has as many tracks as there (55, of which 28 at the
+    current step and 8 throughout, medians) and as short ones (27 steps).
+    """
 
     along_m: float = 0.25
     """Standard deviation of a driving agent's position along its heading."""

@@ -235,7 +235,10 @@ def ego_of(scenario: Scenario) -> str:
 def avoidable_dangers(scenario: Scenario) -> tuple[AvoidableDanger, ...]:
     """The most dangerous avoidable behaviour of each agent, the hardest impact first.
 
-    Motor vehicles within 60 m of the ego are searched.
+    A behaviour is one of the agent's Frenet candidates. It is dangerous if the ego collides
+    with it on the trajectory that it has, and avoidable if one of the ego's own candidates
+    collides with nothing. All others move as in the scenario. Motor vehicles within 60 m of
+    the ego are searched.
 
     Raises:
         EditError: there is no ego.

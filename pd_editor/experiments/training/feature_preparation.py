@@ -35,7 +35,7 @@ from pd_editor.generation.features.scene_features import (
     scene_center,
     scene_features,
 )
-from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.inputs import TrajectoryBasis
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.scenario import Scenario

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.generation.core.config_limits import check_settings
+from pd_editor.generation.defaults import check_settings
 
 MAX_STEPS: Final = 1_000_000_000
 MAX_MINUTES: Final = 1e6

@@ -51,8 +51,7 @@ from pd_editor.generation.initial_state.noisy_traffic import (
     measured_clean_variance,
 )
 from pd_editor.generation.initial_state.sampler import sample_initial_states
-from pd_editor.generation.inputs.scene_batch import SceneTensors
-from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.inputs import SceneTensors, TrajectoryBasis
 from pd_editor.generation.stages import INITIAL_STATES, STAGE_KINDS, TRAJECTORIES
 from pd_editor.generation.trajectory.guidance.latent_motion import depth_m
 from pd_editor.generation.trajectory.loss import (

@@ -27,8 +27,11 @@ from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.generation.checkpoints.tensor_file import read_tensors, write_tensors
 from pd_editor.generation.features.feature_store import FORMAT_VERSION, FeatureStore
 from pd_editor.generation.features.scene_features import PackedScene
-from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
-from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.inputs import (
+    SceneTensors,
+    TrajectoryBasis,
+    batch_of,
+)
 
 
 @runtime_checkable

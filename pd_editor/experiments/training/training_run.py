@@ -70,7 +70,7 @@ from pd_editor.generation.checkpoints.tensor_file import config_from_json
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.features.feature_store import FeatureStore
 from pd_editor.generation.generators.registry import saw_warps
-from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.inputs import TrajectoryBasis
 
 MAX_DEVICES: Final = 64
 MAX_THREADS: Final = 1_024

@@ -19,7 +19,7 @@ from pd_editor.generation.initial_state.network.conditioning import (
     Conditioning,
 )
 from pd_editor.generation.initial_state.network.lane_distance import follows_lanes
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.scenario import Scenario

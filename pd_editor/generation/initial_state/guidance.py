@@ -8,8 +8,8 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from pd_editor.analysis.metrics.lanes import BEYOND_ROADS_M
-from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import NoiseSchedule, relative_noise
+from pd_editor.generation.defaults import check_settings
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_NO,
     CONDITIONED_YES,
@@ -29,7 +29,7 @@ from pd_editor.generation.initial_state.network.state_encoding import (
 )
 from pd_editor.generation.initial_state.sampler import InitialStateGuide
 from pd_editor.generation.initial_state.state_overlap import OverlapVectors
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ from pd_editor.generation.initial_state.network.state_encoding import (
     POSITION_UNIT_M,
 )
 from pd_editor.generation.initial_state.state_overlap import overlap_depth_m
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.scene.thresholds import MOVING_MPS
 
 _MIN_HALF_SIDE_M: Final = 25.0

@@ -28,7 +28,7 @@ from pd_editor.generation.initial_state.network.state_encoding import (
     NUM_POSE_PARTS,
     POSITION_UNIT_M,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.generation.inputs import SceneTensors, batch_of
 from pd_editor.scene.thresholds import MOVING_MPS
 
 _LEAST_AGENTS: Final = 40

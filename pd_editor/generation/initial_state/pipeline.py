@@ -50,7 +50,7 @@ from pd_editor.generation.initial_state.sampler import (
     finished_states,
     sample_initial_states,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of, padded_size
+from pd_editor.generation.inputs import SceneTensors, batch_of, padded_size
 from pd_editor.scene.agent_kind import (
     LANE_FOLLOWER_KINDS,
     ROAD_USER_KINDS,

@@ -13,7 +13,7 @@ from pd_editor.analysis.metrics.box_overlaps import boxes_touch
 from pd_editor.analysis.metrics.lanes import usable_lanes
 from pd_editor.analysis.metrics.road import ASKEW_TO_LANE_DEG, is_off_road, nearest_lane
 from pd_editor.analysis.repair.state_repairs import GAP_M, STANDING_GAP_M, gaps_ahead_m
-from pd_editor.generation.core.config_limits import check_settings
+from pd_editor.generation.defaults import check_settings
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks

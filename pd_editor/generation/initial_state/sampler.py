@@ -9,7 +9,6 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import centered_levels
 from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.core.sampler import (
@@ -19,6 +18,7 @@ from pd_editor.generation.core.sampler import (
     preparing_mode,
     sample_steps,
 )
+from pd_editor.generation.defaults import check_settings
 from pd_editor.generation.initial_state.network.conditioning import (
     Conditioning,
     sampling_conditioning,
@@ -36,7 +36,7 @@ from pd_editor.generation.initial_state.noisy_traffic import (
     clean_variance_at,
     noisy_traffic,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 
 _SPEED: Final = NUM_MOTION_PARTS - 1
 

@@ -13,7 +13,7 @@ from pd_editor.generation.initial_state.network.state_encoding import (
     POSITION_UNIT_M,
     unit_vectors,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 
 _PLACES: Final = (-1.0, 0.0, 1.0)
 _NUDGE_M: Final = 1e-3

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pd_editor.generation.core.devices import constant
 from pd_editor.generation.core.noise_schedule import noised
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors

@@ -9,7 +9,6 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import NoiseSchedule, even_levels
 from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.core.sampler import (
@@ -21,9 +20,9 @@ from pd_editor.generation.core.sampler import (
     sample_steps,
     sampling_mode,
 )
-from pd_editor.generation.defaults import NUM_STEPS
+from pd_editor.generation.defaults import NUM_STEPS, check_settings
 from pd_editor.generation.features.scene_features import LATENT_SIZE
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig
 
@@ -175,7 +174,15 @@ trajectory, moving agents), with 1 iteration 1.9 m and with 4 1.5 m."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Continuation:
-    """Noise of the present trajectories of one scene, and the inversion's error."""
+    """Noise of the present trajectories of one scene, and the inversion's error.
+
+    The noise is computed by inverting the sampler (DDIM inversion: Song et al., Denoising
+    diffusion implicit models, 2021, section 4.3; fixed-point form: Pan et al., Effective
+    real image editing with accelerated iterative diffusion inversion, 2023). Samples of the
+    edited scene from it deform the present trajectories. The error of the inversion is
+    added as long as the sample is near the one of the scene before the edit, so that an
+    edit without effect on an agent does not change its trajectory.
+    """
 
     known: KnownNoise
     reference: Float[Tensor, "B A 10"]

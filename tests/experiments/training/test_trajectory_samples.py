@@ -11,7 +11,7 @@ from pd_editor.experiments.training.stage_objective import (
     trajectory_samples_loss,
 )
 from pd_editor.generation.features.scene_features import PEDESTRIAN
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.features import Neighbors
 from tests.generation.trajectory.scenes import arc_basis, scene_batch, small_model

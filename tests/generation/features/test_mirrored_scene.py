@@ -11,7 +11,7 @@ import pytest
 import pd_editor
 from benchmarks.imported_maps import mirrored
 from pd_editor.generation.features.scene_features import packed, scene_features
-from pd_editor.generation.inputs.scene_batch import batch_of
+from pd_editor.generation.inputs import batch_of
 from pd_editor.scene.scenario import Scenario
 from tests.generation.trajectory.scenes import arc_basis
 

@@ -13,7 +13,7 @@ from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateDenoiser,
 )
 from pd_editor.generation.initial_state.pipeline import place_in_squares
-from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.generation.inputs import SceneTensors, batch_of
 from pd_editor.scene.agent_kind import Activity
 from pd_editor.scene.scenario import Scenario
 

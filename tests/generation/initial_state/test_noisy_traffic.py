@@ -16,7 +16,7 @@ from pd_editor.generation.initial_state.network.conditioning import (
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
 from pd_editor.generation.initial_state.noisy_traffic import fit_moments, noisy_traffic
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from tests.generation.initial_state.scenes import packed_scene, scene_batch, small_model
 
 SCENES = [packed_scene(30, seed=seed) for seed in range(40)]

@@ -33,7 +33,7 @@ from pd_editor.generation.initial_state.sampler import (
     sample_initial_states,
 )
 from pd_editor.generation.initial_state.state_overlap import overlap_depth_m
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.scene.agent_kind import Activity
 from tests.generation.initial_state.scenes import scene_batch, small_model
 

@@ -7,7 +7,7 @@ from pd_editor.generation.initial_state.state_overlap import (
     OverlapVectors,
     overlap_depth_m,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from tests.generation.initial_state.scenes import scene_batch
 
 

@@ -17,8 +17,11 @@ from pd_editor.generation.core.sampler import (
 from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
 from pd_editor.generation.features.scene_features import PackedScene
-from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
-from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.inputs import (
+    SceneTensors,
+    TrajectoryBasis,
+    batch_of,
+)
 from pd_editor.generation.trajectory.network.denoiser import (
     TrajectoryConfig,
     TrajectoryDenoiser,

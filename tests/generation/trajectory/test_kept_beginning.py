@@ -14,8 +14,8 @@ from pd_editor.editor.commands import traffic_command
 from pd_editor.editor.commands.locks import apply_within_locks
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.generation.path_diffuser import PathDiffuser
-from pd_editor.generation.trajectory.kept_beginning import KeptBeginning, projected
 from pd_editor.generation.trajectory.network.decoding import motion_of
+from pd_editor.generation.trajectory.task import KeptBeginning, projected
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.locks import STATE_LOCK, TRAJECTORY_LOCK, Lock

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.loss import (
     TrajectoryLossConfig,
     overlap_depth_m,

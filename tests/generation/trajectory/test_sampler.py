@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pd_editor.generation.core.sampler import Sampler, sample_steps
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.guidance.nearest_candidate import (
     NearestCandidateGuide,
     TrajectoryGuidance,

@@ -28,8 +28,8 @@ from pd_editor.experiments.synthesis.road_network.plain_xml import (
     run_netconvert,
     shape_text,
 )
-from pd_editor.experiments.synthesis.sumo.curve_speeds import curve_speed_mps
 from pd_editor.experiments.synthesis.sumo.parking_bays import kerb_lanes
+from pd_editor.experiments.synthesis.sumo.sumo_tools import curve_speed_mps
 from pd_editor.scene.geometry.angles import left_of
 from pd_editor.scene.geometry.polyline import arc_length, point_at, resample
 from pd_editor.scene.road_map import Lane, LaneKind, RoadMap

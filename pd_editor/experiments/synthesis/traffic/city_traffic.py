@@ -16,7 +16,6 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from pd_editor.base.errors import SynthesisError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.network import Network
-from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
 from pd_editor.experiments.synthesis.sumo.map_conversion import net_road_map
 from pd_editor.experiments.synthesis.sumo.simulation_output import (
     STATES_NAME,
@@ -27,6 +26,7 @@ from pd_editor.experiments.synthesis.sumo.sumo_scenario import (
     SumoScenario,
     read_sumo_scenario,
 )
+from pd_editor.experiments.synthesis.sumo.sumo_tools import write_with_curve_speeds
 from pd_editor.experiments.synthesis.traffic.demand_config import (
     MODELS,
     DemandOptions,

@@ -11,7 +11,6 @@ import numpy as np
 from pd_editor.base.errors import SynthesisError
 from pd_editor.experiments.recordings.recording import Recording
 from pd_editor.experiments.synthesis.road_network.network import Network
-from pd_editor.experiments.synthesis.sumo.curve_speeds import write_with_curve_speeds
 from pd_editor.experiments.synthesis.sumo.simulation_output import (
     STATES_NAME,
     RawTracks,
@@ -22,6 +21,7 @@ from pd_editor.experiments.synthesis.sumo.simulation_output import (
 from pd_editor.experiments.synthesis.sumo.sumo_tools import (
     SIMULATION_LIMIT_S,
     run_sumo_tool,
+    write_with_curve_speeds,
 )
 from pd_editor.experiments.synthesis.traffic.demand import (
     TrafficGraph,

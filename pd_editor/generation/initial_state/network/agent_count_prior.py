@@ -17,7 +17,7 @@ from pd_editor.generation.initial_state.network.lane_distance import (
     follows_lanes,
     is_on_road,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors, batch_of
+from pd_editor.generation.inputs import SceneTensors, batch_of
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.thresholds import MOVING_MPS
 

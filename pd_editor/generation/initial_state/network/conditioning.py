@@ -13,7 +13,7 @@ from pd_editor.generation.features.scene_fields import (
     Axis,
 )
 from pd_editor.generation.initial_state.network.state_encoding import POSITION_UNIT_M
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 
 REACH_M: Final = POSITION_UNIT_M + 16.0
 """Agents and map tokens further from the centre, along x or y, are left out."""

@@ -17,7 +17,6 @@ from pd_editor.generation.core.attention import (
     Mask,
     visible_agents,
 )
-from pd_editor.generation.core.config_limits import check_sizes
 from pd_editor.generation.core.noise_schedule import (
     DiffusionSteps,
     NoiseSchedule,
@@ -27,6 +26,7 @@ from pd_editor.generation.core.noise_schedule import (
     output_factors,
     relative_noise,
 )
+from pd_editor.generation.defaults import check_sizes
 from pd_editor.generation.features.lane_tokens import PIECE_SIGNAL
 from pd_editor.generation.features.scene_features import (
     AGENT_KINDS,
@@ -77,7 +77,7 @@ from pd_editor.generation.initial_state.network.state_encoding import (
     encode_states,
     state_spread,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 
 _NUM_TOKEN_FEATURES: Final = len(PIECE_SHAPE) + NUM_PIECE_KINDS
 _NUM_LEVEL_WAVES: Final = 8

@@ -16,7 +16,7 @@ from pd_editor.generation.features.lane_tokens import (
 )
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.network.features import as_complex
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 
 _IS_INTERSECTION: Final = PIECE_SHAPE.index("is_intersection")
 _HALF_LANE_M: Final = 1.75

@@ -22,7 +22,7 @@ from pd_editor.generation.initial_state.network.features import (
     noise_factors,
     piece_relations,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors, selected
+from pd_editor.generation.inputs import SceneTensors, selected
 
 
 class TokenGroup(NamedTuple):

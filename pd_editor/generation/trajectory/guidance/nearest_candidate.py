@@ -12,14 +12,14 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pd_editor.generation.core.config_limits import check_settings
 from pd_editor.generation.core.noise_schedule import even_levels
 from pd_editor.generation.defaults import (
     DEFAULT_WARPED_WEIGHT,
     DEFAULT_WEIGHT,
     NUM_STEPS,
+    check_settings,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.scene.thresholds import STANDING_MPS
 

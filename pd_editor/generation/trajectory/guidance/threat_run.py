@@ -33,7 +33,7 @@ from pd_editor.analysis.threats.threat_plans import (
     ThreatPlans,
     threat_plans,
 )
-from pd_editor.generation.inputs.trajectory_pca import TrajectoryBasis
+from pd_editor.generation.inputs import TrajectoryBasis
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.generation.trajectory.guidance.trajectory_term import (
     ResidualRows,

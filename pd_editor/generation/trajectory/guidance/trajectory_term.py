@@ -46,7 +46,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.analysis.guidance.kinds import KINDS
-from pd_editor.generation.core.config_limits import check_settings
+from pd_editor.generation.defaults import check_settings
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks

@@ -13,7 +13,7 @@ from pd_editor.generation.features.scene_features import (
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
-from pd_editor.generation.inputs.scene_batch import (
+from pd_editor.generation.inputs import (
     NEAR_M,
     NUM_POSE_FEATURES,
     SceneTensors,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.synthesis.sumo.curve_speeds import (
+from pd_editor.experiments.synthesis.sumo.sumo_tools import (
     LATERAL_MPS2,
     LEAST_SPEED_MPS,
     curve_speed_mps,

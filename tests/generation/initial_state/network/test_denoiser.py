@@ -17,7 +17,7 @@ from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateConfig,
     InitialStateDenoiser,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from tests.generation.initial_state.scenes import (
     scene_batch,
     small_model,

@@ -14,7 +14,7 @@ from pd_editor.generation.initial_state.network.map_tokens import (
     NearTokens,
     TokenGroup,
 )
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from tests.generation.initial_state.scenes import scene_batch
 
 

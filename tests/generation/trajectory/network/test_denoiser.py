@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from pd_editor.experiments.training.stage_objective import start_from
-from pd_editor.generation.inputs.scene_batch import SceneTensors
+from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser
 from pd_editor.generation.trajectory.network.features import Neighbors
 from tests.generation.trajectory.scenes import PLAIN, scene_batch, small_model

@@ -3,7 +3,7 @@ import torch
 
 from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
-from pd_editor.generation.inputs.scene_batch import (
+from pd_editor.generation.inputs import (
     batch_of,
     pose_features,
     relative_pose,

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.generation.inputs.trajectory_pca import (
+from pd_editor.generation.inputs import (
     MIRRORED_LATENT_SIGNS,
     NUM_ALONG,
     TrajectoryBasis,

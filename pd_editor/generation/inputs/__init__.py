@@ -1,1 +1,0 @@
-"""Inputs of both stages: scenes as tensors, trajectories as latents."""
