@@ -57,7 +57,8 @@ def test_five_journeys(open_editor):
     editor.until(lambda: editor.seen_camera.fov < 0.2, "the top view")
     editor.key("f")
     editor.key("t")
-    aim(editor, "pd-guiding", "Shift+ArrowUp")
+    # From the middle of the picture into the junction ahead.
+    aim(editor, "pd-guiding", *["Shift+ArrowUp"] * 3, "Shift+ArrowRight")
     page.keyboard.press("Enter")
     editor.until(lambda: session.scenario.guidance, "a goal")
     expect(page.locator(".pd-aims")).to_be_hidden()
