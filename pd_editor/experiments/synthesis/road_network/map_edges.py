@@ -8,8 +8,6 @@ from typing import Final
 import numpy as np
 import shapely
 from jaxtyping import Float
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pd_editor.base.errors import SynthesisError
 from pd_editor.scene.geometry.polyline import arc_length, point_at
@@ -316,6 +314,8 @@ def _joined(
     lines: LaneLines, roads: tuple[Road, ...], links: tuple[Link, ...]
 ) -> LaneRoads:
     """Form junctions from ends of roads that are linked or whose links cross."""
+    from scipy.sparse import coo_array, csgraph
+
     num_roads = len(roads)
     meet = [(num_roads + link.start[0], link.end[0]) for link in links]
     ways = [shapely.LineString(lines.line(link.lane_intervals)) for link in links]
@@ -324,7 +324,7 @@ def _joined(
             meet.append((links[one].end[0], links[other].end[0]))
     one, other = np.reshape(meet, (-1, 2)).astype(int).T
     graph = coo_array((np.ones(len(one)), (one, other)), shape=(2 * num_roads,) * 2)
-    count, junction = connected_components(graph, directed=False)
+    count, junction = csgraph.connected_components(graph, directed=False)
     ends = junction.tolist()
     return _without_loops(
         LaneRoads(
