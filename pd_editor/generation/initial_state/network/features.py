@@ -271,6 +271,7 @@ def rotated_back(
 def as_complex(vectors: Float[Tensor, "*b 2"]) -> Complex[Tensor, "*b"]:
     """Convert vectors to complex numbers, which are rotated by one product."""
     vectors = vectors.contiguous()
-    # A slice of a row counts as contiguous if there is only one row.
-    is_even = vectors.storage_offset() % 2 == 0
-    return torch.view_as_complex(vectors if is_even else vectors.clone())
+    # A slice counts as contiguous whatever the stride of a dimension of size 1.
+    if any(one % 2 for one in (vectors.storage_offset(), *vectors.stride()[:-1])):
+        vectors = vectors.clone(memory_format=torch.contiguous_format)
+    return torch.view_as_complex(vectors)
