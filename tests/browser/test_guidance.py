@@ -164,7 +164,8 @@ def test_a_goal_flag_is_dragged_along_the_road_and_undone(steered):
     moved = session.scenario
     x, y = steered.flag(0)
     editor.drag_pixels((x, y), editor.pixel(steered.ahead(-6.0, -22.0)))
-    page.get_by_text("off the road; drop it on the road").first.wait_for()
+    refused = page.get_by_text("off the road; drop it on the road")
+    refused.filter(visible=True).first.wait_for()
     editor.until(lambda: session.scenario is moved, "the scenario before the drag")
     assert steered.num_edits() == 2
     # Escape during a drag.
