@@ -1,5 +1,8 @@
 """Writer of the two files of an Argoverse 2 scenario folder."""
 
+# Not in every environment: av2 has no build for Python 3.13.
+# pyright: reportMissingImports=false
+
 import io
 from collections.abc import Sequence
 from pathlib import Path
