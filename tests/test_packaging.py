@@ -64,9 +64,13 @@ def needed_by(*requirements: str) -> set[str]:
 
 
 def test_constraints_pin_all_that_is_installed():
+    """But for what a build of torch for GPUs brings, which torch itself pins."""
     needed = needed_by(*PROJECT["dependencies"], *dev_requirements())
     assert "torch" in needed
-    assert needed <= pinned().keys()
+    of_gpu = {
+        name for name in needed if name.startswith(("cuda-", "nvidia-", "triton"))
+    }
+    assert needed - of_gpu <= pinned().keys()
 
 
 def test_constraints_hold_on_every_machine():
