@@ -51,7 +51,7 @@ class Way:
         return float(shapely.LineString(self.line).project(shapely.Point(point)))
 
 
-class LaneGraph:
+class RoadLanes:
     """Lanes with their ids on roads."""
 
     def __init__(self, lanes: Sequence[Lane], number: Mapping[Key, int]) -> None:
@@ -159,7 +159,7 @@ class Driver:
 
     def __init__(
         self,
-        graph: LaneGraph,
+        graph: RoadLanes,
         pose: Sequence[float],
         speed: float,
         times: Float[np.ndarray, "T"],

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from pd_editor.scene.formats.file_scene import FileScene
 from pd_editor.scene.formats.file_signal import FileSignal, cyclic_signal
-from pd_editor.scene.formats.lane_drive import Key, LaneGraph
+from pd_editor.scene.formats.lane_drive import Key, RoadLanes
 from pd_editor.scene.formats.missing_links import with_missing_links
 from pd_editor.scene.formats.opendrive_writer import (
     INTERSECTION,
@@ -118,7 +118,7 @@ def read(path: Path) -> Scenario:
         about = scenario[0].children("FileHeader[License]")
         told += [told_of(one.element, "author", "License") for one in about]
         on_roads = partial(_pose, roads), partial(_of_earth, header)
-        motion = motion_of(*scenario, *on_roads, LaneGraph(lanes, network.number))
+        motion = motion_of(*scenario, *on_roads, RoadLanes(lanes, network.number))
     signals, notes = network.signals(motion)
     if bare := sum(not road.length_m for road in roads.values()):
         notes = (*notes, f"{bare} roads without length only join others.")

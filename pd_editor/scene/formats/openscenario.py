@@ -21,7 +21,7 @@ from pd_editor.base.errors import FormatError
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
 from pd_editor.scene.formats.commonroad_writer import unbroken_parts
 from pd_editor.scene.formats.file_scene import FileTrack, headings_on_the_way
-from pd_editor.scene.formats.lane_drive import Driver, LaneGraph
+from pd_editor.scene.formats.lane_drive import Driver, RoadLanes
 from pd_editor.scene.formats.packed_file import named_by
 from pd_editor.scene.formats.parameters import insert_catalogs, set_parameters
 from pd_editor.scene.formats.recorded_map import USUAL_WIDTH_M
@@ -159,7 +159,7 @@ def road_network_of(root: Place) -> Path:
 
 
 def motion_of(
-    root: Place, data: bytes, locate: Locate, project: Project, graph: LaneGraph
+    root: Place, data: bytes, locate: Locate, project: Project, graph: RoadLanes
 ) -> Motion:
     """Entities on a road network; what is not read is told in notes.
 
@@ -187,7 +187,7 @@ class _Story:
     """States of entities, as the actions of a file lead to them."""
 
     def __init__(
-        self, root: Place, locate: Locate, project: Project, graph: LaneGraph
+        self, root: Place, locate: Locate, project: Project, graph: RoadLanes
     ) -> None:
         self._root, self._locate, self._project = root, locate, project
         self._graph = graph
@@ -321,9 +321,12 @@ class _Story:
         if tag == "TraveledDistanceCondition":
             moved = np.hypot(*np.diff(place, axis=0).T)
             return np.append(0.0, np.cumsum(moved)) >= rule.number("value")
-        if tag in ("SpeedCondition", "StandStillCondition"):
-            still = tag == "StandStillCondition"
-            return speed < 0.1 if still else _compared(speed, rule)
+        if tag == "SpeedCondition":
+            return _compared(speed, rule)
+        if tag == "StandStillCondition":
+            step = np.arange(len(speed))
+            moved = np.maximum.accumulate(np.where(speed < STANDING_MPS, -1, step))
+            return step - moved > round(rule.number("duration", 0.0) / _STEP_S)
         if tag == "AccelerationCondition":
             return _compared(np.gradient(speed, _STEP_S), rule)
         if other is None:
@@ -416,11 +419,9 @@ class _Story:
                 value = theirs * value if is_factor else theirs + value
             mean = max((abs(first) + abs(value)) / 2, STANDING_MPS)
             seconds, shape = _dynamics(
-                action,
-                "SpeedActionDynamics",
-                abs(value - first),
-                mean.__rtruediv__,
-            )
+                action, "SpeedActionDynamics", abs(value - first),
+                lambda way, mean=mean: way / mean,
+            )  # fmt: skip
             return driver.change_speed(step, value, seconds, shape)
         return None
 

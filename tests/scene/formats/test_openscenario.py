@@ -548,6 +548,17 @@ def test_events_begin_when_entities_are_so(
     assert place == pytest.approx(10 + 10 * time_s, abs=1.01)
 
 
+def test_who_is_to_stand_for_some_time_has_stood_so_long(tmp_path: Path):
+    """A car that stood was enough at once."""
+    car, stands = "7:-1:10:10", "7:-2:60:0"
+    rule = f"""<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">
+    <EntityRef entityRef="{stands}"/></TriggeringEntities><EntityCondition>
+    <StandStillCondition duration="3"/></EntityCondition></ByEntityCondition>"""
+    stops = re.sub("<ByValue.*?</ByValueCondition>", rule, event(car, slower(0, ""), 0))
+    scene = drive(tmp_path, {car: "", stands: ""}, stops)
+    assert where(scene, car, 9)[0] == pytest.approx(40, abs=1.01)
+
+
 def test_routes_lead_through_forks(tmp_path: Path):
     """All went straight on."""
     car = "7:-1:80:10"
