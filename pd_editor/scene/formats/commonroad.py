@@ -1,6 +1,7 @@
 """CommonRoad scenarios, versions 2018b and 2020a (XML)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -44,12 +45,16 @@ _FINEST: Final = 100
 _OBSTACLES: Final = frozenset({"obstacle", "staticObstacle", "dynamicObstacle"})
 _LANE_KINDS: Final = {word: kind for kind, word in LANE_TYPES.items()}
 _NO_LANES: Final = frozenset({"crosswalk", "sidewalk"})
+_TWO_WAY: Final = "userBidirectional[.='vehicle' or .='car' or .='bus' or .='truck']"
 _SOURCES: Final = (
     "author", "affiliation", "source", "license", "licence", "copyright"
 )  # fmt: skip
 _MARKS: Final = {
     f"{wide}{word}": mark for mark, word in MARKS.items() for wide in ("", "broad_")
 }
+
+_Box = tuple[tuple[float, float], float, tuple[float, float]]
+"""Length and width of a box, its turn and its centre."""
 
 
 def read(path: Path) -> Scenario:
@@ -69,8 +74,9 @@ def read(path: Path) -> Scenario:
     step_s = root.number("timeStepSize")
     if not step_s > 0:
         raise root.error(f"has steps of {step_s:g} s; expected more than 0.")
-    lanes, crosswalks, mended = _roads(root)
-    lanes, linked = with_missing_links(lanes)
+    second = _second_ways(root)
+    lanes, crosswalks, mended = _roads(root, second)
+    lanes, linked = _linked(lanes, second)
     tracks, notes = _obstacles(root, step_s)
     notes += [*mended, *linked]
     problems = root.children("planningProblem")
@@ -87,11 +93,8 @@ def read(path: Path) -> Scenario:
             f"AV is the start of planning problem {ego_id} (of {len(problems)}), which "
             "has no trajectory."
         )
-    ways = root.element.xpath(
-        "lanelet[userBidirectional[.='vehicle' or .='car' or .='bus' or .='truck']]"
-    )
-    if ways:
-        notes.append(f"{len(ways)} lanelets are for both ways, of which one is read.")
+    if second:
+        notes.append(f"{len(second)} lanelets are for both ways, each as two lanes.")
     if signs := len(root.children("trafficSign")):
         notes.append(f"{signs} traffic signs are left out.")
     others = len(
@@ -113,8 +116,32 @@ def read(path: Path) -> Scenario:
     ).scenario(data)
 
 
-def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[str]]:
-    """Lanelets for vehicles as lanes, crosswalks apart; a note on those that were mended."""
+def _second_ways(root: Place) -> dict[int, int]:
+    """Numbers of the second ways of lanelets that are for both ways."""
+    ids = [one.integer("id") for one in root.children("lanelet")]
+    both = [Place(root.path, n) for n in root.element.xpath(f"lanelet[{_TWO_WAY}]")]
+    return {one.integer("id"): max(ids) + n for n, one in enumerate(both, start=1)}
+
+
+def _linked(
+    lanes: tuple[Lane, ...], second: Mapping[int, int]
+) -> tuple[tuple[Lane, ...], list[str]]:
+    """Lanes with the links that files leave out: all, or those of second ways; a note."""
+    is_told = any(one.successors or one.predecessors for one in lanes)
+    ways = {*second.values()}
+    return with_missing_links(
+        lanes,
+        lambda one, other: not is_told or bool(ways & {one.lane_id, other.lane_id}),
+    )
+
+
+def _roads(
+    root: Place, second: Mapping[int, int]
+) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[str]]:
+    """Lanelets for vehicles as lanes, crosswalks apart; a note on those that were mended.
+
+    ``second`` has the numbers of the second ways of lanelets that are for both ways.
+    """
     in_junction = _junction_ids(root)
     lanes: list[Lane] = []
     crosswalks: list[Crosswalk] = []
@@ -128,7 +155,7 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
         types = {one.element.text or "" for one in place.children("laneletType")}
         left, right = _bound(place, "leftBound"), _bound(place, "rightBound")
         marks = _mark(place.child("leftBound")), _mark(place.child("rightBound"))
-        beside = _neighbor(place, "adjacentLeft"), _neighbor(place, "adjacentRight")
+        beside = [_beside(place, name, second) for name in ("Left", "Right")]
         ways = ways_of_bounds(left[:, :2], right[:, :2])
         if ways == (-1, -1):
             left, right, marks, beside = right, left, marks[::-1], beside[::-1]
@@ -144,13 +171,11 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
             crosswalks.append(Crosswalk(crosswalk_id=number, edge1=left, edge2=right))
         if types & _NO_LANES:
             continue
+        kinds = (_LANE_KINDS[one] for one in types if one in _LANE_KINDS)
         lanes.append(
             Lane(
                 lane_id=number,
-                kind=next(
-                    (_LANE_KINDS[one] for one in types if one in _LANE_KINDS),
-                    LaneKind.VEHICLE,
-                ),
+                kind=next(kinds, LaneKind.VEHICLE),
                 is_intersection="intersection" in types or number in in_junction,
                 centerline=center,
                 left=left,
@@ -159,10 +184,12 @@ def _roads(root: Place) -> tuple[tuple[Lane, ...], tuple[Crosswalk, ...], list[s
                 right_mark=marks[1],
                 successors=_refs(place, "successor"),
                 predecessors=_refs(place, "predecessor"),
-                left_neighbor=beside[0],
-                right_neighbor=beside[1],
+                left_neighbor=beside[0][0],
+                right_neighbor=beside[1][0],
             )
         )
+        if number in second:
+            lanes.append(_turned(lanes[-1], second, beside))
     told = [
         f"Bounds of {len(ids)} lanelets {what}: {', '.join(map(str, ids[:6]))}."
         for what, ids in mended.items()
@@ -245,10 +272,34 @@ def _refs(place: Place, name: str) -> tuple[int, ...]:
     return tuple(one.integer("ref") for one in place.children(name))
 
 
-def _neighbor(place: Place, name: str) -> int | None:
-    """The adjacent lanelet, if it leads the same way."""
-    ways = (one for one in place.children(name) if one.get("drivingDir") == "same")
-    return next((one.integer("ref") for one in ways), None)
+def _beside(
+    place: Place, side: str, second: Mapping[int, int]
+) -> tuple[int | None, int | None]:
+    """The lanes beside a lanelet that lead the same way, and the opposite one."""
+    for one in place.children(f"adjacent{side}"):
+        number, other = one.integer("ref"), second.get(one.integer("ref"))
+        is_same = one.get("drivingDir") == "same"
+        return (number, other) if is_same else (other, number)
+    return None, None
+
+
+def _turned(
+    lane: Lane, second: Mapping[int, int], beside: Sequence[Sequence[int | None]]
+) -> Lane:
+    """The second way of a lanelet; ``beside`` has neighbours to its right and left."""
+    return replace(
+        lane,
+        lane_id=second[lane.lane_id],
+        centerline=lane.centerline[::-1],
+        left=lane.right[::-1],
+        right=lane.left[::-1],
+        left_mark=lane.right_mark,
+        right_mark=lane.left_mark,
+        successors=tuple(second[one] for one in lane.predecessors if one in second),
+        predecessors=tuple(second[one] for one in lane.successors if one in second),
+        left_neighbor=beside[1][1],
+        right_neighbor=beside[0][1],
+    )
 
 
 def _obstacles(root: Place, step_s: float) -> tuple[list[FileTrack], list[str]]:
@@ -310,7 +361,7 @@ def _obstacle(place: Place, step_s: float, last_s: float) -> FileTrack:
 def _states(place: Place, step_s: float) -> Iterator[tuple[float, ...]]:
     """Time, x, y, heading and speed of an obstacle's states, the last two maybe NaN.
 
-    Of a prediction by occupancies these are its boxes; states without a place are left out.
+    Of a prediction by occupancies these are its middles; states without a place are left out.
     """
     first = place.child("initialState")
     for one in (first, *place.children("trajectory/state[position]")):
@@ -318,10 +369,11 @@ def _states(place: Place, step_s: float) -> Iterator[tuple[float, ...]]:
         yield step_s * _value(one, "time"), *_position(one), *told
     begin = _value(first, "time")
     for one in place.children("occupancySet/occupancy"):
-        for shape in one.children("shape/rectangle[orientation][center]"):
-            box, number = _box(shape), _value(one, "time")
-            if box is not None and number > begin:
-                yield step_s * number, *box[2], box[1], np.nan
+        shapes, number = one.children("shape/*"), _value(one, "time")
+        if number > begin and (boxes := _boxes(shapes)):
+            is_box = len(shapes) == 1 and shapes[0].children("orientation")
+            turn = boxes[0][1] if is_box else np.nan
+            yield step_s * number, *_whole(boxes)[2], turn, np.nan
 
 
 def _start(problem: Place, step_s: float) -> FileTrack:
@@ -344,8 +396,19 @@ def _shape(
 ) -> tuple[tuple[float, float] | None, float, tuple[float, float]]:
     """Length and width of the box, its turn and its centre in the obstacle's frame."""
     boxes = [box for one in place.children("shape/*") if (box := _box(one))]
-    if len(boxes) <= 1:
-        return boxes[0] if boxes else (None, 0.0, (0.0, 0.0))
+    return _whole(boxes) if boxes else (None, 0.0, (0.0, 0.0))
+
+
+def _boxes(shapes: Sequence[Place]) -> list[_Box]:
+    """Boxes of shapes that have a place of their own."""
+    placed = (n for n in shapes if n.element.tag == "polygon" or n.children("center"))
+    return [box for one in placed if (box := _box(one)) is not None]
+
+
+def _whole(boxes: Sequence[_Box]) -> _Box:
+    """The only box, or one around all."""
+    if len(boxes) == 1:
+        return boxes[0]
     corners = [
         box_corners(*map(np.array, (center, turn, size)))
         for size, turn, center in boxes
@@ -353,7 +416,7 @@ def _shape(
     return _around(np.concatenate(corners))
 
 
-def _box(one: Place) -> tuple[tuple[float, float], float, tuple[float, float]] | None:
+def _box(one: Place) -> _Box | None:
     center = next((_point(n)[:2] for n in one.children("center")), (0.0, 0.0))
     if one.element.tag == "rectangle":
         size = one.child("length").number(), one.child("width").number()
@@ -367,9 +430,7 @@ def _box(one: Place) -> tuple[tuple[float, float], float, tuple[float, float]] |
     return None
 
 
-def _around(
-    points: Float[np.ndarray, "N 2"],
-) -> tuple[tuple[float, float], float, tuple[float, float]]:
+def _around(points: Float[np.ndarray, "N 2"]) -> _Box:
     low, high = points.min(axis=0), points.max(axis=0)
     length, width = np.maximum(high - low, 0.1).tolist()
     x, y = ((low + high) / 2).tolist()
@@ -377,15 +438,12 @@ def _around(
 
 
 def _position(state: Place) -> tuple[float, float]:
-    """A point, or the centre of a shape."""
+    """A point, or the middle of shapes."""
     position = state.child("position")
-    for one in position.children("*"):
-        if one.element.tag in ("point", "rectangle", "circle"):
-            return _point(one if one.element.tag == "point" else one.child("center"))[
-                :2
-            ]
-        if (box := _box(one)) is not None:
-            return box[2]
+    for one in position.children("point"):
+        return _point(one)[:2]
+    if boxes := _boxes(position.children("*")):
+        return _whole(boxes)[2]
     raise position.error("has no point; expected one.")
 
 

@@ -348,12 +348,71 @@ def test_lanes_that_begin_elsewhere_are_told(tmp_path: Path):
     assert "1 lane begins up to 4.0 m from those before them." in read(path).provenance.notes  # fmt: skip
 
 
-def test_lanelets_for_both_ways_are_told(tmp_path: Path):
-    """They were read as if for one way, without a word."""
-    path = tmp_path / "road.xml"
+def test_lanelets_for_both_ways_are_two_lanes(tmp_path: Path):
+    """They were read as if for one way."""
     users = "<userBidirectional>{}</userBidirectional>"
-    for user, expected in (("priorityVehicle", False), ("vehicle", True)):
-        more = lanelet(20, 40.0, 0.0, 9.0, users.format(user))
-        path.write_text(text(more=more))
-        told = " ".join(read(path).provenance.notes)
-        assert ("1 lanelets are for both ways" in told) is expected
+    more = (
+        lanelet(20, 40.0, 0.0, 30.0, '<successor ref="21"/>' + users.format("vehicle"))
+        + lanelet(21, 40.0, 30.0, 60.0, f'<predecessor ref="20"/><adjacentLeft ref="23" '
+                  f'drivingDir="same"/>{users.format("car")}')
+        + lanelet(22, 60.0, 0.0, 30.0, users.format("priorityVehicle"))
+        + lanelet(23, 43.0, 30.0, 60.0, users.format("truck"))
+    )  # fmt: skip
+    path = tmp_path / "road.xml"
+    path.write_text(text(more=more))
+    scene = read(path)
+    lane_of = scene.road_map.lane_of
+    assert {*lane_of} == {10, 11, 12, 20, 21, 22, 23, 24, 25, 26}
+    np.testing.assert_allclose(lane_of[24].centerline, lane_of[20].centerline[::-1])
+    np.testing.assert_allclose(lane_of[24].left, lane_of[20].right[::-1])
+    assert (lane_of[25].successors, lane_of[24].predecessors) == ((24,), (25,))
+    assert (lane_of[20].successors, lane_of[20].predecessors) == ((21,), ())
+    assert (lane_of[25].left_neighbor, lane_of[25].right_neighbor) == (None, 26)
+    assert lane_of[21].left_neighbor == 23
+    assert "3 lanelets are for both ways, each as two lanes." in scene.provenance.notes
+
+
+def test_lanes_of_two_way_lanelets_lead_on_into_one_way_ones(tmp_path: Path):
+    """Files have no links for their second way."""
+    back = lanelet(21, 40.0, 0.0, 30.0, "")
+    left, right = bound("left", 41.5, "dashed", 0.0, 30.0), bound("right", 38.5, "solid", 0.0, 30.0)  # fmt: skip
+    turned = bound("left", 38.5, "dashed", 30.0, 0.0), bound("right", 41.5, "solid", 30.0, 0.0)  # fmt: skip
+    back = back.replace(left, turned[0]).replace(right, turned[1])
+    two_way = lanelet(20, 40.0, 30.0, 60.0, "<userBidirectional>vehicle</userBidirectional>")  # fmt: skip
+    path = tmp_path / "road.xml"
+    path.write_text(text(more=back + two_way))
+    lane_of = read(path).road_map.lane_of
+    assert lane_of[22].successors == (21,)
+    assert lane_of[21].predecessors == (22,)
+    assert lane_of[20].successors == ()
+
+
+@pytest.mark.parametrize("shape", ["circle", "polygon", "group", "rectangle"])
+def test_obstacles_are_in_the_middle_of_areas_that_they_may_occupy(
+    tmp_path: Path, shape: str
+):
+    """Of set-based predictions the first state alone was read."""
+
+    def area(x: float, y: float, grown: float) -> str:
+        center = point(x, y).replace("point>", "center>")
+        circle = f"<circle><radius>{1 + grown}</radius>{center}</circle>"
+        corners = "".join(
+            point(x + a * (2 + grown), y + b) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        )  # fmt: skip
+        polygon = f"<polygon>{corners}</polygon>"
+        box = f"<rectangle><length>{4 + grown}</length><width>2</width>{center}</rectangle>"
+        return {"circle": circle, "polygon": polygon, "group": polygon + circle, "rectangle": box}[shape]  # fmt: skip
+
+    occupancies = "".join(
+        f"<occupancy><shape>{area(9.0 * (n + 0.5), 0.0, 0.1 * n)}</shape><time><intervalStart>{n}"
+        f"</intervalStart><intervalEnd>{n + 1}</intervalEnd></time></occupancy>"
+        for n in range(20)
+    )  # fmt: skip
+    first = state("initialState", 0, 0.0, 0.0, 0.0, 9.0)
+    more = f'<dynamicObstacle id="200">{CAR}{first}<occupancySet>{occupancies}</occupancySet></dynamicObstacle>'  # fmt: skip
+    scene = read(write(tmp_path, text(more=more)))
+    row, now = scene.agents.row_of["200"], scene.current_step
+    place = scene.agents.position_m[row, now : now + 20] + scene.origin_city_m - FAR_M
+    np.testing.assert_allclose(place, [[9.0 * n, 0] for n in range(20)], atol=1e-6)
+    assert np.abs(scene.agents.heading_rad[row]).max() < 1e-6
+    assert scene.agents.size_m[row].tolist() == [4.2, 1.8]
