@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import tyro
 
@@ -23,6 +23,8 @@ from pd_editor.editor.scenario_store import RECIPE_NAME, export_into
 from pd_editor.editor.scenario_store import open_base as open_base_of
 from pd_editor.generation.generators import make_generator
 from pd_editor.scene.scenario import Scenario
+
+_NAME_IT: Final = "make it again from its folder with 'pd-editor replay --base DIR'"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,15 +100,13 @@ def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
         return open_base_of(recipe.base, base)
     if not recipe.base.source:
         raise RecipeError(
-            f"{where}: its scenario {recipe.base.scenario_id} was uploaded; "
-            "name its folder with --base."
+            f"{where}: its scenario {recipe.base.scenario_id} was uploaded; {_NAME_IT}."
         )
     try:
         return open_base_of(recipe.base)
     except InputError as error:
         raise RecipeError(
-            f"{where}: its scenario cannot be opened; if it was moved, name its "
-            f"folder with --base ({error})"
+            f"{where}: its scenario cannot be opened; if it was moved, {_NAME_IT} ({error})"
         ) from error
 
 

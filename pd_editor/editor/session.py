@@ -90,6 +90,8 @@ class EditorSession:
         self._previewed: Command | None = None
         self._variant = Variant()
         self._exports: tuple[tuple[Scenario, ExportMark], ...] = ()
+        self._numbered: tuple[tuple[Scenario, str, str], ...] = ()
+        """States written under another name than the user's, which was taken, and both names."""
         self._replayed: tuple[str, tuple[Command, ...]] = ("", ())
         """Name that the program gave to the result of a recipe, with its commands."""
         self.lost_edits = ""
@@ -271,6 +273,9 @@ class EditorSession:
 
     def mark_exported(self, mark: ExportMark) -> None:
         """Keep in mind that the current state was exported or saved to the library."""
+        if mark.name != self.name:
+            numbered = (self.scenario, self._variant.name, mark.name)
+            self._numbered = (*self._numbered, numbered)
         self._exports = (*self._exports, (self.scenario, mark))
         if self._journal is not None:
             self._journal.exported(mark, self._clock())
@@ -289,7 +294,14 @@ class EditorSession:
         other.commit_gesture()
         before = self.state
         parts = ("_base", "_now", "_history", "_journal", "_variant", "_clock")
-        parts += ("_variants", "_dropped", "_replayed", "_exports", "lost_edits")
+        parts += (
+            "_variants",
+            "_dropped",
+            "_replayed",
+            "_exports",
+            "_numbered",
+            "lost_edits",
+        )
         for name in parts:
             mine, theirs = getattr(self, name), getattr(other, name)
             setattr(self, name, theirs)
@@ -436,9 +448,22 @@ class EditorSession:
     def name(self) -> str:
         """Name of the edited scenario: the user's, or else a proposed one.
 
-        Without edits and without a user's name it is the base's id.
+        Where that was taken, it is what the state was written under. Without edits and
+        without a user's name it is the base's id.
         """
-        return self._variant.name or self._proposed_name or self._base.scenario_id
+        named = self._written_name or self._variant.name or self._proposed_name
+        return named or self._base.scenario_id
+
+    @property
+    def _written_name(self) -> str:
+        """Name under which the state was written, for the user's was taken; else empty."""
+        now = self.committed_scenario, self._variant.name
+        found = [
+            name
+            for kept, asked, name in self._numbered
+            if kept is now[0] and asked == now[1]
+        ]
+        return found[-1] if found else ""
 
     @property
     def _proposed_name(self) -> str:
@@ -455,9 +480,10 @@ class EditorSession:
     def recipe(self) -> Recipe:
         """Recipe of the base and the commands in force, without an unfinished gesture."""
         variant, proposed = self._variant, self._proposed_name
-        if proposed and not variant.name:
-            given = self._replayed[0]
-            variant = replace(variant, name=proposed, is_proposed=proposed == given)
+        given = self._written_name or self._replayed[0]
+        if name := self._written_name or ("" if variant.name else proposed):
+            is_proposed = not variant.name and name == given
+            variant = replace(variant, name=name, is_proposed=is_proposed)
         return Recipe(
             base=self._base.reference,
             commands=self.commands_in_force,

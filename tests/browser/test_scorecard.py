@@ -26,6 +26,11 @@ def test_the_scorecard_follows_edits_and_goes_to_the_worst(editor):
     ).click()
     drawer = editor.page.get_by_role("region", name="Scorecard")
     drawer.wait_for()
+    # No title is cut off.
+    assert drawer.locator(".pd-score-name").evaluate_all(
+        "all => all.length > 9 && all.every(one => one.scrollWidth <= one.clientWidth"
+        " && getComputedStyle(one).textOverflow === 'clip')"
+    )
     collisions = score(editor, "Collisions at t = 0")
     before = collisions.inner_text()
     scenario = editor.session.scenario

@@ -39,6 +39,20 @@ def test_scrub_click_step_and_play(editor):
         editor.until(lambda step=step: playback.step == step, f"step {step}")
     assert (editor.client.camera.position == camera).all()
 
+    # With the focus as well, which Tab brings.
+    page.get_by_role("button", name="t = 0", exact=True).focus()
+    page.keyboard.press("Tab")
+    expect(track).to_be_focused()
+    for keys, step in (
+        ("ArrowRight", 70),
+        ("Home", 0),
+        ("End", 109),
+        ("Shift+ArrowLeft", 99),
+    ):
+        page.keyboard.press(keys)
+        editor.until(lambda step=step: playback.step == step, f"step {step}")
+    editor.seek(2.0)
+
     start = box["x"] + box["width"] * 69 / 109
     end = box["x"] + box["width"] * 20 / 109
     editor.drag_pixels((start, middle), (end, middle))

@@ -72,7 +72,12 @@ def test_a_moved_base_is_named(shell: Shell, tmp_path: Path):
     bent = warp(here, kind="smooth-turn", power=-2, out=tmp_path / "bent").folder
     moved = here.rename(tmp_path / "moved")
     command = ("replay", bent, "--out", tmp_path / "again")
-    assert "name its folder with --base" in shell.refused(*command)
+    told = (
+        "if it was moved, make it again from its folder with 'pd-editor replay --base"
+    )
+    assert told in shell.refused(*command)
+    # Also by a command without that option.
+    assert told in shell.refused("render", bent / "recipe.json", "--out", "one.html")
     assert shell.run(*command, "--base", moved).code == 0
     out = tmp_path / "other"
     other = warp(JUNCTION, kind="smooth-turn", power=3, name=here.name, out=out).folder
@@ -88,7 +93,7 @@ def test_an_upload_needs_its_base(shell: Shell, tmp_path: Path):
     recipe["base"]["source"] = ""
     (folder / "recipe.json").write_text(json.dumps(recipe))
     command = ("replay", folder, "--out", tmp_path / "again")
-    assert "was uploaded; name its folder with --base" in shell.refused(*command)
+    assert "was uploaded; make it again from its folder with" in shell.refused(*command)
     assert shell.run(*command, "--base", JUNCTION).code == 0
 
 

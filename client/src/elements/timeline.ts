@@ -47,7 +47,8 @@ define("timeline", (api) => {
   const shown = make("output", "pd-time", { "aria-label": "Time shown" });
   // Marks lie over the track, since a slider holds no buttons.
   const rail = make("div", "pd-rail");
-  const track = make("div", "pd-track", { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal" });
+  const named = { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal", tabindex: 0 };
+  const track = make("div", "pd-track", named);
   const lane = make("div", "pd-lane");
   const past = make("div", "pd-past");
   const future = make("div", "pd-future");
@@ -165,11 +166,13 @@ define("timeline", (api) => {
   // something. They are taken before viser hears them, whose camera would move.
   hearFirst("keydown", (event) => {
     const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1 }[event.key];
-    if (!steps || hasModifier(event) || isTyping(event)) return;
-    if (within(event, "[role=slider], [role=tab], [role=option], [role=dialog]")) return;
+    const end = event.target === track ? { Home: axis.firstStep, End: axis.lastStep }[event.key] : undefined;
+    if (!(steps || end !== undefined) || hasModifier(event) || isTyping(event)) return;
+    if (within(event, "[role=slider]:not(.pd-track), [role=tab], [role=option], [role=dialog]")) return;
     event.preventDefault();
     event.stopPropagation();
-    api.send({ kind: "step", value: steps * (event.shiftKey ? 10 : 1) });
+    if (end !== undefined) api.send({ kind: "seek", value: end });
+    else if (steps) api.send({ kind: "step", value: steps * (event.shiftKey ? 10 : 1) });
   });
 
   everyFrame(() => {

@@ -343,26 +343,37 @@ class Library:
             with self._writing():
                 self._set_aside(name)
 
-    def put_back(self, name: str) -> None:
-        """Restore the scenario that was removed last under a name.
+    def put_back(self, name: str) -> str:
+        """Restore the scenario that was removed last under a name; returns its name by now.
+
+        Where another one has that name, it gets a number.
 
         Raises:
-            ExportError: it is gone, its name is taken by now, or it cannot be moved.
+            ExportError: it is gone, or cannot be moved.
+            PdEditorError: it needs another name, and cannot be read.
         """
-        aside = [one for one in self._removed() if one.name.startswith(f".{name}.")]
-        if not aside:
+        found = [one for one in self._removed() if one.name.startswith(f".{name}.")]
+        if not found:
             raise ExportError(f"{name}: was removed for good.")
+        aside = max(found, key=_moment)
         with self._writing():
-            if self.has(name):
-                raise ExportError(
-                    f"{name}: another scenario of the library has this name by now."
-                )
-            try:
-                max(aside, key=_moment).rename(self.root / name)
-            except OSError as error:
-                raise ExportError(
-                    f"{name}: cannot be put back ({error.strerror})."
-                ) from error
+            if not self.has(name):
+                try:
+                    aside.rename(self.root / name)
+                except OSError as error:
+                    raise ExportError(
+                        f"{self.root / name}: cannot be put back ({error.strerror})."
+                    ) from error
+                return name
+        # Its name is in its files, too.
+        free = free_name(name, self.has)
+        recipe, card = self._recipe(aside.name), self._read_card(aside.name, name)
+        recipe = replace(recipe, variant=replace(recipe.variant, name=free))
+        card = replace(card, row=replace(card.row, scenario_id=free))
+        files = exported_files(open_scenario(aside), recipe)
+        self.add(card, files, self.thumbnail(aside.name))
+        shutil.rmtree(aside, ignore_errors=True)
+        return free
 
     def files(self, name: str, format_name: str = ARGOVERSE2.name) -> dict[str, bytes]:
         """Files of a scenario in some format, with its recipe.
@@ -468,8 +479,8 @@ class Library:
         finally:
             lock.release()
 
-    def _read_card(self, name: str) -> LibraryCard:
-        """Read a card.
+    def _read_card(self, name: str, named: str = "") -> LibraryCard:
+        """Read the card in a folder, which has the folder's name unless it is ``named``.
 
         Raises:
             InputError: it cannot be read, or is that of another folder.
@@ -481,7 +492,7 @@ class Library:
         except ValueError as error:
             raise InputError(f"{path}: is no JSON.") from error
         card = from_json(LibraryCard, content, f"{path}: The card")
-        if card.name != name:
+        if card.name != (named or name):
             raise InputError(
                 f"{path}: is the card of {one_line(card.name, 80)}; give the folder that"
                 " name, or move it out and take it in by 'pd-editor library add'."
@@ -514,7 +525,7 @@ class Library:
             (self.root / name).rename(gone)
         except OSError as error:
             raise ExportError(
-                f"{name}: cannot be removed ({error.strerror})."
+                f"{self.root / name}: cannot be removed ({error.strerror})."
             ) from error
         return gone
 

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (08d0d84ccc5fbf6f); not to be edited. */
+/* Built by .ci/client.py from client/ (89db9db7a6b6ffce); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

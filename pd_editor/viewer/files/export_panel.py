@@ -196,6 +196,11 @@ class ExportPanel:
         self._show_losses()
         self._show_preflight()
 
+    def written(self) -> None:
+        """Show the name under which the state was written, whatever was typed."""
+        self._typed = None
+        self.show()
+
     def _show_preflight(self) -> None:
         """One line: a focal agent or ego that lacks, new problems."""
         scenario = self._ui.session.scenario
@@ -229,6 +234,7 @@ class ExportPanel:
             name, content = f"{session.name}.html", player_page([named])
         else:
             name, content = self._workspace.exported_zip(chosen.name)
+            self.written()
         self._ui.client.send_file_download(name, content, save_immediately=True)
 
     def _look(self, ending: str) -> FilmLook | FigureLook:
@@ -365,6 +371,7 @@ class ExportPanel:
             out, replaces=replaces, format_name=self.format_name()
         )
         title = "Replaced the earlier export" if replaces else "Exported"
+        self.written()
         self._ui.notify(title, str(written), "success")
 
     def _close_dialog(self) -> None:

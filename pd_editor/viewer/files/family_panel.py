@@ -186,7 +186,11 @@ class FamilyPanel:
             self._cover()
 
     def end(self, words: str) -> None:
-        """Show how a run ended."""
+        """Show how a run ended, and list what it made where all scenarios are opened next."""
+        workspace = self._ui.workspace
+        if any(one.name for one in self._made) and not workspace.start.is_open:
+            workspace.start = replace(workspace.start, source="library")
+            words += " N lists them."
         self.tell(words, self._made)
         self._job = None
         self._set_running(False)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pd_editor.analysis.findings.finding import problems_in_words
-from pd_editor.base.errors import ExportError, InputError, PdEditorError
+from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.plain_text import number_of
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.editor.library.library import Library, LibraryCard
@@ -64,6 +64,7 @@ class LibraryActions:
         is_update = self._workspace.saved_card() is not None
         card = self._workspace.save()
         self._start.look()
+        self._export.written()
         self._ui.notify(
             f"{'Updated in the library' if is_update else 'Saved to library'}: {card.name}",
             f"With {problems_in_words(card.row.problems)}.",
@@ -214,17 +215,24 @@ class LibraryActions:
         self._changed()
 
     def _put_removed_back(self) -> None:
-        names, failures = self._workspace.removed, dict[str, ExportError]()
+        names, failures = self._workspace.removed, dict[str, PdEditorError]()
+        renamed: list[str] = []
         for name in names:
             try:
-                self._library.put_back(name)
-            except ExportError as error:
+                back = self._library.put_back(name)
+            except PdEditorError as error:
                 failures[name] = error
+                continue
+            if back != name:
+                renamed.append(
+                    f"{name} as {back}, for another one has its name by now."
+                )
         self._workspace.removed = tuple(failures)
         self._changed()
         if failures:
             raise next(iter(failures.values()))
-        self._ui.notify(f"{number_of(len(names), 'scenario')} put back")
+        told = f"{number_of(len(names), 'scenario')} put back"
+        self._ui.notify(told, " ".join(renamed))
 
     def _changed(self) -> None:
         self._start.look()

@@ -603,11 +603,11 @@ class LibraryList(TickedList[LibraryCard]):
         """Remove scenarios, which can be put back for a day."""
         for name in names:
             self._library.remove(name)
-        removed = dict.fromkeys((*self._workspace.removed, *names))
-        self._workspace.removed = tuple(removed)
+            removed = dict.fromkeys((*self._workspace.removed, name))
+            self._workspace.removed = tuple(removed)
         self._ui.notify(
             f"{number_of(len(names), 'scenario')} removed",
-            f"The button Put back {len(removed)} below the library undoes it.",
+            f"The button Put back {len(self._workspace.removed)} below the library undoes it.",
         )
 
     def _metric(self, item: LibraryCard) -> str:

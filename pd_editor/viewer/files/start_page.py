@@ -4,6 +4,7 @@ import logging
 import re
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import viser
@@ -30,7 +31,7 @@ from pd_editor.viewer.scene.timeline import Timeline
 from pd_editor.viewer.scene.viewpoint import Viewpoint
 from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.state.view_memory import Source
-from pd_editor.viewer.tab.ui_context import UiContext
+from pd_editor.viewer.tab.ui_context import NOT_DONE, UiContext
 
 COMMON: Final = (
     "cut-in",
@@ -250,10 +251,11 @@ class StartPage:
             self._set_facet(event.name, value)
         elif kind == "page":
             self._change(first=max(event.first, 0))
-        elif kind == "bulk" and event.name in [
-            one.name for one in self._list.bulk() if one.is_on
-        ]:
-            self.acted.emit(event.name, value)
+        elif kind == "bulk":
+            for one in self._list.bulk():
+                if one.name == event.name and one.is_on:
+                    act = partial(self.acted.emit, one.name, value)
+                    self._ui.reporting(f"{NOT_DONE}: {one.text}", act)()
         elif kind == "index" and (run := self._list.run) is not None:
             (run.start if run.fraction is None else run.cancel)()
             self.follow()
@@ -261,7 +263,11 @@ class StartPage:
             self._wanted = list(event.keys)
             self._draw()
         elif value in self._shown:
-            self._act(kind, self._shown[value])
+            item = self._shown[value]
+            tile = self._list.tile(item)
+            verb = tile.reject if kind == "reject" else kind.capitalize()
+            act = partial(self._act, kind, item)
+            self._ui.reporting(f"{NOT_DONE}: {verb} {tile.title}", act)()
 
     def _set_facet(self, name: str, value: str) -> None:
         for one in self._list.facets():

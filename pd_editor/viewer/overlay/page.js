@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (08d0d84ccc5fbf6f); not to be edited. */
+/* Built by .ci/client.py from client/ (89db9db7a6b6ffce); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3941,7 +3941,8 @@
     current.textContent = "t = 0";
     const shown = make("output", "pd-time", { "aria-label": "Time shown" });
     const rail = make("div", "pd-rail");
-    const track2 = make("div", "pd-track", { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal" });
+    const named = { role: "slider", "aria-label": "Time", "aria-orientation": "horizontal", tabindex: 0 };
+    const track2 = make("div", "pd-track", named);
     const lane = make("div", "pd-lane");
     const past = make("div", "pd-past");
     const future = make("div", "pd-future");
@@ -4050,11 +4051,13 @@
       });
     hearFirst("keydown", (event) => {
       const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1 }[event.key];
-      if (!steps || hasModifier(event) || isTyping(event)) return;
-      if (within(event, "[role=slider], [role=tab], [role=option], [role=dialog]")) return;
+      const end = event.target === track2 ? { Home: axis.firstStep, End: axis.lastStep }[event.key] : void 0;
+      if (!(steps || end !== void 0) || hasModifier(event) || isTyping(event)) return;
+      if (within(event, "[role=slider]:not(.pd-track), [role=tab], [role=option], [role=dialog]")) return;
       event.preventDefault();
       event.stopPropagation();
-      api.send({ kind: "step", value: steps * (event.shiftKey ? 10 : 1) });
+      if (end !== void 0) api.send({ kind: "seek", value: end });
+      else if (steps) api.send({ kind: "step", value: steps * (event.shiftKey ? 10 : 1) });
     });
     everyFrame(() => {
       if (head2.isPlaying && !isScrubbing) drawHead(clock.step());

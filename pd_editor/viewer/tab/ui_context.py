@@ -23,7 +23,7 @@ GESTURE_PAUSE_S: Final = 1.0
 """Pause after which an input's gesture is finished (viser reports no end)."""
 LAST_VALUE_S: Final = 0.3
 """Time in which the last value of a slider may arrive after the pointer is released."""
-_NOT_DONE: Final = "Not possible"
+NOT_DONE: Final = "Not possible"
 _REFINING: Final = "refining"
 """Owner of a gesture that has ended, and whose final trajectories are awaited."""
 
@@ -68,7 +68,7 @@ class UiContext:
         self._gesture: str | None = None
         self._gesture_deadline: float | None = None
         self._is_slider_held = False
-        self._failure = _NOT_DONE
+        self._failure = NOT_DONE
 
     def post(
         self,
@@ -82,7 +82,7 @@ class UiContext:
         ``failure`` is the title of the notice if the action raises an error.
         """
         if failure is not None:
-            action = self._reporting(failure, action)
+            action = self.reporting(failure, action)
         self.inbox.post(action, merge_key)
 
     def on_click(
@@ -99,9 +99,7 @@ class UiContext:
 
         @button.on_click
         async def _(_event: viser.GuiEvent[Any]) -> None:
-            self.post(
-                self._reporting(failure or f"{_NOT_DONE}: {button.label}", action)
-            )
+            self.post(self.reporting(failure or f"{NOT_DONE}: {button.label}", action))
 
     def on_option(
         self, group: viser.GuiButtonGroupHandle, action: Callable[[str], None]
@@ -111,7 +109,7 @@ class UiContext:
         @group.on_click
         async def _(event: viser.GuiEvent[Any]) -> None:
             option = str(event.target.value)
-            self.post(self._reporting(f"{_NOT_DONE}: {option}", lambda: action(option)))
+            self.post(self.reporting(f"{NOT_DONE}: {option}", lambda: action(option)))
 
     def on_change(
         self,
@@ -140,8 +138,8 @@ class UiContext:
                 return
             value, change = event.target.value, object()
             _waiting[id(handle)] = ref(handle), change
-            title = failure or f"{_NOT_DONE}: {handle.label}"
-            self.post(self._reporting(title, lambda: take(change, value)), key)
+            title = failure or f"{NOT_DONE}: {handle.label}"
+            self.post(self.reporting(title, lambda: take(change, value)), key)
 
     def hotkey(
         self,
@@ -162,17 +160,15 @@ class UiContext:
 
         @command.on_trigger
         async def _(_event: Any) -> None:
-            self.post(self._reporting(failure or f"{_NOT_DONE}: {label}", action))
+            self.post(self.reporting(failure or f"{NOT_DONE}: {label}", action))
 
-    def _reporting(
-        self, failure: str, action: Callable[[], None]
-    ) -> Callable[[], None]:
+    def reporting(self, failure: str, action: Callable[[], None]) -> Callable[[], None]:
         """Wrap an action so that its errors are reported with a title."""
 
         def reporting() -> None:
             self._failure = failure
             action()
-            self._failure = _NOT_DONE
+            self._failure = NOT_DONE
 
         return reporting
 
@@ -340,7 +336,7 @@ class UiContext:
 
     def report(self, error: Exception) -> None:
         """Show an error: its message if the user caused it, else a bug with a log entry."""
-        failure, self._failure = self._failure, _NOT_DONE
+        failure, self._failure = self._failure, NOT_DONE
         if isinstance(error, PdEditorError):
             self.notify(failure, str(error), "error")
             return

@@ -89,11 +89,9 @@ def test_what_is_removed_can_be_put_back_for_a_day(tmp_path: Path):
     (entry,) = library.cards()
     library.remove("one")
     saved(library, "one", 2.0)
-    with pytest.raises(ExportError, match="has this name by now"):
-        library.put_back("one")
     library.remove("one")
     # The one that was removed last.
-    library.put_back("one")
+    assert library.put_back("one") == "one"
     assert [again.saved_at for again in library.cards()] == [2.0]
     (aside,) = tmp_path.glob(".one.*")
     library.remove("one")
@@ -104,6 +102,26 @@ def test_what_is_removed_can_be_put_back_for_a_day(tmp_path: Path):
     assert again.cards() == [replace(entry, saved_at=2.0)]
     with pytest.raises(ExportError, match="removed for good"):
         again.put_back("one")
+
+
+def test_what_is_put_back_makes_way_for_one_that_took_its_name(tmp_path: Path):
+    library = Library(tmp_path)
+    saved(library, "one", 1.0, note="the first")
+    library.measure("one")
+    (before,) = library.cards()
+    files = library.files("one")
+    library.remove("one")
+    saved(library, "one", 2.0)
+    assert library.put_back("one") == "one-2"
+    back = library.card("one-2")
+    assert back == replace(before, row=replace(before.row, scenario_id="one-2"))
+    assert library.card("one").saved_at == 2.0
+    library.check("one-2")
+    assert library.files("one-2").keys() == {
+        name.replace("_one", "_one-2") for name in files
+    }
+    with pytest.raises(ExportError, match="removed for good"):
+        library.put_back("one")
 
 
 def test_what_is_half_written_or_damaged_is_not_listed(tmp_path: Path, caplog):

@@ -48,6 +48,9 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         powers = np.array([card.row.values["power"] for card in cards])
         assert ((powers > 2) & (powers < 8)).all()
         assert (np.diff(np.sort(powers)) > 0).all()
+        assert "without problems. N lists them." in tab.text()
+        tab.run(tab.elements.start.toggle)
+        assert tab.shown("startPage")["source"] == "library"
         until(lambda: len(tab.tiles("library")) == 3)
         # Which values are there is drawn, and what is removed is dropped.
         clean = [not card.row.num_problems for card in cards]

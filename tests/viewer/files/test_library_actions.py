@@ -567,8 +567,8 @@ def test_what_was_opened_from_the_library_is_no_second_time_saved(tabs):
     assert other.tab.workspace.library.card("kept").row.tags == ("merge",)
 
 
-def test_what_cannot_be_put_back_yet_can_be_later(tabs):
-    """The button was gone, and with it what had been removed."""
+def test_what_is_put_back_gets_a_free_name_where_its_own_is_taken(tabs):
+    """Another one had to be renamed by hand first."""
     tab, other = tabs
     drive(tab, 3.0)
     star(tab, name="kept")
@@ -576,8 +576,83 @@ def test_what_cannot_be_put_back_yet_can_be_later(tabs):
     drive(other, 6.0)
     star(other, name="kept")
     act(tab, "put-back")
-    assert "has this name by now" in tab.notices[-1][1]
+    assert tab.notices[-1] == (
+        "1 scenario put back",
+        "kept as kept-2, for another one has its name by now.",
+    )
+    assert sorted(listed(tab)) == ["kept", "kept-2"]
+    assert "put-back" not in bar(tab)
+
+
+def test_what_the_disk_refuses_is_told_with_what_where_and_why(tabs, monkeypatch):
+    """The title was "Not possible" alone, and what was removed before was lost."""
+    tab, _ = tabs
+    for name in ("one", "two"):
+        drive(tab, 3.0 if name == "one" else 6.0)
+        star(tab, name=name)
+    library = tab.tab.workspace.library
+
+    def refused(_path: Path, *_args: object, **_options: object) -> None:
+        raise OSError(13, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "mkdir", refused)
+        act(tab, "tag", "late")
+    assert tab.notices[-1] == (
+        "Not possible: Tag 2",
+        f"{library.root}: cannot be written (Permission denied).",
+    )
+    rename = Path.rename
+
+    def first_only(path: Path, target: Path) -> Path:
+        if path.name == "one":
+            refused(path)
+        return rename(path, target)
+
+    for name in ("one", "two"):
+        tick(tab, name)
+    told = f"{library.root / 'one'}: cannot be removed (Permission denied)."
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", first_only)
+        act(tab, "remove")
+        assert tab.notices[-1] == ("Not possible: Remove 2", told)
+        tab.choose("library", "one", "reject")
+        assert tab.notices[-1] == ("Not possible: Remove one", told)
     assert bar(tab)["put-back"] == "Put back 1"
-    star(other, name="another")
-    act(tab, "put-back")
-    assert sorted(listed(tab)) == ["another", "kept"]
+
+
+def test_the_name_field_tells_what_was_written(tabs):
+    """It kept the name that was taken, under which the state is not."""
+    tab, _ = tabs
+    drive(tab, 3.0)
+    star(tab, name="slow")
+    drive(tab, 6.0)
+    star(tab, name="slow")
+    name = tab.field("Name")
+    assert name.value == "slow-2"
+    tab.press("Save to library")
+    assert tab.notices[-1] == IS_KEPT
+    tab.type("Note", "faster")
+    tab.press("Save to library")
+    assert tab.notices[-1][0] == "Updated in the library: slow-2"
+    # Each state has its own, and a further one the next number.
+    tab.run(tab.session.undo)
+    assert name.value == "slow"
+    drive(tab, 7.0)
+    tab.press("Save to library")
+    assert name.value == tab.notices[-1][0].removeprefix("Saved to library: ")
+    # Proposed names, too, here of a zip.
+    tab.type("Name", "")
+    proposed = tab.session.name
+    with mock.patch.object(tab.ui.client, "send_file_download") as send:
+        tab.press("Download zip")
+        tab.run(tab.session.undo)
+        drive(tab, 8.0)
+        tab.press("Download zip")
+    assert [call.args[0] for call in send.call_args_list] == [
+        f"{proposed}.zip",
+        f"{proposed}-2.zip",
+    ]
+    assert name.value == f"{proposed}-2"
+    drive(tab, 9.0)
+    assert name.value == "crosswalk-3-edits"
