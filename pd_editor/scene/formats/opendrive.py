@@ -18,11 +18,13 @@ from pd_editor.scene.formats.lane_drive import Key, RoadLanes
 from pd_editor.scene.formats.missing_links import with_missing_links
 from pd_editor.scene.formats.opendrive_writer import (
     INTERSECTION,
+    JOINT,
     JOINT_M,
     LEFT,
     PAVING,
     RIGHT,
     ROAD_MARKS,
+    VENDOR,
     write,
 )
 from pd_editor.scene.formats.openscenario import (
@@ -56,7 +58,7 @@ _ROUNDED_M: Final = 0.5
 _SAME_AREA: Final = 0.9
 """Share of each other from which two crosswalks are one."""
 _LEAST_WIDTH_M: Final = 0.3
-"""Lanes that are nowhere wider are left out."""
+"""Lanes of other writers that are nowhere wider are left out."""
 _LANE_KINDS: Final = {
     "driving": LaneKind.VEHICLE, "entry": LaneKind.VEHICLE, "exit": LaneKind.VEHICLE,
     "onramp": LaneKind.VEHICLE, "offramp": LaneKind.VEHICLE,
@@ -151,11 +153,16 @@ def _roads(root: Place) -> "dict[str, _Road]":
         for one in root.children("junction/connection")
     }
     for place in root.children("road"):
-        road = _Road(place, within)
+        road = _Road(place, within, 0.0 if _is_own(root) else _LEAST_WIDTH_M)
         if road.name in roads:
             raise place.error("comes twice; expected ids that are unique.")
         roads[road.name] = road
     return roads
+
+
+def _is_own(root: Place) -> bool:
+    """Whether it is an export of this editor, to which nothing is to be added."""
+    return bool(root.children(f"header[@vendor='{VENDOR}']"))
 
 
 def _distinct(
@@ -261,18 +268,21 @@ class _Section:
             axis=-1,
         )
 
-    def is_wide(self, lane: int) -> bool:
-        """Whether the lane is as wide as a lane somewhere."""
+    def width_m(self, lane: int) -> float:
+        """Width of a lane where it is widest."""
         width = np.abs(self.border_m[lane] - self.border_m[self.inner(lane)])
-        return bool(width.max() >= _LEAST_WIDTH_M)
+        return float(width.max())
 
 
 class _Road:
     """A road with its sections."""
 
-    def __init__(self, place: Place, within: Mapping[str, str]) -> None:
+    def __init__(
+        self, place: Place, within: Mapping[str, str], least_width_m: float
+    ) -> None:
         """Of an element; ``within`` has junctions by their connecting roads."""
         self.place, self.name = place, place.attribute("id")
+        self._least_width_m = least_width_m
         self.length_m = place.number("length")
         if not 0 <= self.length_m <= MAX_LINES_M:
             raise place.error(
@@ -367,14 +377,17 @@ class _Road:
 
     @property
     def is_joint(self) -> bool:
-        """Whether it is without length, or connecting and too short to be driven on."""
+        """Whether it is without length, or connecting and not to be driven on."""
+        if self.place.element.find(f"userData[@code='{JOINT}']") is not None:
+            return True
         return self.length_m < JOINT_M if self.junction else not self.length_m
 
     def driven(self) -> Iterator[tuple[_Section, int, bool]]:
         """Sections, ids and directions of the lanes that are driven on."""
         for section in self.sections:
             for number, place in section.lanes.items():
-                if _kind(place) is not None and section.is_wide(number):
+                is_wide = section.width_m(number) >= self._least_width_m
+                if _kind(place) is not None and is_wide:
                     for leads_on in self.leads_on(number, place):
                         yield section, number, leads_on
 
@@ -522,6 +535,8 @@ class _Network:
             for one in self._driven
             if not one[0].is_joint
         )
+        if _is_own(self._root):
+            return lanes, []
         return with_missing_links(
             lanes,
             lambda one, other: (

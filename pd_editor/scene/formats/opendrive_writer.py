@@ -54,7 +54,9 @@ RIGHT: Final = "pd-editor right neighbor"
 INTERSECTION: Final = "pd-editor intersection"
 """Codes of user data of lanes: roads of neighbours, and whether it is in an intersection."""
 JOINT_M: Final = 0.1
-"""Connecting roads that are shorter join lanes, and are none themselves."""
+JOINT: Final = "pd-editor joint"
+"""Connecting roads that are shorter, or have user data of this code, only join lanes."""
+VENDOR: Final = "Path Diffuser Editor"
 End = tuple[int, int]
 """Id of a road or a lane, and 0 for its first point or 1 for its last one."""
 Links = Sequence[tuple[int, int]]
@@ -188,7 +190,7 @@ def _file(
     road_map, origin = scenario.road_map, scenario.origin_city_m
     root = etree.Element("OpenDRIVE")
     (west, south), (east, north) = road_map.bounds_m
-    about = {"name": scenario.scenario_id, "vendor": "Path Diffuser Editor"}
+    about = {"name": scenario.scenario_id, "vendor": VENDOR}
     bounds = {"north": north, "south": south, "east": east, "west": west}
     header = added(root, "header", revMajor=1, revMinor=7, **about, **bounds)
     added(header, "offset", x=origin[0], y=origin[1], z=0, hdg=0)
@@ -641,7 +643,9 @@ def _connect(
             s = np.array([0.0, pieces[0, 4]])
             road = replace(bridge, pieces=pieces, s_m=s, border_m=np.stack(border))
             lanes = [road_map.lane_of[one]]
-            _road(root, (own, number), lanes, road, ([before], [after]))
+            bridged = _road(root, (own, number), lanes, road, ([before], [after]))
+            if s[-1] >= JOINT_M:
+                added(bridged, "userData", code=JOINT, value=True)
             way = {"incomingRoad": before[0], "connectingRoad": own}
             way = added(junction, "connection", id=index, contactPoint="start", **way)
             added(way, "laneLink", **{"from": before[1], "to": -1})

@@ -21,12 +21,12 @@ from pd_editor.experiments.synthesis.sumo.sumo_tools import run_sumo_tool
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.commonroad_writer import IDS_NAME
 from pd_editor.scene.formats.opendrive import read
-from pd_editor.scene.formats.opendrive_writer import JOINT_M, write
+from pd_editor.scene.formats.opendrive_writer import JOINT, JOINT_M, write
 from pd_editor.scene.perturbation.warp_scenario import (
     pose_on_original_road,
     warp_scenario,
 )
-from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.road_map import Lane, RoadMap
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import Signal
@@ -63,7 +63,8 @@ def links_of(root: _Element) -> set[tuple[Lanes, Lanes]]:
     for road in root.findall("road"):
         ends = [road.find(f"link/{tag}") for tag in ("predecessor", "successor")]
         is_bridge = road.get("junction") != "-1"
-        assert not is_bridge or float(road.get("length", "")) < JOINT_M
+        is_joint = road.find(f"userData[@code='{JOINT}']") is not None
+        assert not is_bridge or is_joint or float(road.get("length", "")) < JOINT_M
         for lane in road.findall(".//right/lane"):
             own = [lane.find(f"link/{tag}") for tag in ("predecessor", "successor")]
             before, after = (
@@ -305,6 +306,37 @@ def test_crooked_lanes_that_part_come_back(
     )
     scene = replace(two_agents_that_pass(), road_map=RoadMap(lanes=lanes))
     check_roads(scene, written(scene, tmp_path_factory.mktemp("road")))
+
+
+@pytest.mark.parametrize("gap_m", [0.5, 3.0])
+def test_lanes_that_begin_further_on_come_back(tmp_path: Path, gap_m: float):
+    """The roads between them came back as lanes."""
+    lanes = (
+        straight_lane(1, (0, 0), (20, 0), successors=(2, 3)),
+        straight_lane(2, (20 + gap_m, 0), (40, 0), predecessors=(1,)),
+        straight_lane(3, (20 + gap_m, 0.5), (40, 8), predecessors=(1,)),
+    )
+    scene = replace(two_agents_that_pass(), road_map=RoadMap(lanes=lanes))
+    check_roads(scene, written(scene, tmp_path))
+
+
+def narrow(lane: Lane, width_m: float) -> Lane:
+    share = width_m / 3.5
+    sides = (lane.centerline + share * (n - lane.centerline) for n in (lane.left, lane.right))  # fmt: skip
+    left, right = sides
+    return replace(lane, left=left, right=right)
+
+
+def test_lanes_that_meet_without_a_link_and_narrow_ones_come_back(tmp_path: Path):
+    """Links were made, and lanes of less than 0.3 m left out."""
+    lanes = (
+        straight_lane(1, (0, 0), (20, 0)),
+        straight_lane(2, (20, 0), (40, 0)),
+        narrow(straight_lane(3, (0, 9), (20, 9), successors=(4,)), 0.2),
+        narrow(straight_lane(4, (20, 9), (40, 9), predecessors=(3,)), 0.06),
+    )
+    scene = replace(two_agents_that_pass(), road_map=RoadMap(lanes=lanes))
+    check_roads(scene, written(scene, tmp_path))
 
 
 def test_roads_that_meet_have_one_heading(tmp_path: Path):
