@@ -5,10 +5,12 @@ from typing import Any, Final, cast
 
 import gymnasium
 import numpy as np
+import shapely
 from gymnasium import spaces
 from jaxtyping import Float
 
 from pd_editor.analysis.metrics.box_overlaps import first_overlap
+from pd_editor.base.errors import InputError
 from pd_editor.cli.replay import open_base, read_recipe
 from pd_editor.editor.recipe import replay
 from pd_editor.editor.scenario_store import open_scenario
@@ -98,16 +100,21 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
             PdEditorError: the scene cannot be opened or driven.
         """
         super().reset(seed=seed, options=options)
-        if options:
-            self._options = {"scene": "", "recipe": "", **options}
+        asked = {"scene": "", "recipe": "", **options} if options else self._options
+        if unknown := asked.keys() - self._options.keys():
+            raise InputError(
+                f"There is no option {min(map(str, unknown))!r} of reset; expected scene "
+                "or recipe."
+            )
         request = RollOutRequest(
-            scenario=_opened(**self._options),
+            scenario=_opened(**asked),
             duration_s=self._duration_s,
             policies={self._ego: self._held},
             answer_s=None,
             seed=int(self.np_random.integers(2**31)),
         )
         self._rolling = Rolling.started(request, make_generator(self._model))
+        self._options = asked
         self._known = self._rolling.observation(self._ego)
         return _seen(self._known), {}
 
@@ -156,8 +163,8 @@ def _opened(scene: str | Path, recipe: str | Path) -> Scenario:
 
 def _progress_m(known: Observation) -> float:
     """How far along its route the agent is."""
-    gap = np.linalg.norm(known.route_m - known.ego.position_m[0, -1], axis=-1)
-    return float(arc_length(known.route_m)[gap.argmin()])
+    place = shapely.Point(known.ego.position_m[0, -1])
+    return shapely.LineString(known.route_m).project(place)
 
 
 def _seen(known: Observation) -> Seen:

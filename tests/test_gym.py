@@ -62,5 +62,16 @@ def test_a_scene_or_a_recipe_is_driven(env, tmp_path: Path):
     assert seen["ego"][0] == pytest.approx(3.0)
     seen, _ = env.reset(seed=0, options={"scene": "roundabout"})
     assert seen["ego"][0] != pytest.approx(3.0)
-    with pytest.raises(PdEditorError):
-        env.reset(options={"scene": "nowhere"})
+    for wrong in ({"scene": "nowhere"}, {"scen": "roundabout"}):
+        with pytest.raises(PdEditorError, match=r"nowhere|no option 'scen'"):
+            env.reset(options=wrong)
+    # What could not be opened is not remembered.
+    again, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(again["route"], seen["route"])
+
+
+def test_rewards_of_steady_driving_are_steady(env):
+    """Progress was that of the nearest point of the route, and those are 2 m apart."""
+    seen, _ = env.reset(seed=1)
+    rewards = [env.step(np.zeros(2, np.float32))[1] for _ in range(3)]
+    np.testing.assert_allclose(rewards, seen["ego"][0] / 2, rtol=0.1)

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -48,6 +49,19 @@ def user_path(text: str) -> Path:
     if path == text and text.startswith("~"):
         raise InputError(f"{text}: there is no home folder of this name.")
     return Path(path)
+
+
+def folders_below(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    """``os.walk`` that follows links, into each folder once: by its own name if it can."""
+    seen: set[str] = set()
+    for place, folders, files in os.walk(folder, followlinks=True):
+        own = os.path.realpath(place)
+        if own in seen:
+            folders.clear()
+            continue
+        seen.add(own)
+        folders.sort(key=lambda one: (os.path.islink(os.path.join(place, one)), one))
+        yield place, folders, files
 
 
 def read_regular(

@@ -1,5 +1,6 @@
 """Runs a command of one scene on many: in this process, on several, or on Ray."""
 
+import fnmatch
 import functools
 import glob
 import os
@@ -17,7 +18,7 @@ import tyro
 
 from pd_editor.base.errors import EditError, FolderInUseError, InputError
 from pd_editor.base.installed_files import ALL_DEMOS, demo_names
-from pd_editor.base.regular_file import check_path
+from pd_editor.base.regular_file import check_path, folders_below
 from pd_editor.cli.options import (
     OptionalWorkers,
     PartOptions,
@@ -214,7 +215,11 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
         for match in map(Path, matches)
         for scene in (
             [
-                *sorted({file.parent for file in match.glob(f"**/{files}")}),
+                *sorted(
+                    Path(place)
+                    for place, _, names in folders_below(match)
+                    if fnmatch.filter(names, files)
+                ),
                 *(foreign_scenes(match) if takes_foreign else ()),
             ]
             if match.is_dir()

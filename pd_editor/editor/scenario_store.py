@@ -25,7 +25,7 @@ from pd_editor.base.errors import (
     RecipeError,
 )
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_folder, demo_names
-from pd_editor.base.regular_file import check_path, read_regular
+from pd_editor.base.regular_file import check_path, folders_below, read_regular
 from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
 from pd_editor.scene.av2_io.file_names import map_name, tracks_name
 from pd_editor.scene.av2_io.read import read_scenario
@@ -233,7 +233,7 @@ def foreign_scenes(folder: Path) -> list[Path]:
     if is_foreign_scene(folder):
         return [folder]
     found: list[Path] = []
-    for place, folders, files in os.walk(folder):
+    for place, folders, files in folders_below(folder):
         scenes = foreign_scenes_among(Path(place, one) for one in (*folders, *files))
         # What is within a scene is a part of it.
         folders[:] = [one for one in folders if Path(place, one) not in scenes]

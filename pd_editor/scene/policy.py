@@ -108,6 +108,11 @@ def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
     fields = ("position_m", "heading_rad")
     if hasattr(answer, "acceleration_mps2"):
         fields = ("acceleration_mps2", "curvature_1pm")
+    elif not hasattr(answer, "position_m"):
+        raise GenerationError(
+            f"The policy {name} returned a {type(answer).__name__}; expected a Plan or "
+            "Controls (pd_editor.scene.policy)."
+        )
     arrays = [np.asarray(getattr(answer, one, None)) for one in fields]
     step_s = observation.step_s
     least = round(LEAST_PLAN_S / step_s)
@@ -117,9 +122,11 @@ def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
         shape = (len(arrays[0]) if arrays[0].ndim else 0,)
         shape += (2,) if field == "position_m" else ()
         if values.dtype.kind not in "fiu" or values.shape != shape or shape[0] < least:
+            many = shape[0] if shape[0] >= least else f"{least} or more"
+            size = f"[{', '.join(map(str, ('F', *shape[1:])))}]"
             raise GenerationError(
                 f"The policy {name} returned {field} of type {values.dtype} with the "
-                f"shape {values.shape}; expected numbers for F = {least} or more steps."
+                f"shape {values.shape}; expected numbers {size} for F = {many} steps."
             )
         if not np.isfinite(values).all():
             step, *_ = np.argwhere(~np.isfinite(values))[0].tolist()

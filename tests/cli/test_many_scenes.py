@@ -7,6 +7,7 @@ import pytest
 
 import pd_editor
 from pd_editor.base.installed_files import demo_folder, demo_names
+from pd_editor.cli.many_scenes import all_scenes
 from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
 from tests.cli.shell import Shell, files_of
 
@@ -75,6 +76,21 @@ def test_results_below_the_scenes_are_no_scenes(tmp_path: Path):
     second = pd_editor.warp(data, **BEND, out=out, overwrite=True)
     assert len(first.folders) == 2
     assert second.folders == first.folders
+
+
+def test_links_to_scenes_are_followed_but_not_in_circles(tmp_path: Path):
+    """``index`` and ``evaluate`` saw linked scenes, other commands did not."""
+    kept, chosen = tmp_path / "kept", tmp_path / "chosen"
+    pd_editor.warp("merge", kind=("smooth-turn",), power=(3,), out=kept)
+    pd_editor.export("merge", name="plain", out=kept)
+    chosen.mkdir()
+    for one in kept.iterdir():
+        (chosen / f"a-{one.name}").symlink_to(one)
+    (chosen / "circle").symlink_to(chosen)
+    assert len(all_scenes(chosen, tmp_path / "out")) == 2
+    (kept / "again").symlink_to(kept / "plain")
+    found = all_scenes(kept, tmp_path / "out")
+    assert sorted(Path(one).name for one in found) == ["merge-smooth-turn-p3", "plain"]
 
 
 def test_scenes_of_one_name_are_told(tmp_path: Path):

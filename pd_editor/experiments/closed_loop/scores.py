@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from pd_editor.analysis.metrics.box_overlaps import first_overlap
@@ -29,7 +30,6 @@ from pd_editor.experiments.report import (
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
-from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import STANDING_MPS
@@ -91,10 +91,8 @@ def drive_scores(
     row = int(agents.rows([ego_id])[0])
     steps = now + np.flatnonzero(agents.is_valid[row, now:])
     hit, fault = _collisions(rolled, row, steps)
-    place = [
-        float(arc_length(route_m)[np.linalg.norm(route_m - one, axis=-1).argmin()])
-        for one in agents.position_m[row, steps[[0, -1]]]
-    ]
+    ends = shapely.points(agents.position_m[row, steps[[0, -1]]])
+    place = shapely.line_locate_point(shapely.LineString(route_m), ends).tolist()
     view = recorded_traffic(rolled, [ego_id])
     count = len(view.everyone)
     (least,), _ = least_times_s(view, np.zeros((count, count), bool))

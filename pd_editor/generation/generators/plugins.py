@@ -8,8 +8,10 @@ function that makes one without arguments.
 
 import importlib.util
 import operator
+import os
 import sys
 import time
+import zlib
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -307,12 +309,19 @@ def object_of_folder(folder: Path, file: str) -> Any:
     function = f"make_{path.stem}"
 
     def load() -> ModuleType:
+        # As a package, whose modules are not those of another folder.
+        own = zlib.crc32(os.fsencode(os.path.realpath(folder)))
         spec = importlib.util.spec_from_file_location(
-            f"pd_editor_plugin_{path.stem}_{folder.name}", path
+            f"pd_editor_plugin_{path.stem}_{own:x}",
+            path,
+            submodule_search_locations=[str(folder)],
         )
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
+        # What was edited since is read again.
+        for name in [one for one in sys.modules if one.startswith(f"{spec.name}.")]:
+            del sys.modules[name]
         sys.modules[spec.name] = module
         spec.loader.exec_module(module)
         return module
