@@ -394,10 +394,13 @@ class _Road:
     def leads_on(self, lane: int, place: Place) -> tuple[bool, ...]:
         """Whether a lane is driven in the direction of the road; two-way ones are twice."""
         told = place.get("direction")
+        for one in place.children("userData/vectorLane"):
+            # RoadRunner's word, relative to the road; older files have no rule of it.
+            told = one.get("travelDir") or told
         usual = ((lane < 0) != self.drives_left) != (told == "reversed")
-        if told == "both" or _type(place) == "bidirectional":
+        if told in ("both", "bidirectional") or _type(place) == "bidirectional":
             return usual, not usual
-        return (usual,)
+        return (told == "forward" or (usual and told != "backward"),)
 
     def paved(self) -> Iterator[BaseGeometry]:
         """Areas of asphalt, and of lanes that are drivable, but lead nowhere."""

@@ -18,6 +18,7 @@ MAX_FILE_BYTES: Final = 256 * 2**20
 _HEAD_BYTES: Final = 1 << 16
 """Comments of tools may be long."""
 _MAGIC: Final = b"\x1f\x8b"
+_POINTER: Final = b"version https://git-lfs"
 PACKED: Final = ".gz"
 _IS_CLOSED: Final = ContextVar("is_closed", default=False)
 
@@ -102,6 +103,8 @@ def read_unpacked(path: Path) -> tuple[bytes, bytes]:
         FormatError: it cannot be read, is damaged, or too large.
     """
     data = read_regular(path, max_bytes=MAX_FILE_BYTES, error=FormatError)
+    if data.startswith(_POINTER):
+        raise FormatError(f"{path}: only points to the file (git lfs pull fetches it).")
     if not data.startswith(_MAGIC):
         return data, data
     try:

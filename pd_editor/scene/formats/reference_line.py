@@ -203,7 +203,10 @@ def _piece(place: Place) -> _Piece:
                 u, v = (
                     tuple(one.number(f"{key}{axis}") for key in "abcd") for axis in "UV"
                 )
-                is_length = one.get("pRange").lower() == "arclength"
+                told = one.get("pRange").lower()
+                # Without it, it is the one by which the line has its length.
+                gaps = [abs(_length(u, v, most) - length) for most in (length, 1.0)]
+                is_length = told == "arclength" or (not told and gaps[0] < gaps[1])
                 return _ParametricCubic(
                     **given,
                     u=(u[0], u[1], u[2], u[3]),
@@ -232,6 +235,13 @@ def _integral(
 def _value(factors: Sequence[float], p: np.ndarray) -> np.ndarray:
     a, b, c, d = factors
     return a + p * (b + p * (c + p * d))
+
+
+def _length(u: Sequence[float], v: Sequence[float], most: float) -> float:
+    """Length of a parametric curve up to a parameter."""
+    share = np.linspace(0.0, most, 64)
+    speed = np.hypot(_slope(u, share), _slope(v, share))
+    return float(most * speed.mean())
 
 
 def _slope(factors: Sequence[float], p: np.ndarray) -> np.ndarray:

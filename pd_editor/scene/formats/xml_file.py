@@ -28,7 +28,10 @@ def parse_xml(path: Path, root: str | None) -> tuple["Place", bytes]:
     )
     try:
         # Blanks before the declaration, which XML forbids, are passed over.
-        found = etree.fromstring(content.lstrip(), parser)
+        content = content.lstrip()
+        if _is_mislabelled(content):
+            content = content.decode("latin-1").encode()
+        found = etree.fromstring(content, parser)
     except etree.XMLSyntaxError as error:
         raise FormatError(f"{path}: is no valid XML ({error.msg}).") from error
     document_type = found.getroottree().docinfo.internalDTD
@@ -40,6 +43,20 @@ def parse_xml(path: Path, root: str | None) -> tuple["Place", bytes]:
     if root is not None and found.tag != root:
         raise FormatError(f"{path}: its root is <{found.tag}>; expected <{root}>.")
     return Place(path, found), data
+
+
+def _is_mislabelled(content: bytes) -> bool:
+    """Whether a text is said to be in UTF-8, which is the default, and is not."""
+    head = content[:200].lower()
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff") or (
+        b"encoding" in head and b"utf-8" not in head
+    ):
+        return False
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        return True
+    return False
 
 
 def added(parent: etree._Element, tag: str, **attributes: object) -> etree._Element:

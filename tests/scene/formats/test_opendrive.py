@@ -114,6 +114,43 @@ def test_each_outline_is_a_crosswalk_and_parking_spaces_are_paved(tmp_path: Path
     assert paved == pytest.approx(2 * 3.5 * 50 + 5 * 2.5)
 
 
+def test_lanes_lead_where_roadrunner_says(tmp_path: Path):
+    """Its files of version 1.4 have no rule, and left-hand traffic led the wrong way."""
+    user = '<userData code="vectorLane"><vectorLane sOffset="0" travelDir="{}"/></userData>'
+    words = {2: "bidirectional", 1: "forward", -1: "backward", -2: "undirected"}
+    lanes = [lane(n, more=user.format(word)) for n, word in words.items()]
+    scene = opened(tmp_path, road(section(*lanes)))
+    ways = [
+        at(scene, n.centerline)[[0, -1]].round(6).tolist() for n in scene.road_map.lanes
+    ]
+    there, back = (0.0, 50.0), (50.0, 0.0)
+    assert sorted((one[0][1], one[0][0], one[1][0]) for one in ways) == [
+        (-5.25, *there), (-1.75, *back), (1.75, *there), (5.25, *there), (5.25, *back),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("most", [1.0, 50.0])
+def test_curves_without_a_range_are_as_long_as_told(tmp_path: Path, most: float):
+    """They were taken as normalized; those of lengths became points."""
+    cubic = f'<paramPoly3 aU="0" bU="{50 / most}" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/>'
+    scene = opened(tmp_path, road(section(lane(-1)), geometry=LINE.replace("<line/>", cubic)))  # fmt: skip
+    np.testing.assert_allclose(
+        at(scene, scene.road_map.lanes[0].centerline)[-1], [50, -1.75], atol=1e-6
+    )
+
+
+def test_names_in_another_encoding_than_told_and_pointers_to_files(tmp_path: Path):
+    """Names in Latin-1 were refused."""
+    path = write(tmp_path, road(section(lane(-1)), name="Straße"))
+    path.write_bytes(path.read_text().encode("latin-1"))
+    assert len(read(path).road_map.lanes) == 1
+    path.write_text(
+        "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n"
+    )
+    with pytest.raises(FormatError, match="only points to the file"):
+        read(path)
+
+
 def test_a_border_has_the_marking_of_most_of_it(tmp_path: Path):
     """It had that of its first metres."""
     marks = "".join(
