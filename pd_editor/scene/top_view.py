@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float, UInt8
 
 from pd_editor.scene.agent_kind import AgentKind
@@ -210,7 +211,8 @@ def middle_of(
 ) -> Float[np.ndarray, "2"]:
     """Where an agent is at a step, or at the nearest at which it is there.
 
-    Without such an agent the middle of all agents, and without any that of the road.
+    Without such an agent the middle of all agents, and without any the road's point
+    nearest to its middle.
     """
     agents = scenario.agents
     step = scenario.current_step if step is None else step
@@ -230,7 +232,10 @@ def _middle_of_road(road_map: RoadMap) -> Float[np.ndarray, "2"]:
     if not lines:
         return np.zeros(2)
     points = np.concatenate(lines)
-    return (points.min(axis=0) + points.max(axis=0)) / 2
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    # Between the roads of a large map there may be none to see.
+    way = shapely.shortest_line(shapely.MultiLineString(lines), shapely.Point(middle))
+    return np.array(way.coords[0])
 
 
 def _between(agents: AgentTracks, step: float) -> tuple[list[int], Boxes]:

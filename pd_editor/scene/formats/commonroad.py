@@ -1,4 +1,4 @@
-"""CommonRoad scenarios, versions 2018b and 2020a (XML)."""
+"""CommonRoad scenarios, versions 2017a, 2018b and 2020a (XML)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_STEPS
 
-VERSIONS: Final = ("2018b", "2020a")
+VERSIONS: Final = ("2017a", "2018b", "2020a")
 _VEHICLES: Final = ("truck", "taxi", "priorityVehicle", "parkedVehicle")
 _STATIC: Final = ("roadBoundary", "building", "pillar", "median_strip")
 _KINDS: Final = {
@@ -363,11 +363,15 @@ def _states(place: Place, step_s: float) -> Iterator[tuple[float, ...]]:
 
     Of a prediction by occupancies these are its middles; states without a place are left out.
     """
-    first = place.child("initialState")
-    for one in (first, *place.children("trajectory/state[position]")):
+    states = place.children("trajectory/state[position]")
+    # In 2017a, a trajectory may have the first one.
+    first = (
+        place.children("initialState") or states[:1] or [place.child("initialState")]
+    )[0]
+    begin = _value(first, "time")
+    for one in (first, *(n for n in states if _value(n, "time") != begin)):
         told = (_value(one, name, np.nan) for name in ("orientation", "velocity"))
         yield step_s * _value(one, "time"), *_position(one), *told
-    begin = _value(first, "time")
     for one in place.children("occupancySet/occupancy"):
         shapes, number = one.children("shape/*"), _value(one, "time")
         if number > begin and (boxes := _boxes(shapes)):

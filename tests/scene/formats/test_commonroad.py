@@ -210,6 +210,19 @@ def test_states_follow_from_occupancies_and_those_without_a_place_are_left_out(
     assert agents.is_valid[agents.row_of["201"]].sum() == 1
 
 
+@pytest.mark.parametrize("is_repeated", [True, False])
+def test_trajectories_may_have_the_first_state(tmp_path: Path, is_repeated: bool):
+    """Repeated it was refused, as were files of version 2017a, which have it there alone."""
+    first = state("initialState", 0, 0.0, 0.0, 0.0, 10.0)
+    own = first.replace("initialState", "state")
+    content = text(version="2017a").replace("<trajectory>", f"<trajectory>{own}")
+    content = content if is_repeated else content.replace(first, "", 1)
+    agents = (scene := read(write(tmp_path, content))).agents
+    row, now = agents.row_of["100"], scene.current_step
+    place = agents.position_m[row, now : now + 31] + scene.origin_city_m - FAR_M
+    np.testing.assert_allclose(place, [[n, 0] for n in range(31)], atol=1e-6)
+
+
 def test_states_may_be_areas_without_an_orientation(tmp_path: Path):
     content = text()
     for n in range(1, 31):
@@ -249,7 +262,10 @@ def test_several_shapes_have_one_box_and_what_is_left_out_is_told(
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (text(version="2017a"), "is of version '2017a'; expected 2018b or 2020a"),
+        (
+            text(version="2024a"),
+            "is of version '2024a'; expected 2017a or 2018b or 2020a",
+        ),
         (text(step_s=-1), "has steps of -1 s"),
         (text(more='<lanelet id="10"/>'), "<lanelet> 10 comes twice"),
         (text(more='<lanelet id="99"/>'), "<lanelet> 99 has no <leftBound>"),

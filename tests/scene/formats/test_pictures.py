@@ -17,13 +17,14 @@ from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.figure import FigureLook, figure
 from pd_editor.scene.formats.film import FilmLook, film
 from pd_editor.scene.formats.pictures import LOOKS, picture
+from pd_editor.scene.formats.recorded_map import CenterLane, lanes_of
 from pd_editor.scene.formats.registry import writer
 from pd_editor.scene.palette import LIGHT, agent_color
 from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor, warp_scenario
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.top_view import Frame, roles_shown
+from pd_editor.scene.top_view import Frame, middle_of, roles_shown
 
 SMALL = FilmLook(height_px=240)
 
@@ -222,6 +223,17 @@ def test_what_cannot_be_drawn_is_one_sentence(look: FigureLook | FilmLook, words
     ending = "pdf" if isinstance(look, FigureLook) else "mp4"
     with pytest.raises(ExportError, match=words):
         picture(short(), ending, look)
+
+
+def test_a_map_alone_is_drawn_where_it_has_a_road():
+    """The figure of a ring of 300 m was empty."""
+    angle = np.linspace(0.0, 1.9 * np.pi, 60)
+    line = np.column_stack([300 * np.cos(angle), 300 * np.sin(angle)])
+    lane = CenterLane(key="ring", line=line)
+    road = RoadMap(lanes=lanes_of([lane]))
+    scene = open_scenario("roundabout")
+    empty = replace(scene, road_map=road, agents=scene.agents.taken([]), focal_id="")
+    assert np.hypot(*middle_of(empty, "")) == pytest.approx(300, abs=2)
 
 
 @pytest.mark.parametrize("ending", LOOKS)
