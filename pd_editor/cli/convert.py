@@ -14,7 +14,7 @@ class ConvertOptions(PartsOptions, ManyOptions):
     """Options of ``pd-editor convert``.
 
     Args:
-        to: Name of the format to write.
+        to: Format to write: av2, commonroad, gpudrive, opendrive, scenarionet, sumo, tables, player, mp4, webm, gif, pdf, svg, png, or one of your own.
         name: Id of the written scenario, for one scenario only.
     """
 

@@ -52,7 +52,7 @@ class ExportOptions(CutOptions, ResultOptions):
     Args:
         scenarios: Demos' names, Argoverse 2 scenario folders, files of other formats, or recipe.json files.
         out: Folder that receives DIR/<name>/, or the zip.
-        to: Name of the format to write.
+        to: Format to write: av2, commonroad, gpudrive, opendrive, scenarionet, sumo, tables, player, mp4, webm, gif, pdf, svg, png, or one of your own.
         focal: Id of the agent that becomes the focal one.
         name: Id of the written scenario, for one scenario only.
         tags: Words to find it by, kept in its recipe.

@@ -49,7 +49,7 @@ class FamilyOptions(RecipeOptions, ResultOptions):
     recipe: Annotated[str | Path, tyro.conf.Positional, shown("RECIPE")] = field(
         kw_only=False
     )
-    vary: Annotated[str | tuple[str, ...], shown("NAME=LOW..HIGH [...]")] = ()
+    vary: Annotated[str | tuple[str, ...], shown("NAME=LOW..HIGH [...]", "")] = ()
     on: Annotated[Scenes, shown("SCENARIO [...]", "(its own)")] = ()
     num: Number = 10
     seed: Number = 0

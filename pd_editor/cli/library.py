@@ -201,7 +201,7 @@ def export(
         folder: Library.
         names: Names, or patterns such as 'cut-in-*'.
         out: Folder that receives DIR/<name>/ and DIR/index.csv, or the zip.
-        to: Name of the format to write.
+        to: Format to write: av2, commonroad, gpudrive, opendrive, scenarionet, sumo, tables, player, mp4, webm, gif, pdf, svg, png, or one of your own.
         zip: Write DIR/scenarios.zip instead.
         overwrite: Replace what an earlier run wrote.
     """

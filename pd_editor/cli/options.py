@@ -53,10 +53,7 @@ SeveralScenarios = Annotated[
     tyro.conf.Positional,
     shown("SCENARIO|RECIPE [...]", "(required)"),
 ]
-FormatOption = Annotated[
-    str,
-    shown("FORMAT", "(av2, commonroad, opendrive, player, scenarionet, tables ...)"),
-]
+FormatOption = Annotated[str, shown("FORMAT")]
 FolderOption = Annotated[str | Path, shown("DIR")]
 Folders = Annotated[str | Path | tuple[str | Path, ...], shown("DIR [DIR ...]")]
 OptionalFolder = Annotated[Path | None, shown("DIR", "(optional)")]

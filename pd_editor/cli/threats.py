@@ -22,19 +22,19 @@ class ThreatOptions(PartOptions):
 
     Args:
         scenario: A demo's name, an Argoverse 2 scenario folder, or a file of another format.
-        to: Id of the agent, which keeps its trajectory; by default the ego.
+        to: Id of the agent, which keeps its trajectory.
     """
 
     scenario: ScenarioArgument = field(kw_only=False)
-    to: Annotated[str, shown("ID")] = ""
+    to: Annotated[str, shown("ID", "(default: the ego)")] = ""
 
 
 @taking(ThreatOptions)
 def threats(options: ThreatOptions) -> str:
     """List the threats to an agent, and the yields to it and by it, that are feasible.
 
-    Each line begins with the text for ``pd-editor generate --guide``. Lines that end with
-    ``--agents`` need that, too, so that the other agent keeps its trajectory.
+    Each line begins with the text for --guide of pd-editor generate. Lines that end with
+    --agents need that, too, so that the other agent keeps its trajectory.
     """
     opened, to = open_part(options.scenario, options.cut), options.to
     if to:

@@ -5,21 +5,17 @@ import sys
 import pytest
 
 from pd_editor.cli import main as main_module
+from pd_editor.scene.formats.registry import formats
 from tests.cli.shell import JUNCTION, ROOT, Shell, run_in_process
 
 COMMANDS = (
-    "edit",
-    "warp",
-    "generate",
-    "export",
-    "render",
-    "replay",
-    "drive",
-    "evaluate",
-    "study",
-    "synth",
-    "train",
-    "model",
+    *("edit", "warp", "generate", "threats", "export", "convert", "render", "replay"),
+    *("family", "drive", "evaluate", "study", "index", "find", "library"),
+    *("synth", "train", "model", "doctor"),
+)
+ACTIONS = tuple(
+    f"library {one}"
+    for one in ("add", "list", "find", "tag", "metrics", "export", "check")
 )
 
 
@@ -30,12 +26,22 @@ def test_help_names_commands_and_demos(shell: Shell):
         assert name in result.out
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", COMMANDS + ACTIONS)
 def test_every_option_is_explained(shell: Shell, command: str):
-    result = shell.run(command, "--help")
+    result = shell.run(*command.split(), "--help")
     assert (result.code, result.err) == (0, "")
-    for leftover in ("None", "STR", "PATH", "Args:", "``", "(default: )", "--no-debug"):
+    empty = ("(default: )", "(default: '')", "(default: ())")
+    for leftover in ("None", "STR", "PATH", "Args:", "``", *empty, "--no-debug"):
         assert leftover not in result.out
+
+
+@pytest.mark.parametrize("command", ["export", "convert", "library export"])
+def test_the_formats_to_write_are_named(shell: Shell, command: str):
+    """``convert`` named none of them, the others some."""
+    words = " ".join(shell.run(*command.split(), "--help").out.split())
+    words = words.replace("\u2502 ", "").replace("| ", "")
+    known = ", ".join(one.name for one in formats().values() if one.write)
+    assert f"Format to write: {known}, or one of your own." in words
 
 
 def test_the_help_of_training_asks_for_no_validation_set(shell: Shell):
