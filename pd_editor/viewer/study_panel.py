@@ -92,7 +92,7 @@ def severity_svg(
         '<div style="margin:0 0.75em 0.6em;font-size:12px">'
         f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" style="display:block;width:100%" '
         f'role="img" aria-label="{html.escape(title)} by power">{"".join(parts)}</svg>'
-        f"{legend or 'Power of the warp; no study yet'}</div>"
+        f"{legend and f'{legend} by power of the warp'}</div>"
     )
 
 

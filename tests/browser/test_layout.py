@@ -179,3 +179,28 @@ def test_a_page_at_twice_its_zoom_keeps_all_in_sight(open_editor):
         assert bottom < 360, one
     panel.click()
     page.get_by_role("tab", name="Agents", exact=True).wait_for()
+
+
+def test_at_200_percent_on_a_laptop_nothing_is_cut_off(editor):
+    """Half of the tools, and the cross of lists, were beyond an open panel."""
+    page = editor.page
+    page.set_viewport_size({"width": 640, "height": 360})
+    editor.settle()
+    picture = box_of(page.locator("#pd-overlay"))
+    assert picture[2] < 300
+    for tool in page.locator(".pd-bar button").all():
+        assert box_of(tool)[2] < picture[2]
+    for key, name in (
+        ("i", "Close the scorecard"),
+        ("Control+f", "Close the agent list"),
+    ):
+        editor.key(key)
+        close = page.get_by_role("button", name=name)
+        expect(close).to_be_visible()
+        assert box_of(close)[2] < picture[2]
+        close.click()
+        expect(close).to_be_hidden()
+    # The verb tells runs apart.
+    for verb in ("Regenerate", "Resample"):
+        words = page.locator(".pd-run > button > span", has_text=verb)
+        assert words.evaluate("one => one.clientWidth") > 20

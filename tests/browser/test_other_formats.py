@@ -4,6 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from pd_editor.scene import scene_limits
 from pd_editor.viewer.scene.camera import projected
@@ -72,6 +73,13 @@ def test_a_part_of_a_large_map_is_chosen_on_its_outline(
     # The same file again, through a click with a size.
     editor.press("Choose a part of the map")
     card.wait_for()
+    # It has the focus, so that arrow keys move the square.
+    square = card.locator("rect")
+    corner = float(square.get_attribute("x") or "nan")
+    expect(card.locator("svg")).to_be_focused()
+    editor.page.keyboard.press("Shift+ArrowRight")
+    half = float(square.get_attribute("width") or "nan") / 2
+    assert float(square.get_attribute("x") or "nan") == pytest.approx(corner + half)
     card.get_by_label("Half side (m)").fill("40")
     mouse.click(x, y)
     card.get_by_text("80 \u00d7 80 m").wait_for()

@@ -16,7 +16,8 @@ define("mapWindow", (api) => {
     "aria-modal": "true",
   });
   const title = make("b");
-  const [map, road, rect] = [svg("svg"), svg("path"), svg("rect")];
+  const named = { tabindex: 0, role: "img", "aria-label": "Map with the square; arrow keys move it" };
+  const [map, road, rect] = [svg("svg", "", named), svg("path"), svg("rect")];
   map.append(road, rect); // y is down in them, and north up
   const size = make("input", "", { type: "number", min: LEAST_M, step: 10 });
   const label = make("label", "", {}, "Half side (m) ");
@@ -28,7 +29,7 @@ define("mapWindow", (api) => {
     label,
     told,
     button("", "Cancel", cancel),
-    button("", "Open this part", () => api.send({ kind: "open", square })),
+    button("pd-map-window-open", "Open this part", () => api.send({ kind: "open", square })),
   );
   card.append(title, map, foot);
   veil.append(card);
@@ -73,9 +74,18 @@ define("mapWindow", (api) => {
     if (veil.hidden) return;
     event.stopPropagation();
     if (event.key === "Escape") cancel();
+    const by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+    if (!by || event.target === size) return;
+    event.preventDefault();
+    const step = square[2] * (event.shiftKey ? 1 : 0.1);
+    square = [square[0] + by[0] * step, square[1] + by[1] * step, square[2]];
+    draw();
   });
+  let before: HTMLElement | null = null;
 
   return (state) => {
+    if (!state.road && !veil.hidden) before?.focus();
+    if (state.road && veil.hidden) before = document.activeElement as HTMLElement | null;
     veil.hidden = !state.road;
     if (veil.hidden) return;
     square = [...state.square];
@@ -83,5 +93,6 @@ define("mapWindow", (api) => {
     road.setAttribute("d", state.road);
     map.setAttribute("viewBox", state.view);
     draw();
+    map.focus();
   };
 });

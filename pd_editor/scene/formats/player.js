@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (89db9db7a6b6ffce); not to be edited. */
+/* Built by .ci/client.py from client/ (b3ffd17772573dcf); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

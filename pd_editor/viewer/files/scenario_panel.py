@@ -97,8 +97,8 @@ class MapWindowCard:
         )
         view = west - margin, -north - margin, east - west, north - south
         state = MapWindowState(
-            title=f"{about} has {len(lanes)} lanes: drag a square, or click its "
-            "middle.",
+            title=f"{about} has {len(lanes)} lanes: drag a square, click its middle, or "
+            "move it by arrow keys.",
             road=road,
             square=(first.x_m, first.y_m, first.radius_m),
             view="{:.1f} {:.1f}".format(*view[:2])

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (89db9db7a6b6ffce); not to be edited. */
+/* Built by .ci/client.py from client/ (b3ffd17772573dcf); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -2243,7 +2243,8 @@
       "aria-modal": "true"
     });
     const title = make("b");
-    const [map, road, rect] = [svg("svg"), svg("path"), svg("rect")];
+    const named = { tabindex: 0, role: "img", "aria-label": "Map with the square; arrow keys move it" };
+    const [map, road, rect] = [svg("svg", "", named), svg("path"), svg("rect")];
     map.append(road, rect);
     const size = make("input", "", { type: "number", min: LEAST_M, step: 10 });
     const label = make("label", "", {}, "Half side (m) ");
@@ -2255,7 +2256,7 @@
       label,
       told,
       button("", "Cancel", cancel),
-      button("", "Open this part", () => api.send({ kind: "open", square }))
+      button("pd-map-window-open", "Open this part", () => api.send({ kind: "open", square }))
     );
     card.append(title, map, foot);
     veil.append(card);
@@ -2297,8 +2298,17 @@
       if (veil.hidden) return;
       event.stopPropagation();
       if (event.key === "Escape") cancel();
+      const by = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+      if (!by || event.target === size) return;
+      event.preventDefault();
+      const step = square[2] * (event.shiftKey ? 1 : 0.1);
+      square = [square[0] + by[0] * step, square[1] + by[1] * step, square[2]];
+      draw();
     });
+    let before = null;
     return (state) => {
+      if (!state.road && !veil.hidden) before?.focus();
+      if (state.road && veil.hidden) before = document.activeElement;
       veil.hidden = !state.road;
       if (veil.hidden) return;
       square = [...state.square];
@@ -2306,6 +2316,7 @@
       road.setAttribute("d", state.road);
       map.setAttribute("viewBox", state.view);
       draw();
+      map.focus();
     };
   });
 
