@@ -1,8 +1,8 @@
 """Motion along lanes as a list of speeds and lane changes tells it, such as OpenSCENARIO's."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -19,6 +19,13 @@ _SAME_WAY: Final = 0.7
 _AGAINST_M: Final = 2.0
 """Lanes of the other direction count as this much further away."""
 _FARTHEST_M: Final = 5000.0
+_CHANGE_S: Final = 4.0
+"""How long a change of lane takes that a route needs."""
+NEAR_M: Final = 5.0
+"""Who comes no nearer to a place does not reach it."""
+_REACHED_M: Final = 0.1
+_CLOSING_S: Final = 1.0
+"""Time in which most of what a distance is wrong by is made up."""
 Key = tuple[str, int, int, bool]
 """Road, index of the section, id of the lane, whether it is driven as the road goes."""
 
@@ -89,6 +96,20 @@ class RoadLanes:
             if number is not None:
                 return number, against
         return None
+
+    def onto(
+        self, lane: tuple[int, bool], goals: Collection[int]
+    ) -> tuple[int, bool] | None:
+        """The nearest lane of the same direction beside one, or itself, that leads to goals."""
+        lane_id, _ = self.id_of(lane)
+        road, section, _, leads_on = self._key_of[lane[0]]
+        beside = [
+            (abs(key[2] - lane_id), number)
+            for key, number in self._number.items()
+            if key[:2] == (road, section) and key[3] == leads_on
+        ]
+        found = [(number, lane[1]) for _, number in sorted(beside)]
+        return next((one for one in found if self.route(one, goals)), None)
 
     def way(
         self, lane: tuple[int, bool], length_m: float, goals: Collection[int] = ()
@@ -237,13 +258,72 @@ class Driver:
         return self._onto(step, seconds, "sinusoidal", last.way, point, offset_m)
 
     def go_to(self, step: int, goals: Collection[int]) -> bool:
-        """Turn at forks towards lanes; False if its lane does not lead there."""
+        """Turn at forks towards lanes, maybe from a lane beside; False if none leads there."""
         lane = self.lane_at(step)
-        if lane is None or not self._graph.route(lane, goals):
+        target = None if lane is None else self._graph.onto(lane, goals)
+        if target is None:
             return False
-        way, point = self._graph.way(lane, _FARTHEST_M, goals), self.states()[0][step]
-        self._onto(step, 0.0, "step", way, point, self.offset_m)
+        way, point = self._graph.way(target, _FARTHEST_M, goals), self.states()[0][step]
+        shape = (0.0, "step") if target == lane else (_CHANGE_S, "sinusoidal")
+        self._onto(step, *shape, way, point, self.offset_m)
         return True
+
+    def arrive(
+        self, step: int, point: np.ndarray, time_s: float, speed_mps: float | None
+    ) -> bool:
+        """Be at a place of its way at a time, with a speed if one is told; False if it cannot."""
+        seconds = time_s - float(self.times_s[step])
+        way, first = self._shifts[-1].way, float(self.speed_mps[step])
+        rest = way.place_of(point) - float(self._along(self._shifts[-1])[step])
+        is_near = shapely.LineString(way.line).distance(shapely.Point(point)) < NEAR_M
+        if not (is_near and rest > 0 and seconds > self.times_s[1] - self.times_s[0]):
+            return False
+        mean = rest / seconds
+        half_s = seconds if speed_mps is None else seconds / 2
+        # The speed at the end, or in the middle of the way to a speed that is told.
+        middle = 2 * mean - (first if speed_mps is None else (first + speed_mps) / 2)
+        if middle < 0:
+            return False
+        self.change_speed(step, middle, half_s, "linear")
+        if speed_mps is not None:
+            half = self.step(float(self.times_s[step]) + half_s)
+            self.change_speed(half, speed_mps, time_s - self.times_s[half], "linear")
+        return True
+
+    def keep_distance(
+        self,
+        step: int,
+        places: Float[np.ndarray, "T 2"],
+        gap: Callable[[float], float],
+        limits: tuple[float, float, float],
+        is_lasting: bool,
+    ) -> float:
+        """Follow places, along its way, at a distance by speed; when it is so.
+
+        ``limits`` are acceleration, deceleration and speed. Unless ``is_lasting``, the speed
+        stays as soon as the distance is right.
+        """
+        self.moves = True
+        shift, step_s = self._shifts[-1], float(self.times_s[1] - self.times_s[0])
+        line = shapely.LineString(shift.way.line)
+        points: Any = shapely.points(np.nan_to_num(places))
+        ahead = np.asarray(shapely.line_locate_point(line, points))
+        theirs = np.gradient(ahead, self.times_s)
+        own, end_s = float(self._along(shift)[step]), np.inf
+        faster, slower, most = limits
+        for row in range(step, len(self.times_s) - 1):
+            speed = float(self.speed_mps[row])
+            wrong_m = float(ahead[row]) - own - gap(speed)
+            if np.isinf(end_s) and abs(wrong_m) < _REACHED_M:
+                end_s = float(self.times_s[row])
+                if not is_lasting:
+                    self.speed_mps[row:] = theirs[row]
+                    break
+            wanted = float(theirs[row]) + wrong_m / _CLOSING_S - speed
+            wanted = speed + np.clip(wanted, -slower * step_s, faster * step_s)
+            self.speed_mps[row + 1 :] = np.clip(wanted, 0.0, most)
+            own += (speed + float(self.speed_mps[row + 1])) / 2 * step_s
+        return end_s
 
     def seconds_of(self, step: int, distance_m: float) -> float:
         """How long it takes for a distance."""

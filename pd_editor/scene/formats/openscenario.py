@@ -18,10 +18,10 @@ from jaxtyping import Bool, Float
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import FormatError
-from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
+from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, DEFAULT_SIZE_M, AgentKind
 from pd_editor.scene.formats.commonroad_writer import unbroken_parts
 from pd_editor.scene.formats.file_scene import FileTrack, headings_on_the_way
-from pd_editor.scene.formats.lane_drive import Driver, RoadLanes
+from pd_editor.scene.formats.lane_drive import NEAR_M, Driver, RoadLanes
 from pd_editor.scene.formats.packed_file import named_by
 from pd_editor.scene.formats.parameters import insert_catalogs, set_parameters
 from pd_editor.scene.formats.recorded_map import USUAL_WIDTH_M
@@ -71,17 +71,21 @@ _LAMPS: Final = {
 _PLACES: Final = (
     "WorldPosition", "GeoPosition", "LanePosition", "RoadPosition", "RelativeWorldPosition",
     "RelativeObjectPosition", "RelativeRoadPosition", "RelativeLanePosition",
+    "RoutePosition",
 )  # fmt: skip
 _WITHIN: Final = re.compile("(Private|Global|Routing|Longitudinal|Lateral|)Action")
 """Elements around actions."""
 _MOVES: Final = (
     "SpeedAction", "SpeedProfileAction", "LaneChangeAction", "LaneOffsetAction",
-    "AssignRouteAction", "AcquirePositionAction",
+    "AssignRouteAction", "AcquirePositionAction", "SynchronizeAction",
+    "LongitudinalDistanceAction",
 )  # fmt: skip
 _RULES: Final = {
     "greaterThan": np.greater, "lessThan": np.less, "notEqualTo": np.not_equal,
     "greaterOrEqual": np.greater_equal, "lessOrEqual": np.less_equal,
 }  # fmt: skip
+_USUAL_LIMITS: Final = {"Acceleration": 3.0, "Deceleration": 5.0, "Speed": 70.0}
+"""Limits of who keeps a distance, where the file has none."""
 _LATERAL_MPS2: Final = 1.0
 """Acceleration of changes of the offset from the lane."""
 _STEP_S: Final = TimeAxis().step_s
@@ -397,6 +401,10 @@ class _Story:
                 end_s = _profile(action, driver, step)
             elif tag in ("LaneChangeAction", "LaneOffsetAction"):
                 end_s = self._change_lane(action, driver, step)
+            elif tag == "SynchronizeAction":
+                end_s = self._meet(action, driver, step)
+            elif tag == "LongitudinalDistanceAction":
+                end_s = self._keep_distance(action, name, driver, step)
             else:
                 end_s = self._go_to(action, driver, step)
         if end_s is None:
@@ -468,6 +476,64 @@ class _Story:
         if not goals or not driver.go_to(step, goals[-1:]):
             return None
         return float(driver.times_s[step])
+
+    def _meet(self, action: Place, driver: Driver, step: int) -> float | None:
+        """At a place when another entity is nearest to one of its own."""
+        master = self._course(action.get("masterEntityRef"))
+        places = action.children("TargetPositionMaster") + action.children(
+            "TargetPosition"
+        )
+        its, own = [self._spot_if_any(one) for one in places] or [None, None]
+        if master is None or its is None or own is None:
+            return None
+        begin_s = float(driver.times_s[step])
+        gap = np.hypot(*(master[0] - its.pose[:2]).T)
+        gap[(self._times_s < begin_s) | np.isnan(gap)] = np.inf
+        row, final = int(gap.argmin()), None
+        for one in action.children("FinalSpeed/*"):
+            if _unread_value(one, "AbsoluteSpeed", "RelativeSpeedToMaster"):
+                return None
+            is_relative = one.element.tag == "RelativeSpeedToMaster"
+            final = one.number("value") + is_relative * float(master[1][row])
+        time_s = float(self._times_s[row])
+        is_met = gap[row] <= NEAR_M
+        if is_met and driver.arrive(step, np.array(own.pose[:2]), time_s, final):
+            return time_s
+        return None
+
+    def _keep_distance(
+        self, action: Place, name: str, driver: Driver, step: int
+    ) -> float | None:
+        """Behind another entity, or before it, at a distance or a time."""
+        other = action.get("entityRef")
+        course = self._course(other)
+        if course is None or _unread_value(action, "LongitudinalDistanceAction"):
+            return None
+        bodies = 0.0
+        if action.get("freespace") == "true":
+            bodies = (self._length_m(name) + self._length_m(other)) / 2
+        sign = -1.0 if action.get("displacement") == "leadingReferencedEntity" else 1.0
+        distance, seconds = (
+            action.number("distance", 0.0),
+            action.number("timeGap", 0.0),
+        )
+        limits = [
+            one.number(f"max{what}", _USUAL_LIMITS[what])
+            for one in action.children("DynamicConstraints") or [action]
+            for what in _USUAL_LIMITS
+        ]
+        return driver.keep_distance(
+            step,
+            course[0][-len(driver.times_s) :],
+            lambda speed: sign * (distance + bodies + seconds * speed),
+            (limits[0], limits[1], limits[2]),
+            action.get("continuous") == "true",
+        )
+
+    def _length_m(self, name: str) -> float:
+        places = self._root.children("Entities/ScenarioObject")
+        size = next((_body(one)[1] for one in places if one.get("name") == name), None)
+        return DEFAULT_SIZE_M[AgentKind.VEHICLE][0] if size is None else size[0]
 
     def _follow(self, action: Place, names: tuple[str, ...], start_s: float) -> None:
         """Add the states on a trajectory, at most a step apart.
@@ -584,6 +650,8 @@ class _Story:
             or ("World" not in tag and "Object" not in tag and near.road is None)
         ):
             self._unread.add(f"{tag} to an entity whose place then is unknown")
+        elif tag == "RoutePosition" and self._on_route(one) is None:
+            self._unread.add("RoutePosition off routes along lanes")
         else:
             try:
                 found = self._placed(one, tag, near)
@@ -620,6 +688,8 @@ class _Story:
         """A place without its orientation."""
         if tag == "WorldPosition":
             return _Spot((one.number("x"), one.number("y"), one.number("h", np.nan)))
+        if tag == "RoutePosition" and (pose := self._on_route(one)) is not None:
+            return _Spot(pose)
         if tag == "GeoPosition" and (place := self._on_earth(one)) is not None:
             x, y = place.tolist()
             return _Spot((x, y, np.nan))
@@ -652,6 +722,33 @@ class _Story:
             beside = one.number("offset", 0.0)
         pose, aside = self._locate(one, road, lane, s, beside)
         return _Spot(pose, (road, lane, s, aside))
+
+    def _on_route(self, one: Place) -> Pose | None:
+        """A place along a route from its first point; None if that does not follow lanes."""
+        stops = one.children(".//Waypoint/Position")
+        spots = [self._spot_if_any(position) for position in stops]
+        lanes = [self._graph.lane_of(*n.pose) for n in spots if n is not None]
+        goals = [lane[0] for lane in lanes if lane is not None]
+        for place in one.children("InRoutePosition/*[@pathS]"):
+            first = lanes[0] if lanes and None not in spots else None
+            start = None if first is None else self._graph.onto(first, goals[-1:])
+            if start is None or spots[0] is None:
+                return None
+            way = self._graph.way(start, MAX_LINES_M, goals[-1:])
+            s = way.place_of(np.array(spots[0].pose[:2])) + place.number("pathS")
+            here = way.lane_at(s)
+            if place.get("laneId") and here is not None:
+                beside = self._graph.beside(here, place.integer("laneId"))
+                if beside is None:
+                    return None
+                point = way.at(np.array([s]))[0][0]
+                way = self._graph.way(beside, MAX_LINES_M)
+                s = way.place_of(point)
+            (point,), (heading,) = way.at(np.array([s]))
+            aside = place.number("laneOffset", place.number("t", 0.0))
+            x, y = (point + aside * left_of(unit_vector(heading))).tolist()
+            return x, y, float(heading)
+        return None
 
     def _at(self, name: str, time_s: float) -> _Spot | None:
         """Where an entity is, unless that depends on itself or on conditions."""

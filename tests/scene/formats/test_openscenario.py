@@ -560,16 +560,87 @@ def test_who_is_to_stand_for_some_time_has_stood_so_long(tmp_path: Path):
 
 
 def test_routes_lead_through_forks(tmp_path: Path):
-    """All went straight on."""
+    """All went straight on; who is on another lane changes to one that leads there."""
     car = "7:-1:80:10"
     position = '<Position><LanePosition roadId="6" laneId="-1" s="50"/></Position>'
     way = f"""<PrivateAction><RoutingAction><AssignRouteAction><Route name="r">
     <Waypoint>{position}</Waypoint></Route></AssignRouteAction></RoutingAction></PrivateAction>"""
-    other = "7:-2:50:10"
-    scene = drive(tmp_path, {car: way, other: way}, "")
+    other, against = "7:-2:50:10", "7:1:50:5"
+    scene = drive(tmp_path, {car: way, other: way, against: way}, "")
     assert where(scene, car, 6)[1] > 10
-    np.testing.assert_allclose(where(scene, other, 6), (110, -6), atol=1e-6)
+    np.testing.assert_allclose(where(scene, other, 2), (70, -4), atol=1e-6)
+    np.testing.assert_allclose(where(scene, other, 5), (100, -2), atol=1e-6)
+    assert where(scene, other, 8)[1] > 5
+    np.testing.assert_allclose(where(scene, against, 6), (20, 2), atol=1e-6)
     assert "AssignRouteAction" in " ".join(scene.provenance.notes)
+
+
+def in_lane(s: float, lane_id: int = -1) -> str:
+    return f'<LanePosition roadId="7" laneId="{lane_id}" s="{s}"/>'
+
+
+@pytest.mark.parametrize(
+    ("final", "there"),
+    [("", 11.0), ('<FinalSpeed><AbsoluteSpeed value="8"/></FinalSpeed>', 8.0)],
+)
+def test_entities_meet_at_places(tmp_path: Path, final: str, there: float):
+    """They kept their speed."""
+    car, master = "7:-2:10:5", "7:-1:40:10"
+    action = f"""<SynchronizeAction masterEntityRef="{master}"><TargetPositionMaster>
+    {in_lane(90)}</TargetPositionMaster><TargetPosition>{in_lane(50, -2)}</TargetPosition>
+    {final}</SynchronizeAction>"""
+    scene = drive(tmp_path, {car: "", master: ""}, event(car, action, 0.0))
+    np.testing.assert_allclose(where(scene, car, 5), (50, -6), atol=0.3)
+    assert where(scene, car, 8)[0] == pytest.approx(50 + 3 * there, abs=0.6)
+    (folder := tmp_path / "late").mkdir()
+    late = drive(
+        folder, {car: "", master: ""},
+        event(car, action.replace(in_lane(90), in_lane(10)), 0.0),
+    )  # fmt: skip
+    np.testing.assert_allclose(where(late, car, 5), (35, -6), atol=1e-6)
+    assert "SynchronizeAction" in " ".join(late.provenance.notes)
+
+
+@pytest.mark.parametrize(
+    ("told", "gap_m"),
+    [
+        ('distance="20" freespace="false" continuous="true"', 20.0),
+        ('distance="10" freespace="true" continuous="true"', 14.2),
+        ('timeGap="3" freespace="false" continuous="true"', 30.0),
+        ('distance="5" freespace="false" displacement="leadingReferencedEntity"', -5.0),
+    ],
+)  # fmt: skip
+def test_entities_keep_distances(tmp_path: Path, told: str, gap_m: float):
+    """They kept their speed."""
+    car, other = "7:-1:5:12", "7:-1:40:10"
+    action = f'<LongitudinalDistanceAction entityRef="{other}" {told}/>'
+    scene = drive(tmp_path, {car: "", other: ""}, event(car, action, 0.0), 12)
+    gaps = [where(scene, other, s)[0] - where(scene, car, s)[0] for s in (10, 11)]
+    np.testing.assert_allclose(gaps, gap_m, atol=0.6)
+    speeds = np.linalg.norm(scene.agents.velocity_mps[scene.agents.row_of[car]], axis=1)
+    assert np.diff(speeds[scene.current_step :][:110]).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [
+        ('<FromLaneCoordinates pathS="9" laneId="-1" laneOffset="1"/>', (19, -1)),
+        ('<FromLaneCoordinates pathS="9" laneId="-2"/>', (19, -6)),
+        ('<FromRoadCoordinates pathS="9" t="0"/>', (19, -2)),
+    ],
+)
+def test_places_may_be_along_routes(tmp_path: Path, place: str, expected: tuple):
+    """They were told as not read."""
+    way = "".join(
+        f"<Waypoint><Position>{one}</Position></Waypoint>"
+        for one in (in_lane(10), '<LanePosition roadId="6" laneId="-1" s="50"/>')
+    )
+    position = f"""<RoutePosition><RouteRef><Route name="r">{way}</Route></RouteRef>
+    <InRoutePosition>{place}</InRoutePosition></RoutePosition>"""
+    car = "7:-1:10:0"
+    teleport = f"<TeleportAction><Position>{position}</Position></TeleportAction>"
+    scene = drive(tmp_path, {car: ""}, event(car, teleport, 1.0))
+    np.testing.assert_allclose(where(scene, car, 5), expected, atol=0.05)
 
 
 def test_places_of_conditions_may_be_beyond_the_roads(tmp_path: Path):
