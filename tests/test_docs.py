@@ -15,6 +15,9 @@ from pathlib import Path
 import pytest
 import tyro.extras
 
+import pd_editor
+from pd_editor.editor.commands import COMMANDS
+
 ROOT = Path(__file__).parents[1]
 PAGES: list[Path] = runpy.run_path(str(ROOT / ".ci" / "ratchet.py"))["documents"]()
 WINGS = (
@@ -244,6 +247,22 @@ def test_a_tutorial_that_tells_something_else_is_found():
     assert not says(printed, "kept/a-2\nradius 20 m\n")
     assert not says(printed, "kept/a-2\nwidth 8.3 m\n")
     assert not says(printed, "kept/a-3\nradius 8.3 m\n")
+
+
+def test_the_reference_has_every_public_name_and_command():
+    """``drive``, ``find`` and commands of guidance were missing, others twice."""
+    pages = ROOT / "docs" / "reference"
+    named = re.findall(r"^::: (\S+)$", (pages / "python.md").read_text(), re.MULTILINE)
+    parents = {"pd_editor.base.errors", "pd_editor.cli.library"}
+    for name in set(pd_editor.__all__) - {"commands", "library", "PdEditorError"}:
+        found = getattr(pd_editor, name)
+        assert f"{found.__module__}.{found.__qualname__}" in named, name
+    assert parents <= set(named)
+    listed = re.findall(
+        r"^::: (\S+)$", (pages / "commands.md").read_text(), re.MULTILINE
+    )
+    assert len(set(listed)) == len(listed)
+    assert {one.__module__ for one in COMMANDS.values()} <= set(listed)
 
 
 @pytest.mark.slow

@@ -270,6 +270,7 @@ def _run_all(
             items,
             on_value=done.__setitem__,
             on_progress=work_shown("scenes"),
+            harmless=FolderInUseError.__name__,
         )
     # Scenes whose short ids are equal have results of one name.
     alike = Counter(short_id(Path(one).name) for one in scenes)

@@ -162,8 +162,11 @@ def run_items(
     on_value: Callable[[str, Value], None],
     on_progress: Callable[[WorkProgress], None] | None = None,
     done: Collection[str] = (),
+    harmless: str = "",
 ) -> dict[str, WorkFailure]:
     """Run the items whose keys are not in ``done``; returns the failures by key.
+
+    Progress does not count those that a ``harmless`` error has ended.
 
     To resume, a caller stores each value in ``on_value`` and gives the stored keys
     next time. ``on_progress`` is called once before the first result, after each, and
@@ -171,20 +174,21 @@ def run_items(
     """
     left = {key: item for key, item in items.items() if key not in done}
     failures: dict[str, WorkFailure] = {}
-    num_done = 0
+    num_done = num_failed = 0
 
     def tell() -> None:
         if on_progress is not None:
             on_progress(
                 WorkProgress(
-                    num_done=num_done, num_failed=len(failures), num_items=len(left)
+                    num_done=num_done, num_failed=num_failed, num_items=len(left)
                 )
             )
 
     def take(result: WorkResult[Value]) -> None:
-        nonlocal num_done
+        nonlocal num_done, num_failed
         if result.failure is not None:
             failures[result.key] = result.failure
+            num_failed += result.failure.error != harmless
         elif result.value is not None:
             on_value(result.key, result.value)
         num_done += 1

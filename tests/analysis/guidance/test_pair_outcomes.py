@@ -194,13 +194,14 @@ def test_collisions_of_an_agent_that_threatens_count_but_for_the_one_asked_for()
     assert not report.outcomes[0].is_obeyed
 
 
-def test_a_yield_that_was_infeasible_is_not_obeyed_where_nothing_arose() -> None:
+def test_what_was_infeasible_is_not_obeyed_where_nothing_arose() -> None:
     """One card said that it cannot yield, and below that it did."""
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (0, 20, 0, 10)]))
-    term = YieldTo(agent_id="100", other_id="101")
-    for infeasible in ((), (term,)):
-        (outcome,) = term_outcomes(scenario, recorded(scenario), [term], infeasible)
-        assert outcome.is_obeyed == (not infeasible)
+    beside = StopAtLine(agent_id="100", line_m=((9.0, 30.0), (9.0, 34.0)))
+    for term in (YieldTo(agent_id="100", other_id="101"), beside):
+        for infeasible in ((), (term,)):
+            (outcome,) = term_outcomes(scenario, recorded(scenario), [term], infeasible)
+            assert outcome.is_obeyed == (not infeasible)
 
 
 def test_gaps_are_those_of_the_guidance() -> None:

@@ -8,7 +8,11 @@ from pathlib import Path
 import pytest
 
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
-from pd_editor.experiments.work_engine.work_engine import WorkEngine, run_items
+from pd_editor.experiments.work_engine.work_engine import (
+    InThisProcess,
+    WorkEngine,
+    run_items,
+)
 from tests.experiments.work_engine.work_functions import (
     cannot_travel_back,
     dies_on_three,
@@ -46,6 +50,20 @@ def test_it_is_a_work_engine():
 def test_every_item_gives_its_value():
     found = results_of(square, range(20))
     assert found == {str(number): number**2 for number in range(20)}
+
+
+def test_items_that_are_done_already_are_not_told_as_failed():
+    """A second run said that scenes had failed, which had been done before."""
+    for harmless, failed in (("", 3), ("ValueError", 0)):
+        seen: list[int] = []
+        results_of(
+            square_of_odd,
+            range(6),
+            engine=InThisProcess(),
+            harmless=harmless,
+            on_progress=lambda one, seen=seen: seen.append(one.num_failed),
+        )
+        assert seen[-1] == failed
 
 
 def test_no_items_need_no_process():

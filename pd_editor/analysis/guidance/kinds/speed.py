@@ -182,6 +182,7 @@ def _stop_outcome(term: StopAtLine, driven: Driven) -> Measured | None:
         error=max(overrun, 0.0) if np.isfinite(beyond) else 0.0,
         unit="m",
         is_obeyed=bool(stops),
+        has_no_case=not np.isfinite(beyond),
     )
 
 
