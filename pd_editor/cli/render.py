@@ -5,8 +5,6 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-import numpy as np
-
 from pd_editor.base.errors import EditError, ExportError, PdEditorError
 from pd_editor.base.plain_text import number_of
 from pd_editor.base.regular_file import user_path, write_whole
@@ -27,7 +25,7 @@ from pd_editor.cli.output import (
     read_plans,
     refuse_existing,
 )
-from pd_editor.editor.variant import Variant
+from pd_editor.editor.scenario_store import with_original
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.exporters.bundle import RECIPE_NAME
 from pd_editor.scene.formats.figure import FigureLook
@@ -115,22 +113,11 @@ def render(options: RenderOptions) -> Outcome:
 
 
 def _with_original(scenario: Scenario) -> tuple[Scenario, str]:
-    """An export with what its recipe tells of before the warp, and why it does not."""
-    where = Path(scenario.provenance.source)
-    if scenario.applied_warp is not None or not scenario.is_warped:
-        return scenario, ""
+    """An export with what it was before the warp, and why it does not tell that."""
     try:
-        made = opened_session(str(where / RECIPE_NAME), Variant(), SceneCut()).scenario
-        if made.provenance.source != scenario.provenance.source:
-            made, _ = _with_original(made)
+        return with_original(scenario), ""
     except PdEditorError as error:
-        return scenario, f"{scenario.scenario_id} has no original: {error}"
-    now, then = scenario.time_axis, made.time_axis
-    is_same = (now.num_steps, now.current_step) == (then.num_steps, then.current_step)
-    if not is_same or not np.allclose(made.origin_city_m, scenario.origin_city_m):
-        told = "has no original: that is of other moments, or another part of the map."
-        return scenario, f"{scenario.scenario_id} {told}"
-    return replace(scenario, applied_warp=made.applied_warp), ""
+        return scenario, str(error)
 
 
 def _content(

@@ -26,7 +26,7 @@ from pd_editor.base.errors import (
 )
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_folder, demo_names
 from pd_editor.base.regular_file import check_path, folders_below, read_regular
-from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe
+from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, replay
 from pd_editor.scene.av2_io.file_names import map_name, tracks_name
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.upload import (
@@ -450,6 +450,36 @@ def recipe_of_export(folder: Path) -> Recipe | None:
     except PdEditorError as error:
         _LOG.info("%s is passed over: %s", path, error)
         return None
+
+
+def with_original(
+    scenario: Scenario, recipe: Recipe | None = None, source: str | Path = ""
+) -> Scenario:
+    """Add to an export what its road was before the warp; others are returned as they are.
+
+    ``recipe`` is that of its files, and ``source`` the place of its base, if they are not
+    where it was opened from.
+
+    Raises:
+        ExportError: no recipe makes it of what is there.
+    """
+    if scenario.applied_warp is not None or not scenario.is_warped:
+        return scenario
+    told, origin = f"{scenario.scenario_id} has no original", scenario.provenance.source
+    recipe = recipe or recipe_of_export(Path(origin))
+    if recipe is None:
+        raise ExportError(f"{told}: its recipe cannot be read.")
+    try:
+        made = replay(recipe, open_base(recipe.base, source))
+    except PdEditorError as error:
+        raise ExportError(f"{told}: {error}") from error
+    if made.provenance.source != origin:
+        made = with_original(made)
+    now, then = scenario.time_axis, made.time_axis
+    is_same = (now.num_steps, now.current_step) == (then.num_steps, then.current_step)
+    if not is_same or not np.allclose(made.origin_city_m, scenario.origin_city_m):
+        raise ExportError(f"{told}: that is of other moments or another place.")
+    return dataclasses.replace(scenario, applied_warp=made.applied_warp)
 
 
 def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:

@@ -226,9 +226,18 @@ class ExportPanel:
         self._refuse_empty_name()
         self._ui.commit_gesture()
         session, chosen = self._ui.session, self._chosen()
-        named = replace(session.scenario, scenario_id=session.name)
-        if chosen.name in LOOKS:
-            self._pictures.start(named, chosen.name, self._look(chosen.name))
+        scenario = session.scenario
+        look = self._look(chosen.name) if chosen.name in LOOKS else None
+        if chosen is PLAYER or (isinstance(look, FigureLook) and look.compares):
+            try:
+                scenario = self._workspace.with_original()
+            except ExportError as error:
+                if chosen is not PLAYER:
+                    raise
+                self._ui.notify("Without the original", str(error), "warning")
+        named = replace(scenario, scenario_id=session.name)
+        if look is not None:
+            self._pictures.start(named, chosen.name, look)
             return
         if chosen is PLAYER:
             name, content = f"{session.name}.html", player_page([named])

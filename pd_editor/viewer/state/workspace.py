@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from pd_editor.base.errors import InputError, RecipeError
+from pd_editor.base.errors import ExportError, InputError, RecipeError
 from pd_editor.base.installed_files import ALL_DEMOS, DEMO_PREFIX, demo_names
 from pd_editor.base.plain_text import number_of
 from pd_editor.base.regular_file import user_path
@@ -30,6 +30,7 @@ from pd_editor.editor.scenario_store import (
     recipe_of_export,
     scenario_and_recipe,
     scenes_in_upload,
+    with_original,
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
@@ -340,6 +341,25 @@ class Workspace:
             if card.scenario_id == recipe.base.scenario_id:
                 return str(card.folder)
         return None
+
+    def with_original(self) -> Scenario:
+        """The current scenario, with what an export that was opened was before its warp.
+
+        Raises:
+            ExportError: it is not known.
+        """
+        scenario, files = self.session.scenario, self._files_of_base
+        if scenario.applied_warp is not None or not scenario.is_warped:
+            return scenario
+        place = Path(scenario.provenance.source)
+        recipe = scenario_and_recipe(files)[1] if files else recipe_of_export(place)
+        source = None if recipe is None else self._base_source(recipe)
+        if source is None:
+            raise ExportError(
+                f"{self.session.name} has no original to compare with; the scene that it"
+                " was made from is not here."
+            )
+        return with_original(scenario, recipe, source)
 
     def continue_export(self) -> None:
         """Replay the edits of the open export as a history of its base.

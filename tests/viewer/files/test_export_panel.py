@@ -3,6 +3,7 @@
 from pathlib import Path
 from unittest import mock
 
+import pd_editor
 from pd_editor.editor.commands import (
     DeleteAgents,
     RemoveAllAgents,
@@ -252,3 +253,43 @@ def test_moments_and_the_original_of_a_figure_are_chosen(tmp_path: Path):
         assert send.call_args[0][1].decode().count('id="axes_') == 2
         tab.type("Format", "Argoverse 2")
         until(lambda: not tab.field("Original above").visible)
+
+
+def test_the_original_of_an_export_is_shown(tmp_path: Path):
+    """Only the shell read it from the recipe."""
+    made = pd_editor.warp("crosswalk", kind="smooth-turn", power=6, out=tmp_path)
+    twice = pd_editor.warp(made.folder, kind="ripple-road", power=3, out=tmp_path)
+    files = {one.name: one.read_bytes() for one in made.folder.iterdir()}
+    with (
+        running_app(tmp_path / "library", "merge") as app,
+        connected_tab(app) as tab,
+        mock.patch.object(tab.ui.client, "send_file_download") as send,
+    ):
+        workspace = tab.tab.workspace
+
+        def original() -> dict | None:
+            tab.type("Format", "Player (HTML)")
+            tab.press("Download HTML")
+            return scenes_in(send.call_args[0][1])[0]["original"]
+
+        for opened in (
+            lambda: workspace.open_reference(str(made.folder)),
+            lambda: workspace.open_reference(str(twice.folder)),
+            lambda: workspace.open_upload(files),
+        ):
+            tab.run(opened)
+            shown = original()
+            assert shown is not None
+            assert shown["lines"]
+        tab.type("Format", "Figure (SVG)")
+        tab.type("Original above", True)
+        tab.press("Download SVG")
+        until(lambda: b'id="axes_2"' in send.call_args[0][1])
+        # What nobody here has is told, and the page does without it.
+        tab.run(lambda: workspace.open_reference(str(twice.folder)))
+        made.folder.rename(tmp_path / "moved")
+        assert original() is None
+        assert tab.notices[-1][0] == "Without the original"
+        tab.type("Format", "Figure (SVG)")
+        tab.press("Download SVG")
+        assert "is not here" in tab.refusal()
