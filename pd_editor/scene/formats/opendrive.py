@@ -325,7 +325,7 @@ class _Road:
                 if place.get("singleSide") not in ("true", "1")
                 or any(place.element.find(side) is not None for side in sides)
             ]
-            ends = [*(start for _, start in here[1:]), self.length_m]
+            ends = [*(start for _, start in here[1:]), self.length_m][: len(here)]
             for (place, start), end in zip(here, ends, strict=True):
                 index = len(found)
                 found.append(self._section(place, index, sides, (start, end), offset))

@@ -189,6 +189,8 @@ _ALONE: Final = {
     "dataset_mapping.pkl": "the mapping of a ScenarioNet data set; open its scenes.",
     ".pbf": "an OpenStreetMap extract, without lanes; osmium cat IN.pbf -o IN.osm and "
     "netconvert --osm-files IN.osm -o OUT.net.xml make a network of it.",
+    ".pb": "a protocol buffer, such as CommonRoad's; commonroad-io writes XML of it.",
+    ".csv": "a table without roads; a format of your own can read it (examples/csv_format.py).",
     ".tfrecord": "a Waymo record; ScenarioNet makes .pkl files of it, GPUDrive .json.",
 }
 """What files are that no format reads alone, by their XML root or ending."""

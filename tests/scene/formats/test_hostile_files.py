@@ -225,6 +225,8 @@ def test_a_truncated_pickle_is_unreadable_and_holds_nothing_forbidden(tmp_path: 
         ("a.osm.pbf", "x", "netconvert --osm-files"),
         ("a.osm", "<osm><node id='1'/></osm>", "netconvert --osm-files"),
         ("a.tfrecord", "x", "Waymo record"),
+        ("a.cr.pb", "x", "commonroad-io writes XML"),
+        ("tracks.csv", "x,y", "a table without roads"),
         (
             "a.xml",
             "<CommonRoadSolution/>",

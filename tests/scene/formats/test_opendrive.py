@@ -114,6 +114,13 @@ def test_each_outline_is_a_crosswalk_and_parking_spaces_are_paved(tmp_path: Path
     assert paved == pytest.approx(2 * 3.5 * 50 + 5 * 2.5)
 
 
+def test_a_section_for_one_side_may_be_the_only_one(tmp_path: Path):
+    """Its road made an error without a sentence."""
+    one = section(lane(-1)).replace("<laneSection", '<laneSection singleSide="true"')
+    scene = opened(tmp_path, road(one))
+    assert len(scene.road_map.lanes) == 1
+
+
 def test_lanes_lead_where_roadrunner_says(tmp_path: Path):
     """Its files of version 1.4 have no rule, and left-hand traffic led the wrong way."""
     user = '<userData code="vectorLane"><vectorLane sOffset="0" travelDir="{}"/></userData>'
