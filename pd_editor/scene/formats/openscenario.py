@@ -480,10 +480,10 @@ class _Story:
     def _meet(self, action: Place, driver: Driver, step: int) -> float | None:
         """At a place when another entity is nearest to one of its own."""
         master = self._course(action.get("masterEntityRef"))
-        places = action.children("TargetPositionMaster") + action.children(
-            "TargetPosition"
+        its, own = (
+            self._spot_if_any(action.child(f"TargetPosition{whose}"))
+            for whose in ("Master", "")
         )
-        its, own = [self._spot_if_any(one) for one in places] or [None, None]
         if master is None or its is None or own is None:
             return None
         begin_s = float(driver.times_s[step])

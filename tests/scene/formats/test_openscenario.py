@@ -599,6 +599,10 @@ def test_entities_meet_at_places(tmp_path: Path, final: str, there: float):
     )  # fmt: skip
     np.testing.assert_allclose(where(late, car, 5), (35, -6), atol=1e-6)
     assert "SynchronizeAction" in " ".join(late.provenance.notes)
+    broken = action.replace("TargetPositionMaster", "Master")
+    (folder := tmp_path / "broken").mkdir()
+    with pytest.raises(FormatError, match="has no <TargetPositionMaster>"):
+        drive(folder, {car: "", master: ""}, event(car, broken, 0.0))
 
 
 @pytest.mark.parametrize(
