@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pd_editor.base.errors import GenerationError
+from pd_editor.base.foreign_code import described
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
 from pd_editor.scene.prediction import AgentHistory
@@ -113,7 +114,14 @@ def checked_plan(answer: object, observation: Observation, name: str) -> Plan:
             f"The policy {name} returned a {type(answer).__name__}; expected a Plan or "
             "Controls (pd_editor.scene.policy)."
         )
-    arrays = [np.asarray(getattr(answer, one, None)) for one in fields]
+    try:
+        arrays = [np.asarray(getattr(answer, one, None)) for one in fields]
+    except (
+        Exception
+    ) as error:  # Lists of unequal lengths, or a tensor of another library.
+        raise GenerationError(
+            f"The policy {name} returned what is no array ({described(error)})."
+        ) from error
     step_s = observation.step_s
     least = round(LEAST_PLAN_S / step_s)
     if arrays[0].ndim and not len(arrays[0]):

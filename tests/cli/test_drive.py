@@ -97,7 +97,7 @@ def test_guidance_and_locks_of_the_shell_hold(shell: Shell, tmp_path: Path):
     assert "--guide" in shell.refused("drive", JUNCTION, "--guide", "gaol", *options)
 
 
-def test_what_is_no_policy_is_refused(shell: Shell, tmp_path: Path):
+def test_what_is_no_policy_is_refused(shell: Shell, tmp_path: Path, monkeypatch):
     out = ("--out", tmp_path, "--model", "lane-follower")
     assert "There is no policy 'idn'; the nearest is idm" in shell.refused(
         "drive", JUNCTION, "--policies", "idn", *out
@@ -108,6 +108,16 @@ def test_what_is_no_policy_is_refused(shell: Shell, tmp_path: Path):
     assert "There is no agent 'nobody' here; expected one of " in shell.refused(
         "drive", JUNCTION, "--policies", "idm", "--ego", "nobody", *out
     )
+    for name in (7, "", "x" * 300):
+        path = "unnamed_" + str(name)[:1]
+        (tmp_path.parent / f"{path}.py").write_text(
+            "from pd_editor.experiments.closed_loop.policies import IdmOnRoute\n"
+            f"class P(IdmOnRoute):\n    name = {name!r}\n"
+        )
+        monkeypatch.chdir(tmp_path.parent)
+        assert f"{path}:P has no usable name (TypeError: {name!r}"[
+            :60
+        ] in shell.refused("drive", JUNCTION, "--policies", f"{path}:P", *out)
     assert not list(tmp_path.iterdir())
 
 

@@ -13,7 +13,11 @@ from jaxtyping import Float
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked, is_reference, object_of_reference
 from pd_editor.base.plain_text import nearest_or_all
-from pd_editor.generation.generators.plugins import object_of_folder
+from pd_editor.generation.generators.plugins import (
+    checked_name,
+    is_of,
+    object_of_folder,
+)
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
@@ -188,13 +192,14 @@ def policy_of(given: str | Policy | Callable[[], Policy]) -> Policy:
             f"There is no policy {name!r}; {nearest_or_all(name, known)} "
             "(a folder with policy.py and package.module:attribute are taken as well)."
         )
-    if isinstance(found, type) or (callable(found) and not isinstance(found, Policy)):
+    if isinstance(found, type) or (callable(found) and not is_of(found, Policy, name)):
         found = asked(found, name, ": making the policy failed")
-    if not isinstance(found, Policy):
+    if not is_of(found, Policy, name):
         raise GenerationError(
             f"{name}: is a {type(found).__name__}; expected an object with a name, "
             "reset(scene, ego_id, route_m, seed) and plan(observation)."
         )
+    asked(lambda: checked_name(found.name), name, " has no usable name")
     return found
 
 

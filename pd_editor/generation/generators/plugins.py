@@ -133,7 +133,7 @@ class _Checked:
     def __init__(self, generator: ScenarioGenerator, place: str) -> None:
         self._generator, self._place = generator, place
         self.name: str = asked(
-            lambda: _checked_name(generator.name), place, " has no usable name"
+            lambda: checked_name(generator.name), place, " has no usable name"
         )
         """The plugin's own name."""
         self.supports: frozenset[Capability] = asked(
@@ -199,7 +199,8 @@ class _Checked:
         return replace(traffic, guidance=reports)
 
 
-def _checked_name(name: Any) -> str:
+def checked_name(name: Any) -> str:
+    """The name of foreign code; raises TypeError unless it can be shown and stored."""
     if not isinstance(name, str) or not name or not is_plain(name):
         raise TypeError(
             f"{name!r}; expected a text of up to {MAX_ID_CHARACTERS} characters"
@@ -233,7 +234,7 @@ def _plain_traffic(found: GeneratedTraffic) -> GeneratedTraffic:
         raise TypeError(f"its slowed_ids are {slowed!r}; expected agents per sample")
     return GeneratedTraffic(
         samples=samples,
-        generator=_checked_name(found.generator),
+        generator=checked_name(found.generator),
         model_sha256=one_line(str(found.model_sha256), MAX_ID_CHARACTERS),
         seed=operator.index(found.seed),
         elapsed_s=float(found.elapsed_s),
@@ -344,18 +345,20 @@ def _made(make: Callable[[], Any], place: str) -> Any:
 
 def _as_generator(found: Any, place: str) -> ScenarioGenerator:
     """An instance, out of an instance, a class or a function without arguments."""
-    if isinstance(found, type) or not _is(found, ScenarioGenerator | Predictor, place):
+    if isinstance(found, type) or not is_of(
+        found, ScenarioGenerator | Predictor, place
+    ):
         if not callable(found):
             raise _no_generator(found, place)
         found = _made(found, place)
-    if _is(found, ScenarioGenerator, place):
+    if is_of(found, ScenarioGenerator, place):
         return _Checked(found, place)
-    if _is(found, Predictor, place):
+    if is_of(found, Predictor, place):
         return _Checked(PredictorGenerator(found), place)
     raise _no_generator(found, place)
 
 
-def _is(found: Any, kind: Any, place: str) -> bool:
+def is_of(found: Any, kind: Any, place: str) -> bool:
     """Whether an object has the members of a protocol, which may be foreign properties."""
     return asked(lambda: isinstance(found, kind), place, ": cannot be looked at")
 

@@ -209,6 +209,10 @@ def test_an_agent_that_leaves_by_the_end_of_the_road_was_never_off_it(junction):
             "changes by",
         ),
         (Plan(position_m=np.zeros((0, 2)), heading_rad=np.zeros(0)), "no further plan"),
+        (
+            SimpleNamespace(position_m=[[0, 0], 1], heading_rad=[0] * 5),
+            "returned what is no array (ValueError",
+        ),
         (ZeroDivisionError("oh"), "failed (ZeroDivisionError: oh"),
         (
             Controls(acceleration_mps2=np.full(9, 35.0), curvature_1pm=np.zeros(9)),
