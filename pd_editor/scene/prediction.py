@@ -130,6 +130,11 @@ def checked_prediction(
     Raises:
         GenerationError: it is no prediction, has other shapes, or holds NaN.
     """
+    if not hasattr(answer, "position_m"):
+        raise GenerationError(
+            f"The predictor {name} returned a {type(answer).__name__}; expected a "
+            "Prediction (pd_editor.scene.prediction)."
+        )
     position = np.asarray(getattr(answer, "position_m", None))
     probability = np.asarray(getattr(answer, "probability", None))
     num_agents, num_steps = len(request.agents.ids), request.num_steps

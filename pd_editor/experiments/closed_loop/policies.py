@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -199,8 +199,9 @@ def policy_of(given: str | Policy | Callable[[], Policy]) -> Policy:
             f"{name}: is a {type(found).__name__}; expected an object with a name, "
             "reset(scene, ego_id, route_m, seed) and plan(observation)."
         )
-    asked(lambda: checked_name(found.name), name, " has no usable name")
-    return found
+    policy = cast("Policy", found)
+    asked(lambda: checked_name(policy.name), name, " has no usable name")
+    return policy
 
 
 def _on(route: np.ndarray, along: np.ndarray, place_m: float) -> np.ndarray:

@@ -218,6 +218,9 @@ class TrainLoop:
             optimiser=self._optimiser.optimizer,
             optional=optional,
         )
+        for entry in self._folder.logged():
+            if entry.get("held_out") and entry["step"] <= self.train_state.step:
+                self.held_out_loss = entry["loss"]
         if self._fabric.is_global_zero:
             self._folder.forget_after(self.train_state.step)
 

@@ -52,6 +52,11 @@ def test_a_resumed_run_equals_an_uninterrupted_one(tmp_path, stop):
     assert second.train_state.step == whole.train_state.step == 60
     assert torch.equal(weights_of(second), weights_of(whole))
     assert second.held_out_loss == whole.held_out_loss
+    # A run that has nothing left to do lost its loss, and its model's card did.
+    third = loop_of(tmp_path / "parts")
+    third.resume()
+    assert not list(third.run())
+    assert third.held_out_loss == whole.held_out_loss
 
 
 def test_a_killed_run_goes_on_from_its_checkpoint(tmp_path):

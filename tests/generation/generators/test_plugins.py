@@ -111,6 +111,11 @@ class NotANumber:
         shape = (len(request.agents.ids), 1, request.num_steps, 2)
         return Prediction(position_m=np.full(shape, np.nan), probability=np.ones(shape[:2]))
 
+class Pair:
+    name = "pair"
+    def predict(self, request):
+        return np.zeros((1, 1, 60, 2)), np.ones((1, 1))
+
 class Negative:
     name = "negative"
     def predict(self, request):
@@ -208,6 +213,7 @@ def test_what_cannot_be_loaded_is_told_in_one_sentence(
             r"Moves: Sample 0 moves agent 101 by 0.71 m at the current step; exp",
         ),
         ("Negative", "a probability below 0; expected 0 or more"),
+        ("Pair", "The predictor pair returned a tuple; expected a Prediction"),
     ],
 )
 def test_a_wrong_answer_is_told_in_one_sentence(faulty: str, name: str, sentence: str):
