@@ -207,11 +207,11 @@ class BrowserSession:
             # Interval of attempts to write edits that could not be stored on disk.
             self._retries_journal_at = now + 3.0
             workspace.retry_journals()
-            tab.chip.show()
         if now >= self._follows_library_at:
             # Interval at which the library is compared with what other tabs made of it.
             self._follows_library_at = now + 1.0
             tab.start.follow()
+            tab.chip.show()
         is_searching = workspace.search_on()
         if is_searching:
             tab.start.follow_search()

@@ -182,8 +182,9 @@ def test_a_page_at_twice_its_zoom_keeps_all_in_sight(open_editor):
 
 
 def test_at_200_percent_on_a_laptop_nothing_is_cut_off(editor):
-    """Half of the tools, and the cross of lists, were beyond an open panel."""
+    """Half of the tools and crosses were beyond an open panel, rows under the tools."""
     page = editor.page
+    strip = strip_beside_a_problem(editor, 2)
     page.set_viewport_size({"width": 640, "height": 360})
     editor.settle()
     picture = box_of(page.locator("#pd-overlay"))
@@ -200,6 +201,14 @@ def test_at_200_percent_on_a_laptop_nothing_is_cut_off(editor):
         assert box_of(close)[2] < picture[2]
         close.click()
         expect(close).to_be_hidden()
+    # Clicks reach what opens over the tools.
+    strip.get_by_role("button", name="Compare with the one in use").click()
+    pair = page.get_by_role("dialog", name="Comparison with another sample")
+    pair.get_by_role("button", name="Close").click()
+    strip.get_by_role("button", name="Close").click()
+    page.locator(".pd-chip-main").click()
+    page.locator(".pd-problem-row").first.click()
+    editor.until(lambda: editor.session.selection, "the agents of the problem")
     # The verb tells runs apart.
     for verb in ("Regenerate", "Resample"):
         words = page.locator(".pd-run > button > span", has_text=verb)

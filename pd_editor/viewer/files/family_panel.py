@@ -190,7 +190,7 @@ class FamilyPanel:
         workspace = self._ui.workspace
         if any(one.name for one in self._made) and not workspace.start.is_open:
             workspace.start = replace(workspace.start, source="library")
-            words += " N lists them."
+            words += " All scenarios (N) lists them."
         self.tell(words, self._made)
         self._job = None
         self._set_running(False)

@@ -48,7 +48,7 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         powers = np.array([card.row.values["power"] for card in cards])
         assert ((powers > 2) & (powers < 8)).all()
         assert (np.diff(np.sort(powers)) > 0).all()
-        assert "without problems. N lists them." in tab.text()
+        assert "without problems. All scenarios (N) lists them." in tab.text()
         tab.run(tab.elements.start.toggle)
         assert tab.shown("startPage")["source"] == "library"
         until(lambda: len(tab.tiles("library")) == 3)
