@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -112,6 +113,18 @@ def pytest_xdist_make_scheduler(
 ) -> TestShares:
     """The scheduler of ``--numprocesses``; groups of marks have no effect in pytest 9.2."""
     return TestShares(config, log)
+
+
+@pytest.fixture
+def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run work items in this process, for a new one imports torch, which takes seconds."""
+    from pd_editor.experiments.work_engine.local_processes import LocalProcesses
+    from pd_editor.experiments.work_engine.work_engine import InThisProcess
+
+    def run(_: LocalProcesses, *arguments: Any, **named: Any) -> None:
+        InThisProcess().run(*arguments, **named)
+
+    monkeypatch.setattr(LocalProcesses, "run", run)
 
 
 @pytest.fixture(scope="session")

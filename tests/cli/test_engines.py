@@ -11,11 +11,9 @@ from pathlib import Path
 import pytest
 
 from pd_editor.experiments.synthesis import dataset_builder
-from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from tests.cli.shell import Shell
 from tests.experiments.evaluation.small_dataset import write_dataset
 from tests.experiments.recordings.recordings import drive
-from tests.experiments.synthesis.serial_engine import SerialEngine
 from tests.experiments.work_engine.fake_ray import FakeRay
 
 METHODS = ("--methods", "ground-truth", "constant-velocity")
@@ -37,15 +35,10 @@ def data(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def ray(monkeypatch: pytest.MonkeyPatch) -> FakeRay:
-    """No cluster, no processes, no SUMO."""
+def ray(monkeypatch: pytest.MonkeyPatch, no_processes: None) -> FakeRay:
+    """No cluster, no SUMO."""
     fake = FakeRay()
     monkeypatch.setitem(sys.modules, "ray", fake)
-
-    def run(_: LocalProcesses, *arguments, **named):
-        return SerialEngine().run(*arguments, **named)
-
-    monkeypatch.setattr(LocalProcesses, "run", run)
     monkeypatch.setattr(
         dataset_builder,
         "_recording",

@@ -21,6 +21,8 @@ from tests.experiments.evaluation.small_dataset import (
     write_scenario,
 )
 
+pytestmark = pytest.mark.usefixtures("no_processes")
+
 FILES = ["report.html", "report.md", "rows.parquet"]
 
 

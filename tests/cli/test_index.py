@@ -15,6 +15,8 @@ from pd_editor.experiments.scene_index.index_file import INDEX_NAME
 from pd_editor.experiments.work_engine.work_engine import result_of
 from tests.cli.shell import Shell
 
+pytestmark = pytest.mark.usefixtures("no_processes")
+
 DEMOS = ("crosswalk", "roundabout")
 
 

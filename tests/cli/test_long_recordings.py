@@ -11,6 +11,8 @@ from pd_editor.scene.exporters.bundle import write_files
 from tests.cli.shell import Shell
 from tests.scene.test_time_cut import long_recording, recording_of_minutes
 
+pytestmark = pytest.mark.usefixtures("no_processes")
+
 CUT = ("--current", 5, "--until", 6)
 
 

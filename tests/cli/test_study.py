@@ -9,6 +9,8 @@ from tests.experiments.evaluation.small_dataset import write_dataset
 from tests.scene.formats.test_opendrive import lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road
 
+pytestmark = pytest.mark.usefixtures("no_processes")
+
 GRID = ("--kinds", "ripple-road", "--powers", -6, 6, "--methods", "constant-velocity")
 
 

@@ -7,22 +7,15 @@ import pytest
 import pd_editor
 from pd_editor.experiments.recordings.shards import ShardReader
 from pd_editor.experiments.synthesis import dataset_builder as corpus_networks
-from pd_editor.experiments.work_engine.local_processes import LocalProcesses
 from tests.cli.shell import Shell, run_in_process
 from tests.experiments.recordings.recordings import drive
-from tests.experiments.synthesis.serial_engine import SerialEngine
 
 GRID = ("--families", "grid", "--workers", 1)
 
 
 @pytest.fixture
-def drives(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No SUMO, no processes: traffic made by hand."""
-
-    def run(_: LocalProcesses, *arguments, **named):
-        return SerialEngine().run(*arguments, **named)
-
-    monkeypatch.setattr(LocalProcesses, "run", run)
+def drives(monkeypatch: pytest.MonkeyPatch, no_processes: None) -> None:
+    """No SUMO: traffic made by hand."""
     monkeypatch.setattr(
         corpus_networks,
         "_recording",

@@ -25,6 +25,8 @@ from pd_editor.generation.stages import STAGE_KINDS
 from tests.cli.shell import ROOT, Result, Shell, run_in_process
 from tests.experiments.recordings.recordings import drive
 
+pytestmark = pytest.mark.usefixtures("no_processes")
+
 FILES = {"data.json", "log.jsonl", "loss.png", "model", "run.json", "state.safetensors"}
 TINY = ("--preset", "tiny", "--device", "cpu", "--threads", "1", "--precision", "32")
 

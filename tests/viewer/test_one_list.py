@@ -228,7 +228,9 @@ def walk(tab: FakeTab, seed: int, num_states: int) -> list[str]:
     return wrong
 
 
-@pytest.mark.parametrize("demo", ["roundabout", "downtown"])
+@pytest.mark.parametrize(
+    "demo", ["roundabout", pytest.param("downtown", marks=pytest.mark.slow)]
+)
 def test_no_two_places_differ(tmp_path, demo):
     with running_app(tmp_path, demo) as app, connected_tab(app) as tab:
         assert walk(tab, seed=3, num_states=12) == []

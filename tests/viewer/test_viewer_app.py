@@ -29,7 +29,9 @@ app.stop()
 """
 
 
-@pytest.mark.parametrize("seconds", [0.5, 1.5, 2.5])
+@pytest.mark.parametrize(
+    "seconds", [1.5, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.5, 2.5))]
+)
 def test_ending_while_a_model_is_loaded_is_a_clean_end(tmp_path: Path, seconds: float):
     """A thread that ended inside torch aborted the process at its exit."""
     done = subprocess.run(

@@ -62,8 +62,8 @@ def test_samples_of_a_batch_are_those_made_alone(
     asked = {
         "resampled_state_ids": scenario.agents.ids[:1],
         "samples_num_agents": True,
-        "region": Region(center_m=(0.0, 0.0), half_side_m=120.0),
-        "num_samples": 5,
+        "region": Region(center_m=(0.0, 0.0), half_side_m=90.0),
+        "num_samples": 3,
         "only_on_road": True,
         "seed": 3,
     }

@@ -13,7 +13,7 @@ from pd_editor.scene.road_map import Lane, LaneKind
 from tests.oracles.environment import Oracle
 from tests.scene.formats.test_lanelet2 import ALL_WAYS, PLACES, lanelet, tags, text
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 SAME_M = 0.05
 
 
