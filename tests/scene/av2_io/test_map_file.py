@@ -295,11 +295,11 @@ def tangle(count: int, size: float) -> dict[str, Any]:
 
 
 TOO_LARGE = {
-    "8,000 lanes": (
+    "2,001 lanes": (
         lambda a: a.update(
-            lane_segments={str(n): straight(n, 10.0) for n in range(8000)}
+            lane_segments={str(n): straight(n, 10.0) for n in range(2001)}
         ),
-        "section 'lane_segments' has 8000 entries; at most 2000",
+        "section 'lane_segments' has 2001 entries; at most 2000",
     ),
     "100 lanes of 10 km": (
         lambda a: a.update(
