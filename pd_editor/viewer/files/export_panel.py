@@ -3,6 +3,7 @@
 import datetime
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,9 +31,9 @@ from pd_editor.viewer.tab.ui_context import UiContext, set_property, set_value
 class PictureDownload:
     """Draws one picture at a time, tells how far it is, and sends it."""
 
-    def __init__(self, ui: UiContext) -> None:
-        """Draw for a tab."""
-        self._ui = ui
+    def __init__(self, ui: UiContext, changed: Callable[[], None]) -> None:
+        """Draw for a tab; ``changed`` is called when it begins or ends."""
+        self._ui, self._changed = ui, changed
         self._job: BackgroundJob[bytes] | None = None
         self._notice: viser.NotificationHandle | None = None
 
@@ -44,13 +45,16 @@ class PictureDownload:
         Raises:
             InputError: another one is being drawn.
         """
-        if self._notice is not None:
-            raise InputError("Another picture is being drawn; wait until it is here.")
+        if self.is_busy:
+            raise InputError(
+                "Another picture is being drawn; wait until it is here, or cancel it."
+            )
         selection = self._ui.session.selection
         follow = selection[0] if len(selection) == 1 else ""
         whom = f"following {shortened(follow)}" if follow else "about the focal agent"
         title = f"Drawing {scenario.scenario_id}.{ending}, {whom}"
         self._notice = self._ui.notify(title, stays=True)
+        self._changed()
         look = replace(look, follow=follow)
         post, name = self._ui.post, f"{scenario.scenario_id}.{ending}"
 
@@ -70,10 +74,20 @@ class PictureDownload:
         )
         self._job.start()
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether one is being drawn."""
+        return self._notice is not None
+
     def close(self) -> None:
-        """Stop what is being drawn."""
+        """Stop what is being drawn; its notice goes with the page."""
         if self._job is not None:
             self._job.cancel()
+
+    def cancel(self) -> None:
+        """Stop what is being drawn, so that another one can be."""
+        self.close()
+        self._end()
 
     def _tell(self, done: int, count: int) -> None:
         """Show how far it is."""
@@ -81,7 +95,9 @@ class PictureDownload:
             self._notice.body = f"{done} of {count} frames"
 
     def _send(self, name: str, content: bytes) -> None:
-        """Send what is drawn."""
+        """Send what is drawn, unless it was cancelled meanwhile."""
+        if not self.is_busy:
+            return
         self._end()
         self._ui.client.send_file_download(name, content, save_immediately=True)
 
@@ -94,6 +110,7 @@ class PictureDownload:
         if self._notice is not None:
             self._notice.remove()
             self._notice = None
+            self._changed()
 
 
 OTHER_WAYS: Final = "Film, figure, player, folder, edits"
@@ -162,14 +179,14 @@ class ExportPanel:
                     color="gray",
                     hint="pd-editor replay applies them again",
                 )
-        self._pictures = PictureDownload(ui)
+        self._pictures = PictureDownload(ui, self._name_download)
         ui.on_click(write, self._write)
         ui.on_click(edits, self._download_edits)
         self._connect()
 
     def _connect(self) -> None:
         ui = self._ui
-        ui.on_click(self._download, self.download)
+        ui.on_click(self._download, self._download_or_cancel)
         ui.on_change(self._format, self._format_chosen)
         ui.on_click(self._save, self._model.save_requested.emit)
         ui.on_change(self._name, self._name_typed, merge_key="variant name")
@@ -294,11 +311,22 @@ class ExportPanel:
         is_figure = isinstance(LOOKS.get(chosen.name), FigureLook)
         for handle in (self._moments, self._compares):
             set_property(handle, "visible", is_figure)
-        is_alone = chosen.name in _ALONE
-        kind = "HTML" if chosen is PLAYER else chosen.name.upper()
-        self._download.label = f"Download {kind if is_alone else 'zip'}"
+        self._name_download()
         self._told_of = None
         self._show_losses()
+
+    def _name_download(self) -> None:
+        chosen = self._chosen()
+        kind = "HTML" if chosen is PLAYER else chosen.name.upper()
+        label = f"Download {kind if chosen.name in _ALONE else 'zip'}"
+        is_drawn = self._pictures.is_busy and chosen.name in LOOKS
+        set_property(self._download, "label", "Cancel drawing" if is_drawn else label)
+
+    def _download_or_cancel(self) -> None:
+        if self._pictures.is_busy and self._chosen().name in LOOKS:
+            self._pictures.cancel()
+        else:
+            self.download()
 
     def _show_losses(self) -> None:
         """Tell what the chosen format cannot say of the scene, as losses.txt will."""

@@ -198,7 +198,7 @@ class ScenarioPanel:
         # The newest first; the tooltip has the rest.
         notes = [*filter(None, [origin.attribution]), *reversed(origin.notes)]
         card = (scenario.scenario_id, size, *notes)
-        self._card.show(card[0], size, " ".join(notes), tooltip="\n".join(card))
+        self._card.show(card[0], size, " · ".join(notes), tooltip="\n".join(card))
 
     def _choose_part(self) -> None:
         self.map_window.ask(self._workspace.lanes_of_file(), "The map")

@@ -166,6 +166,22 @@ def test_films_and_figures_are_drawn_beside_the_work(tmp_path: Path):
         assert b"ftyp" in content[:12]
 
 
+def test_a_film_is_cancelled(tmp_path: Path):
+    """Until it was drawn, there could be no other."""
+    with (
+        running_app(tmp_path / "library", "merge") as app,
+        connected_tab(app) as tab,
+        mock.patch.object(tab.ui.client, "send_file_download") as send,
+    ):
+        tab.type("Format", "Film (MP4)")
+        tab.press("Download MP4")
+        tab.press("Cancel drawing")
+        tab.type("Format", "Figure (SVG)")
+        tab.press("Download SVG")
+        until(lambda: send.called)
+        assert [call.args[0] for call in send.call_args_list] == ["merge.svg"]
+
+
 def test_a_film_has_the_plans_of_the_roll_out(tmp_path: Path):
     with (
         running_app(tmp_path / "library", "merge") as app,
