@@ -266,9 +266,9 @@ class _File:
             _, rows, table = self._table
             found = table[[rows[name] for name in self.ids(bound)]]
             moves = np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1) > 1e-6
-            self._points[bound] = found[np.append(True, moves)]
             if not moves.any():
                 raise self._ways[bound[0]].error("has only one point.")
+            self._points[bound] = found[np.append(True, moves)]
         return self._points[bound]
 
     def outline(self, course: _Course) -> Float[np.ndarray, "N 2"]:

@@ -623,12 +623,15 @@ class _Network:
             self._named.get(told.get(code) or "", one)
             for code, one in zip((LEFT, RIGHT), beside, strict=True)
         )
+        center = _simplified(section.points(section.middle(lane))[::step])
+        if len(center) < 2:
+            raise section.place.error("has no geometry along it; expected some.")
         return Lane(
             lane_id=number,
             kind=_kind(section.lanes[lane]) or LaneKind.VEHICLE,
             is_intersection=INTERSECTION in told
             or (bool(road.junction) and road.junction not in self._direct),
-            centerline=_simplified(section.points(section.middle(lane))[::step]),
+            centerline=center,
             left=_simplified(section.points(left)[::step]),
             right=_simplified(section.points(right)[::step]),
             left_mark=left_mark,

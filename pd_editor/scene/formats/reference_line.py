@@ -149,7 +149,7 @@ class ReferenceLine:
         pieces.sort(key=lambda one: one.start)
         starts = np.array([one.start for one in pieces])
         ends = starts + [one.length for one in pieces]
-        gap_m = float((np.append(starts[1:], length_m) - ends).max())
+        gap_m = float((np.append(starts, length_m) - np.append(0.0, ends)).max())
         return cls(pieces, Cubics.of(rises, "s"), starts, gap_m)
 
     def at(self, s: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K 4"]:

@@ -77,6 +77,14 @@ def test_neighbours_share_a_way_and_links_share_both_end_nodes(tmp_path: Path):
         assert (lane.left_m[:, 1] > lane.right_m[:, 1].max() - 1e-9).all()
 
 
+def test_lanelets_that_share_a_way_of_one_place_are_left_out(tmp_path: Path):
+    """The second one made an error without a sentence."""
+    lanes, path = opened(tmp_path, text(STREET, ALL_WAYS, PLACES | {4: (0, 3)}))
+    assert {*lanes} == {3}
+    notes = " ".join(open_scenario(path).provenance.notes)
+    assert "are left out (2)" in notes
+
+
 def test_traffic_lights_are_at_the_stop_lines_of_their_lanelets(tmp_path: Path):
     """They were left out."""
     obeys = '<member type="relation" ref="50" role="regulatory_element"/>'

@@ -121,6 +121,16 @@ def test_a_section_for_one_side_may_be_the_only_one(tmp_path: Path):
     assert len(scene.road_map.lanes) == 1
 
 
+def test_roads_whose_line_begins_late_are_told_or_refused(tmp_path: Path):
+    """They were read without a word, or made an error without a sentence."""
+    late = LINE.replace('s="0"', 's="{}"')
+    scene = opened(tmp_path, road(section(lane(-1)), geometry=late.format(10)))
+    assert "Reference lines with gaps: 1." in scene.provenance.notes
+    parts = section(lane(-1)) + section(lane(-1), s=30)
+    with pytest.raises(FormatError, match="<laneSection> has no geometry along it"):
+        opened(tmp_path, road(parts, geometry=late.format(60)))
+
+
 def test_lanes_lead_where_roadrunner_says(tmp_path: Path):
     """Its files of version 1.4 have no rule, and left-hand traffic led the wrong way."""
     user = '<userData code="vectorLane"><vectorLane sOffset="0" travelDir="{}"/></userData>'
