@@ -24,7 +24,7 @@ from pd_editor.editor.unfinished_work import (
     find_unfinished,
     restore,
 )
-from pd_editor.editor.variant import Variant
+from pd_editor.editor.variant import ExportMark, Variant
 from tests.editor.command_strategies import busy_scenario
 from tests.editor.random_edits import random_command
 from tests.editor.same_scenario import same_scenario
@@ -431,3 +431,22 @@ def test_a_journal_that_was_deleted_is_written_again(tmp_path: Path):
     (work,) = find_unfinished(folder)
     assert [path.name for path in work.base_files] == ["map.json"]
     assert restored(work).scenario.agents.position_m[0, NOW, 0] == 7
+
+
+def test_names_that_states_were_written_under_are_restored(tmp_path: Path):
+    session = session_in(tmp_path)
+    session.describe(Variant(name="slow"))
+    for name, dx in (("slow", 1.0), ("slow-2", 2.0)):
+        session.apply(shift(dx))
+        session.mark_exported(ExportMark(name=name))
+    session.apply(shift(3.0))
+    assert session.recipe().result_id == "slow"
+    session.undo()
+    session.close()
+    (work,) = find_unfinished(tmp_path)
+    again = restored(work)
+    assert again.name == again.recipe().result_id == "slow-2"
+    again.undo()
+    assert again.name == "slow"
+    again.redo()
+    assert again.recipe().variant == Variant(name="slow-2")
