@@ -1,12 +1,14 @@
 """Reader and writer of Argoverse 2 vector maps (JSON)."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
 
+from pd_editor.base.plain_text import is_plain
 from pd_editor.scene.av2_io.json_fields import JsonObject, parse_json_object
 from pd_editor.scene.geometry.polyline import midline
 from pd_editor.scene.road_map import (
@@ -23,6 +25,7 @@ from pd_editor.scene.scene_limits import (
     MAX_LANES,
     road_excess,
 )
+from pd_editor.scene.signals import Signal, SignalState
 
 WRITTEN_DECIMALS: Final = 4
 """Coordinates are written to 0.1 mm; official files have 1 cm."""
@@ -45,6 +48,7 @@ _LANE_FIELDS: Final = frozenset(
 )
 _CROSSWALK_FIELDS: Final = frozenset({"id", "edge1", "edge2"})
 _AREA_FIELDS: Final = frozenset({"id", "area_boundary"})
+_SIGNALS: Final = "pd_editor_signals"
 _SECTIONS: Final = {
     "lane_segments": MAX_LANES,
     "pedestrian_crossings": MAX_CROSSWALKS,
@@ -134,8 +138,62 @@ def _drivable_area(entry: JsonObject, origin: Float[np.ndarray, "2"]) -> Drivabl
     )
 
 
-def map_bytes(road_map: RoadMap, origin_city_m: Float[np.ndarray, "2"]) -> bytes:
-    """Write a map as a JSON file's bytes, in the city frame."""
+def signals_of_map(
+    road_map: RoadMap, num_steps: int, file_name: str
+) -> tuple[RoadMap, tuple[Signal, ...]]:
+    """The signals of a map that was read, and the map without their field.
+
+    Raises:
+        MapFileError: they do not fit the map or the steps.
+    """
+    archive = JsonObject(place=file_name, fields=road_map.source_fields)
+    entries = archive.section(_SIGNALS, MAX_LANES)
+    if not entries:
+        return road_map, ()
+    left = archive.others(frozenset({_SIGNALS}))
+    free = set(road_map.lane_of)
+    signals = tuple(_signal(entry, num_steps, free) for entry in entries)
+    return replace(road_map, source_fields=left), signals
+
+
+def _signal(entry: JsonObject, num_steps: int, free: set[int]) -> Signal:
+    name, share = entry.get("id"), entry.get("stop_share")
+    lanes, states = entry.integers("lane_ids"), entry.integers("states")
+    if not isinstance(name, str) or not is_plain(name):
+        raise entry.error("field 'id' is no text of one line.")
+    if len(set(lanes)) < len(lanes) or not free.issuperset(lanes):
+        raise entry.error(
+            "field 'lane_ids' names a lane that is not there, or twice, or has another "
+            "signal."
+        )
+    free.difference_update(lanes)
+    if (
+        not isinstance(share, list)
+        or len(share) != len(lanes)
+        or not all(type(one) in (int, float) and 0 <= one <= 1 for one in share)
+    ):
+        raise entry.error("field 'stop_share' is not a number of 0 to 1 for each lane.")
+    if len(states) != num_steps or not set(states) <= set(SignalState):
+        raise entry.error(
+            f"field 'states' is not a number of 0 to 3 for each of {num_steps} steps."
+        )
+    return Signal(
+        signal_id=name,
+        lane_ids=lanes,
+        stop_share=np.array(share, float),
+        states=np.array(states, np.int8),
+    )
+
+
+def map_bytes(
+    road_map: RoadMap,
+    origin_city_m: Float[np.ndarray, "2"],
+    signals: Sequence[Signal] = (),
+) -> bytes:
+    """Write a map as a JSON file's bytes, in the city frame.
+
+    Argoverse 2 has no signals: they are a section of our own, which ``av2`` ignores.
+    """
 
     def points(line: Float[np.ndarray, "N 3"]) -> list[dict[str, float]]:
         city = line + np.array([*origin_city_m, 0.0])
@@ -169,6 +227,16 @@ def map_bytes(road_map: RoadMap, origin_city_m: Float[np.ndarray, "2"]) -> bytes
         "pedestrian_crossings": crossings,
         **road_map.source_fields,
     }
+    if signals:
+        archive[_SIGNALS] = {
+            str(number): {
+                "id": one.signal_id,
+                "lane_ids": list(one.lane_ids),
+                "stop_share": one.stop_share.clip(0, 1).tolist(),
+                "states": one.states.tolist(),
+            }
+            for number, one in enumerate(signals)
+        }
     return json.dumps(archive).encode()
 
 

@@ -19,7 +19,7 @@ from pd_editor.scene.av2_io.file_names import (
     map_name,
 )
 from pd_editor.scene.av2_io.json_fields import MAX_JSON_BYTES
-from pd_editor.scene.av2_io.map_file import read_map
+from pd_editor.scene.av2_io.map_file import read_map, signals_of_map
 from pd_editor.scene.av2_io.track_table import MAX_TRACKS_BYTES
 from pd_editor.scene.av2_io.tracks_file import agents_named, read_tracks
 from pd_editor.scene.road_map import RoadMap
@@ -92,7 +92,10 @@ def read_scenario_bytes(
             f"expected up to 128 letters, digits, dots, dashes and underscores."
         )
     origin = tracks.origin_city_m
-    road_map = read_map(map_json, f"{MAP_PREFIX}{name}.json", origin)
+    file = f"{MAP_PREFIX}{name}.json"
+    road_map, signals = signals_of_map(
+        read_map(map_json, file, origin), tracks.time_axis.num_steps, file
+    )
     far = _far_from_road(road_map, tracks.agents, name)
     digest = hashlib.sha256(parquet)
     digest.update(map_json)
@@ -110,6 +113,7 @@ def read_scenario_bytes(
             notes=(*tracks.notes, *far),
             attribution=_ATTRIBUTION if tracks.city in _CITIES else None,
         ),
+        signals=signals,
         source_fields=tracks.source_fields,
     )
 

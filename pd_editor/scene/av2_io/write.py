@@ -44,7 +44,9 @@ def scenario_files(scenario: Scenario) -> dict[str, bytes]:
             f"The scenario id {scenario_id[:60]!r} cannot be part of a file's name."
         )
     try:
-        map_json = map_bytes(scenario.road_map, scenario.origin_city_m)
+        map_json = map_bytes(
+            scenario.road_map, scenario.origin_city_m, scenario.signals
+        )
     except RecursionError as error:
         raise ExportError(
             f"Scenario {scenario_id}: a field of its map is nested too deeply to write."
