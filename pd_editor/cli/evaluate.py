@@ -326,7 +326,7 @@ def _check_something_left(found: Findings, record: RunRecord, report: Path) -> N
     for row, name in enumerate(found.summary.methods):
         if not any(part.num_agents[row].any() for part in parts):
             reasons = [f.reason for f in record.failures if f.method in ("", name)]
-            reason = f" ({reasons[0]})" if reasons else ""
+            reason = f" ({reasons[0].rstrip('.')})" if reasons else ""
             raise GenerationError(
                 f"{name}: failed on every scene, see {report}{reason}."
             )

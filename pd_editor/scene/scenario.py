@@ -104,6 +104,12 @@ class Scenario:
         assert all(len(one.states) == num_steps for one in self.signals)
         self.origin_city_m.flags.writeable = False
 
+    def __repr__(self) -> str:
+        """One line: the fields hold tens of thousands of numbers."""
+        agents, lanes = len(self.agents.ids), len(self.road_map.lanes)
+        steps = self.time_axis.num_steps
+        return f"<Scenario {self.scenario_id}: {agents} agents, {lanes} lanes, {steps} steps>"
+
     def show(self) -> "pd_editor.Player":
         """A player for notebooks, by its public name: values import nothing that draws."""
         return pd_editor.Player(self)

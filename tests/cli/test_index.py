@@ -103,6 +103,7 @@ def test_a_failed_write_leaves_the_earlier_index(
 
 def test_what_is_no_index_is_refused(shell: Shell, scenes: Path, tmp_path: Path):
     assert "holds no index" in shell.refused("find", scenes, "cut-in")
+    assert "no such file or folder" in shell.refused("find", scenes / "x", "cut-in")
     track = next((scenes / "crosswalk").glob("*.parquet"))
     assert "no index of this version" in shell.refused("find", track, "cut-in")
     (tmp_path / INDEX_NAME).write_bytes(b"nothing")

@@ -70,6 +70,7 @@ def test_a_study_of_such_scenes_fails(shell: Shell, folder: Path, tmp_path: Path
     told = shell.refused("study", "--data", root, "--out", out, *options)
     assert told.startswith("lane-follower: failed on every variant")
     assert SENTENCE in told
+    assert ".)" not in told
     assert SENTENCE in (out / "report.md").read_text()
 
 

@@ -16,3 +16,11 @@ def test_the_first_step_has_a_third_of_the_current_agents():
 
 def test_a_bare_road_begins_at_the_first_step():
     assert scenario_with(empty_tracks(110)).first_step == 0
+
+
+def test_a_scenario_is_shown_in_one_line():
+    """A result that was not assigned filled a console with 250 kB."""
+    told = repr(scenario_with(straight_drivers([(0.0, 0.0, 0.0, 5.0)])))
+    assert told.startswith("<Scenario ")
+    assert ": 1 agents, " in told
+    assert len(told) < 200

@@ -72,6 +72,8 @@ class SceneIndex:
         check_path(path)
         file = Path(os.path.abspath(os.path.expanduser(str(path))))
         file = file / INDEX_NAME if file.is_dir() else file
+        if not file.exists() and file.name != INDEX_NAME:
+            raise InputError(f"{path}: there is no such file or folder.")
         if not file.is_file():
             raise InputError(f"{path}: holds no index; pd-editor index makes one.")
         try:

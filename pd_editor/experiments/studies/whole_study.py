@@ -112,7 +112,7 @@ class Study:
             failures = [row["failure"] for row in rows if row["method"] == name]
             if None not in failures:
                 reasons = [*failures, *self.record.failures.values()]
-                reason = f" ({reasons[0]})" if reasons else ""
+                reason = f" ({reasons[0].rstrip('.')})" if reasons else ""
                 raise GenerationError(
                     f"{name}: failed on every variant, see {self.files[0]}{reason}."
                 )
