@@ -164,7 +164,7 @@ def _roads(
         if ways != (1, 1) and not types & _NO_LANES:
             mended.setdefault("lay the wrong way round", []).append(number)
         num_points = len(without_repeats(left)) + len(without_repeats(right))
-        left, right, center = _lines(left, right)
+        left, right, center = _lines(place, left, right)
         if len(left) + len(right) < num_points and not types & _NO_LANES:
             mended.setdefault("turned back, and now go on", []).append(number)
         if "crosswalk" in types:
@@ -198,7 +198,7 @@ def _roads(
 
 
 def _lines(
-    left: Float[np.ndarray, "L 3"], right: Float[np.ndarray, "R 3"]
+    place: Place, left: Float[np.ndarray, "L 3"], right: Float[np.ndarray, "R 3"]
 ) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     """Bounds and centre line, without points at which the lanelet turns back."""
     # Midway between points of the same number, as in commonroad-io.
@@ -207,6 +207,8 @@ def _lines(
     if len(turns_back(center)):
         left, right = onward(left), onward(right)
         center = without_repeats(midline(left, right))
+    if min(map(len, (left, right, center))) < 2:
+        raise place.error("has a bound that leads back to where it begins.")
     return left, right, center
 
 

@@ -272,6 +272,10 @@ def test_several_shapes_have_one_box_and_what_is_left_out_is_told(
         (text().replace('ref="11"', 'ref="x"'), "a finite number for ref, not 'x'"),
         (text().replace("<exact>1.0</exact>", "<exact>up</exact>"), "not 'up'"),
         (text().replace("lanelet", "nothing"), "has no lane for vehicles"),
+        (
+            text().replace("<leftBound>", f"<leftBound>{point(50.0, 1.5)}", 1),
+            "<lanelet> 10 has a bound that leads back to where it begins",
+        ),
     ],
 )
 def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, content: str, told: str):
