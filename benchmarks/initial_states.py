@@ -31,7 +31,11 @@ from pd_editor.analysis.metrics.traffic_view import (
     recorded_traffic,
 )
 from pd_editor.analysis.metrics.values import MetricValues
-from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
+from pd_editor.analysis.repair.state_repairs import (
+    project_to_lanes,
+    separate_overlaps,
+    slow_for_gaps,
+)
 from pd_editor.base.installed_files import models_folder
 from pd_editor.experiments.evaluation.evaluation_task import paper_init_agents
 from pd_editor.experiments.evaluation.report.realism import STATE_METRICS
@@ -213,9 +217,9 @@ def repaired(scenario: Scenario, found: Sampled) -> Sampled:
         arrays[name][:, step] = values
     rows = np.arange(len(agents))
     mended = scenario.with_agents(agents.with_rows(rows, **arrays))
-    mended = project_to_lanes(mended, found.may_be_projected, keep_ids=())
-    mended = separate_overlaps(mended, keep_ids=())
-    mended = slow_for_gaps(mended, keep_ids=())
+    mended = project_to_lanes(mended, found.may_be_projected)
+    mended = separate_overlaps(mended)
+    mended = slow_for_gaps(mended)
     now = mended.agents
     mended_sample = replace(
         sample,
@@ -313,7 +317,7 @@ def print_table(
     recorded = [state_values(recorded_traffic(scene.scenario)) for scene in scenes]
     print(summary("recorded", recorded, recorded))
     # The bound for states whose boxes do not overlap.
-    apart = [separate_overlaps(scene.scenario, keep_ids=()) for scene in scenes]
+    apart = [separate_overlaps(scene.scenario) for scene in scenes]
     line = [state_values(recorded_traffic(one)) for one in apart]
     print(summary("recorded, slid apart", line, recorded))
     if others:

@@ -13,17 +13,17 @@ import numpy as np
 
 from benchmarks.candidates import crowd, full_scenarios, movers_now
 from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
-from pd_editor.analysis.repair import (
-    project_to_lanes,
-    separate_overlaps,
+from pd_editor.analysis.repair.current_states import States, counted
+from pd_editor.analysis.repair.retimed_trajectories import (
+    Trajectories,
     yield_to_others,
 )
-from pd_editor.analysis.repair.current_states import counted, lanes_of
-from pd_editor.analysis.repair.retimed_trajectories import Trajectories
-from pd_editor.analysis.repair.state_repairs import MAX_OFFSET_M
+from pd_editor.analysis.repair.state_repairs import (
+    MAX_OFFSET_M,
+    project_to_lanes,
+    separate_overlaps,
+)
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, MOTOR_VEHICLE_KINDS
-from pd_editor.scene.paths.lanes.lane_graph import lane_graph
-from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
@@ -72,14 +72,7 @@ def num_off_lanes(scenario: Scenario) -> int:
     agents, now = scenario.agents, scenario.current_step
     moves = agents.kind_mask(LANE_FOLLOWER_KINDS) & agents.is_valid[:, now]
     rows = np.flatnonzero(moves & (agents.speed_mps()[:, now] >= MOVING_MPS))
-    found = lanes_of(
-        lane_graph(scenario.road_map),
-        agents.position_m[rows, now],
-        agents.heading_rad[rows, now],
-        tuple(agents.kinds[row] for row in rows),
-        reach_m=15.0,
-        max_turn_rad=MAX_TURN_RAD,
-    )
+    found = States.of(scenario).lanes(rows, reach_m=15.0)
     return int((found.distance_m > MAX_OFFSET_M).sum())
 
 
@@ -89,9 +82,9 @@ def num_changed(before: Scenario, after: Scenario) -> int:
     return int(differs.any(axis=(1, 2)).sum())
 
 
-def without_collisions(scenario: Scenario, *, keep_ids: tuple[str, ...]) -> Scenario:
+def without_collisions(scenario: Scenario) -> Scenario:
     """The scenario after yielding."""
-    return yield_to_others(scenario, keep_ids=keep_ids)[0]
+    return yield_to_others(scenario)[0]
 
 
 def print_effects(scenarios: list[Scenario]) -> None:
@@ -110,7 +103,7 @@ def print_effects(scenarios: list[Scenario]) -> None:
             spent, after = [], []
             for scene in scenes:
                 start = time.perf_counter()
-                after.append(repair(scene, keep_ids=()))
+                after.append(repair(scene))
                 spent.append(1e3 * (time.perf_counter() - start))
             found, left = sum(map(count, scenes)), sum(map(count, after))
             changed = sum(map(num_changed, scenes, after))

@@ -4,10 +4,11 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.scene.agent_states import MOTION, STEPPED, AgentStates
+from pd_editor.scene.geometry.angles import turned, wrap_angle
 
 _OVER_TIME = (*STEPPED, "observed")
 
@@ -74,6 +75,30 @@ class AgentTracks(AgentStates):
             values[:, steps][at] = new[at]
         there[:, steps] |= at
         return self.with_rows(rows, **changed, is_valid=there)
+
+    def carried(
+        self,
+        rows: Int[np.ndarray, "G"],
+        step: int,
+        target_m: Float[np.ndarray, "G 2"],
+        turn_rad: Float[np.ndarray, "G"],
+    ) -> "AgentTracks":
+        """A copy in which whole tracks move rigidly to places at a step, and turn there."""
+        position, is_valid = self.position_m[rows], self.is_valid[rows]
+        current = position[:, step]
+        changed: dict[str, np.ndarray] = {}
+        if turn_rad.any():
+            position = current[:, None] + turned(
+                position - current[:, None], turn_rad[:, None]
+            )
+            heading = wrap_angle(self.heading_rad[rows] + turn_rad[:, None])
+            velocity = turned(self.velocity_mps[rows], turn_rad[:, None])
+            changed["heading_rad"] = np.where(is_valid, heading, 0.0)
+            changed["velocity_mps"] = np.where(is_valid[..., None], velocity, 0.0)
+        position = position + (target_m - current)[:, None]
+        position[:, step] = target_m
+        changed["position_m"] = np.where(is_valid[..., None], position, 0.0)
+        return self.with_rows(rows, **changed)
 
     def with_motion_of(
         self, rows: Int[np.ndarray, "G"], other: AgentStates, theirs: np.ndarray

@@ -11,13 +11,17 @@ from pd_editor.analysis.metrics.box_overlaps import boxes_collide
 from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.geometry.angles import heading_of, turned, unit_vector, wrap_angle
+from pd_editor.scene.geometry.angles import heading_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.frenet import FrenetFrames
 from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.geometry.polyline import without_repeats
-from pd_editor.scene.paths.lanes.lane_graph import LaneGraph
+from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
 from pd_editor.scene.paths.lanes.nearest_lane import nearest_lanes
-from pd_editor.scene.paths.lanes.route_choice import METRES_PER_RADIAN, lane_kinds_of
+from pd_editor.scene.paths.lanes.route_choice import (
+    MAX_TURN_RAD,
+    METRES_PER_RADIAN,
+    lane_kinds_of,
+)
 from pd_editor.scene.scenario import Scenario
 
 _PUSHED_WITH: Final = frozenset({AgentKind.PEDESTRIAN, AgentKind.RIDERLESS_BICYCLE})
@@ -27,16 +31,14 @@ _PUSHED_WITH: Final = frozenset({AgentKind.PEDESTRIAN, AgentKind.RIDERLESS_BICYC
 def repairable(
     scenario: Scenario,
     agent_ids: Iterable[str] | None,
-    keep_ids: Collection[str] | None,
     kinds: Collection[AgentKind] = LANE_FOLLOWER_KINDS,
     *,
     keeps_beginnings: bool = False,
 ) -> Bool[np.ndarray, "A"]:
     """Which agents may be repaired: present ones of ``kinds`` in ``agent_ids`` (None: all).
 
-    Agents in ``keep_ids`` are left out; None means the focal agent. Locked agents are
-    left out as well; if the repair keeps the beginnings of trajectories, only those with a
-    locked trajectory.
+    Locked agents are left out; if the repair keeps the beginnings of trajectories, only
+    those with a locked trajectory.
 
     Raises:
         EditError: an id is not in the scenario.
@@ -44,9 +46,6 @@ def repairable(
     agents = scenario.agents
     asked = np.zeros(len(agents), bool)
     asked[agents.rows(agents.ids if agent_ids is None else agent_ids)] = True
-    if keep_ids is None:
-        keep_ids = {scenario.focal_id} & set(agents.ids)
-    asked[agents.rows(keep_ids)] = False
     asked[
         agents.rows(
             name
@@ -92,32 +91,6 @@ class LaneChoice:
     """Distance to the nearest lane in the agent's direction; infinite without one."""
     along_m: Float[np.ndarray, "N"]
     """Arc length of each agent on its lane."""
-
-
-def lanes_of(
-    graph: LaneGraph,
-    position_m: Float[np.ndarray, "N 2"],
-    heading_rad: Float[np.ndarray, "N"],
-    kinds: tuple[AgentKind, ...],
-    reach_m: float,
-    max_turn_rad: float,
-) -> LaneChoice:
-    """Assign each agent the best lane by distance and angle, within ``reach_m``."""
-    count = len(kinds)
-    lane, along = np.full(count, -1), np.zeros(count)
-    distance = np.full(count, np.inf)
-    if count and graph.lane_ids:
-        usable = np.array([graph.allowed(lane_kinds_of(kind)) for kind in kinds])
-        near = graph.search.in_reach(position_m, heading_rad, usable, reach_m)
-        turn = np.abs(near.turn_rad)
-        cost = near.distance_m + METRES_PER_RADIAN * turn
-        order = np.lexsort((near.lane, cost.round(6), near.point))
-        first = order[np.diff(near.point[order], prepend=-1) != 0]
-        lane[near.point[first]] = near.lane[first]
-        along[near.point[first]] = near.along_m[first]
-        good = turn <= max_turn_rad
-        np.minimum.at(distance, near.point[good], near.distance_m[good])
-    return LaneChoice(lane=lane, distance_m=distance, along_m=along)
 
 
 def line_through(graph: LaneGraph, lane: int) -> tuple[FrenetFrames, float]:
@@ -216,6 +189,32 @@ class States:
             exists=agents.is_valid[:, step],
         )
 
+    @property
+    def graph(self) -> LaneGraph:
+        """Lanes of the road."""
+        return lane_graph(self.scenario.road_map)
+
+    def lanes(self, rows: Int[np.ndarray, "N"], reach_m: float) -> LaneChoice:
+        """Assign agents the best lanes by distance and angle, within ``reach_m``."""
+        graph, count = self.graph, len(rows)
+        lane, along = np.full(count, -1), np.zeros(count)
+        distance = np.full(count, np.inf)
+        if count and graph.lane_ids:
+            kinds = self.scenario.agents.kinds
+            usable = [graph.allowed(lane_kinds_of(kinds[row])) for row in rows]
+            near = graph.search.in_reach(
+                self.position_m[rows], self.heading_rad[rows], np.array(usable), reach_m
+            )
+            turn = np.abs(near.turn_rad)
+            cost = near.distance_m + METRES_PER_RADIAN * turn
+            order = np.lexsort((near.lane, cost.round(6), near.point))
+            first = order[np.diff(near.point[order], prepend=-1) != 0]
+            lane[near.point[first]] = near.lane[first]
+            along[near.point[first]] = near.along_m[first]
+            good = turn <= MAX_TURN_RAD
+            np.minimum.at(distance, near.point[good], near.distance_m[good])
+        return LaneChoice(lane=lane, distance_m=distance, along_m=along)
+
     def num_overlaps(
         self,
         row: int,
@@ -285,26 +284,12 @@ class States:
         """Scenario with whole tracks moved rigidly to the new poses."""
         scenario = self.scenario
         agents, step = scenario.agents, scenario.current_step
-        before, heading = agents.position_m[:, step], agents.heading_rad[:, step]
-        turn = wrap_angle(self.heading_rad - heading)
-        moved = (self.position_m != before).any(axis=1) | (turn != 0)
-        rows = np.flatnonzero(moved & self.exists)
+        turn = wrap_angle(self.heading_rad - agents.heading_rad[:, step])
+        moved = (self.position_m != agents.position_m[:, step]).any(axis=1)
+        rows = np.flatnonzero((moved | (turn != 0)) & self.exists)
         if len(rows) == 0:
             return scenario
-        is_valid = agents.is_valid[rows]
-        target, turn = self.position_m[rows], turn[rows, None]
-
-        offset = agents.position_m[rows] - before[rows, None]
-        mask = is_valid[..., None]
-        new_heading = wrap_angle(agents.heading_rad[rows] + turn)
-        new_heading[:, step] = self.heading_rad[rows]
-        position = target[:, None] + turned(offset, turn)
-        velocity = turned(agents.velocity_mps[rows], turn)
-        return scenario.with_agents(
-            agents.with_rows(
-                rows,
-                position_m=np.where(mask, position, 0.0),
-                heading_rad=np.where(is_valid, new_heading, 0.0),
-                velocity_mps=np.where(mask, velocity, 0.0),
-            )
-        )
+        agents = agents.carried(rows, step, self.position_m[rows], turn[rows])
+        heading = agents.heading_rad[rows]
+        heading[:, step] = self.heading_rad[rows]
+        return scenario.with_agents(agents.with_rows(rows, heading_rad=heading))

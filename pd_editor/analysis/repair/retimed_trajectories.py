@@ -166,7 +166,6 @@ def yield_to_others(
     scenario: Scenario,
     agent_ids: Iterable[str] | None = None,
     *,
-    keep_ids: Collection[str] | None = None,
     last_ids: Collection[str] = (),
     comfort_mps2: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[Scenario, tuple[str, ...]]:
@@ -185,7 +184,7 @@ def yield_to_others(
     trajectories = Trajectories(
         scenario=scenario,
         may_change=repairable(
-            scenario, agent_ids, keep_ids, ROAD_USER_KINDS, keeps_beginnings=True
+            scenario, agent_ids, ROAD_USER_KINDS, keeps_beginnings=True
         ),
     )
     resolved = trajectories.with_yielding(last_ids, comfort_mps2)
@@ -194,10 +193,7 @@ def yield_to_others(
 
 
 def retime_for_comfort(
-    scenario: Scenario,
-    agent_ids: Iterable[str] | None = None,
-    *,
-    keep_ids: Collection[str] | None = None,
+    scenario: Scenario, agent_ids: Iterable[str] | None = None
 ) -> Scenario:
     """Slow lane followers with harsh motion along their own paths.
 
@@ -206,15 +202,14 @@ def retime_for_comfort(
     Current poses stay; a current speed is lowered where the agent could not brake
     comfortably from it. Agents that collide with a slowed one yield if they are among
     ``agent_ids``; else the slowed one keeps its former trajectory, as do agents whose
-    motion would still be harsh. ``agent_ids`` None means all; ``keep_ids`` None keeps
-    the focal agent.
+    motion would still be harsh. ``agent_ids`` None means all.
 
     Raises:
         EditError: an id is not in the scenario.
     """
     before = Trajectories(
         scenario=scenario,
-        may_change=repairable(scenario, agent_ids, keep_ids),
+        may_change=repairable(scenario, agent_ids),
     )
     wanted = np.intersect1d(before.moving_rows(), harsh_rows(scenario))
     return _without_new_conflicts(before, _smoothed(before, wanted)).scenario

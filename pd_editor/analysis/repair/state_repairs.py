@@ -1,6 +1,6 @@
 """Repairs of current states: snap to lanes, separate overlaps, limit speeds to gaps."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,6 @@ from pd_editor.analysis.repair.current_states import (
     SLIDE_REACH_M,
     States,
     counted,
-    lanes_of,
     line_through,
     poses_along,
     repairable,
@@ -20,8 +19,6 @@ from pd_editor.analysis.repair.current_states import (
 )
 from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.geometry.angles import unit_vector, wrap_angle
-from pd_editor.scene.paths.lanes.lane_graph import LaneGraph, lane_graph
-from pd_editor.scene.paths.lanes.route_choice import MAX_TURN_RAD
 from pd_editor.scene.paths.retiming import MAX_BRAKING_MPS2
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
@@ -37,7 +34,6 @@ def project_to_lanes(
     scenario: Scenario,
     agent_ids: Iterable[str] | None = None,
     *,
-    keep_ids: Collection[str] | None = None,
     max_offset_m: float = MAX_OFFSET_M,
     moves_stationary: bool = False,
 ) -> Scenario:
@@ -47,57 +43,43 @@ def project_to_lanes(
     Stationary agents stay, since parked ones belong beside lanes, unless
     ``moves_stationary`` is set. If the position on the lane is occupied, the nearest
     free one along it is used. Agents that would overlap more others than before stay.
-    ``agent_ids`` None means all; ``keep_ids`` None keeps the focal agent.
+    ``agent_ids`` None means all.
 
     Raises:
         EditError: an id is not in the scenario.
     """
     agents, step = scenario.agents, scenario.current_step
-    is_meant = repairable(scenario, agent_ids, keep_ids)
+    is_meant = repairable(scenario, agent_ids)
     if not moves_stationary:
         is_meant &= agents.speed_mps()[:, step] >= MOVING_MPS
     rows = np.flatnonzero(is_meant)
-    states, graph = States.of(scenario), lane_graph(scenario.road_map)
-    choice = lanes_of(
-        graph,
-        states.position_m[rows],
-        states.heading_rad[rows],
-        tuple(agents.kinds[row] for row in rows),
-        # Lanes further away than this are not considered.
-        reach_m=15.0,
-        max_turn_rad=MAX_TURN_RAD,
-    )
+    states = States.of(scenario)
+    # Lanes further away than this are not considered.
+    choice = states.lanes(rows, reach_m=15.0)
     off_lane = np.flatnonzero(choice.distance_m > max_offset_m).tolist()
     _place_until_stuck(
         states,
-        graph,
         {int(rows[i]): (int(choice.lane[i]), choice.along_m[i]) for i in off_lane},
     )
     return states.carried()
 
 
-def _place_until_stuck(
-    states: States, graph: LaneGraph, place_of: dict[int, tuple[int, float]]
-) -> None:
+def _place_until_stuck(states: States, place_of: dict[int, tuple[int, float]]) -> None:
     """Move each row to its lane if possible."""
     left = list(place_of)
     num_left = len(left) + 1
     # A position may become free when another agent is moved.
     while len(left) < num_left:
         num_left = len(left)
-        left = [
-            row for row in left if not _put_on_lane(states, row, graph, *place_of[row])
-        ]
+        left = [row for row in left if not _put_on_lane(states, row, *place_of[row])]
 
 
-def _put_on_lane(
-    states: States, row: int, graph: LaneGraph, lane: int, along_m: float
-) -> bool:
+def _put_on_lane(states: States, row: int, lane: int, along_m: float) -> bool:
     """Move an agent to the nearest free position on its lane; False if there is none."""
     if lane < 0:
         return False
-    on_lane = float(np.clip(along_m, 0.0, graph.lengths_m[lane]))
-    frames, start = line_through(graph, lane)
+    on_lane = float(np.clip(along_m, 0.0, states.graph.lengths_m[lane]))
+    frames, start = line_through(states.graph, lane)
     here = start + on_lane
     position, heading, _ = poses_along(frames, np.array([here]), 0.0)
     now = states.position_m[row][None], states.heading_rad[row][None]
@@ -121,40 +103,36 @@ GAP_M: Final = 0.5
 
 
 def separate_overlaps(
-    scenario: Scenario,
-    agent_ids: Iterable[str] | None = None,
-    *,
-    keep_ids: Collection[str] | None = None,
+    scenario: Scenario, agent_ids: Iterable[str] | None = None
 ) -> Scenario:
     """Slide lane followers that overlap others now to the nearest free position.
 
     They slide along their lane, or straight without one, by multiples of 0.25 m up to
     20 m, never further off their lane nor off the road; whole tracks move with them. Of
     a pair, the less important agent moves (benchmark category, then the later row), the
-    other one only if the first cannot.
-    ``agent_ids`` None means all; ``keep_ids`` None keeps the focal agent.
+    other one only if the first cannot. ``agent_ids`` None means all.
 
     Raises:
         EditError: an id is not in the scenario.
     """
-    may_move = repairable(scenario, agent_ids, keep_ids)
-    states, graph = States.of(scenario), lane_graph(scenario.road_map)
-    pairs, stuck = _pairs(scenario), np.zeros(len(may_move), bool)
+    may_move = repairable(scenario, agent_ids)
+    states, pairs = States.of(scenario), overlaps_now(scenario)
+    stuck = np.zeros(len(may_move), bool)
     while len(pairs):
-        if not _one_pass(states, graph, pairs, may_move, stuck):
+        if not _one_pass(states, pairs, may_move, stuck):
             break
-        pairs = _pairs(states.carried())
+        pairs = overlaps_now(states.carried())
     return states.carried()
 
 
-def _pairs(scenario: Scenario) -> Int[np.ndarray, "P 2"]:
+def overlaps_now(scenario: Scenario) -> Int[np.ndarray, "P 2"]:
+    """Pairs that overlap at the current step and are to be separated."""
     pairs = overlapping_pairs(scenario.agents, scenario.current_step)
     return pairs[counted(scenario.agents, pairs)]
 
 
 def _one_pass(
     states: States,
-    graph: LaneGraph,
     pairs: Int[np.ndarray, "P 2"],
     may_move: Bool[np.ndarray, "A"],
     stuck: Bool[np.ndarray, "A"],
@@ -165,15 +143,8 @@ def _one_pass(
     """
     agents = states.scenario.agents
     rows = np.unique(pairs[may_move[pairs]])
-    choice = lanes_of(
-        graph,
-        states.position_m[rows],
-        states.heading_rad[rows],
-        tuple(agents.kinds[row] for row in rows),
-        # Agents within this distance of a lane, including parked ones, slide along it.
-        reach_m=6.0,
-        max_turn_rad=MAX_TURN_RAD,
-    )
+    # Agents within this distance of a lane, including parked ones, slide along it.
+    choice = states.lanes(rows, reach_m=6.0)
     lane_of = dict(zip(rows.tolist(), choice.lane.tolist(), strict=True))
     moved: set[int] = set()
     for pair in pairs.tolist():
@@ -183,7 +154,7 @@ def _one_pass(
             if not may_move[row] or stuck[row]:
                 continue
             before = states.position_m[row].copy()
-            stuck[row] = not _slide(states, graph, row, lane_of[row])
+            stuck[row] = not _slide(states, row, lane_of[row])
             if not stuck[row]:
                 moved.add(row)
                 apart = np.hypot(*(states.position_m - before).T)
@@ -193,10 +164,14 @@ def _one_pass(
     return moved
 
 
-def _slide(states: States, graph: LaneGraph, row: int, lane: int) -> bool:
+def _slide(states: States, row: int, lane: int) -> bool:
     """Move an agent to the nearest free position; False if there is none."""
     position, heading = slid_poses(
-        graph, lane, states.position_m[row], float(states.heading_rad[row]), slides_m()
+        states.graph,
+        lane,
+        states.position_m[row],
+        float(states.heading_rad[row]),
+        slides_m(),
     )
     best = states.first_free(row, position, heading, gap_m=GAP_M)
     if best is None:
@@ -212,23 +187,19 @@ _TOUCH_M: Final = 0.1
 
 
 def slow_for_gaps(
-    scenario: Scenario,
-    agent_ids: Iterable[str] | None = None,
-    *,
-    keep_ids: Collection[str] | None = None,
+    scenario: Scenario, agent_ids: Iterable[str] | None = None
 ) -> Scenario:
     """Limit the current speeds of lane followers to the gaps ahead of them.
 
     Ahead is the strip that an agent sweeps when it drives straight on. With a gap g to
     an agent with speed u in its direction, its speed is at most sqrt(u^2 + 2 b g), b
     being the hardest braking of candidates. Only current velocities change: this is for
-    agents that have just been placed. ``agent_ids`` None means all; ``keep_ids`` None
-    keeps the focal agent.
+    agents that have just been placed. ``agent_ids`` None means all.
 
     Raises:
         EditError: an id is not in the scenario.
     """
-    may_change = repairable(scenario, agent_ids, keep_ids)
+    may_change = repairable(scenario, agent_ids)
     if not may_change.any():
         return scenario
     agents, step = scenario.agents, scenario.current_step

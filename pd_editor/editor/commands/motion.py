@@ -6,7 +6,10 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from pd_editor.analysis.findings.friction import slowed_to_limit
-from pd_editor.analysis.repair import retime_for_comfort, yield_to_others
+from pd_editor.analysis.repair.retimed_trajectories import (
+    retime_for_comfort,
+    yield_to_others,
+)
 from pd_editor.base.errors import EditError
 from pd_editor.editor.commands.command import (
     Command,
@@ -164,7 +167,7 @@ class SlowToComfort(Command):
 
     def apply(self, scenario: Scenario) -> Scenario:
         """Scenario with comfortable agents; the same one if no agent changes."""
-        return retime_for_comfort(scenario, self.agent_ids, keep_ids=())
+        return retime_for_comfort(scenario, self.agent_ids)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +183,7 @@ class YieldToOthers(Command):
 
     def apply(self, scenario: Scenario) -> Scenario:
         """Scenario with later agents; the same one if no agent yields."""
-        after, names = yield_to_others(scenario, self.agent_ids, keep_ids=())
+        after, names = yield_to_others(scenario, self.agent_ids)
         return after if names else scenario
 
 

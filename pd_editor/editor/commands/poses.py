@@ -183,23 +183,9 @@ def _carried(
     """Move whole tracks rigidly so that the current positions become ``target_m``."""
     check_positions(target_m)
     agents, now = scenario.agents, scenario.current_step
-    position, is_valid = agents.position_m[rows], agents.is_valid[rows]
-    current = position[:, now]
-    if (current == target_m).all() and not turn_rad.any():
+    if (agents.position_m[rows, now] == target_m).all() and not turn_rad.any():
         return scenario
-    changed: dict[str, np.ndarray] = {}
-    if turn_rad.any():
-        position = current[:, None] + turned(
-            position - current[:, None], turn_rad[:, None]
-        )
-        heading = wrap_angle(agents.heading_rad[rows] + turn_rad[:, None])
-        velocity = turned(agents.velocity_mps[rows], turn_rad[:, None])
-        changed["heading_rad"] = np.where(is_valid, heading, 0.0)
-        changed["velocity_mps"] = np.where(is_valid[..., None], velocity, 0.0)
-    position = position + (target_m - current)[:, None]
-    position[:, now] = target_m
-    changed["position_m"] = np.where(is_valid[..., None], position, 0.0)
-    return scenario.with_agents(agents.with_rows(rows, **changed))
+    return scenario.with_agents(agents.carried(rows, now, target_m, turn_rad))
 
 
 @dataclass(frozen=True, kw_only=True)

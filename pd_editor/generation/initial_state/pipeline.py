@@ -10,7 +10,11 @@ import torch
 from jaxtyping import Float, Int
 
 from pd_editor.analysis.metrics.road import is_off_road
-from pd_editor.analysis.repair import project_to_lanes, separate_overlaps, slow_for_gaps
+from pd_editor.analysis.repair.state_repairs import (
+    project_to_lanes,
+    separate_overlaps,
+    slow_for_gaps,
+)
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.core.random_streams import SceneStreams
 from pd_editor.generation.core.sampler import Sampler, sample_steps, sampling_mode
@@ -617,31 +621,27 @@ def _repaired(
     Agents conditioned off-road are not snapped, and no agent leaves its square.
     """
     ids = [name for one in placings for name in one.ids]
-    keep = set(scenario.agents.ids).difference(ids)
     follows = [
         name for name, code in zip(ids, on_road, strict=True) if code != CONDITIONED_NO
     ]
-    on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
+    on_lanes = project_to_lanes(scenario, follows)
     left = _outside(on_lanes, placings) - _outside(scenario, placings)
     if left:
         follows = [name for name in follows if name not in left]
-        on_lanes = project_to_lanes(scenario, follows, keep_ids=keep)
-    scenario = separate_overlaps(on_lanes, ids, keep_ids=keep)
+        on_lanes = project_to_lanes(scenario, follows)
+    scenario = separate_overlaps(on_lanes, ids)
     if placings[0].traits.only_on_road:
-        scenario = _back_on_road(scenario, placings, keep)
-    return slow_for_gaps(scenario, ids, keep_ids=keep)
+        scenario = _back_on_road(scenario, placings)
+    return slow_for_gaps(scenario, ids)
 
 
 def _slowed(scenario: Scenario, placings: Sequence[SquarePlacement]) -> Scenario:
     """Limit speeds to gaps to agents that were placed later, in other squares or again."""
     repaired = {name for one in placings if one.repairs for name in one.ids}
-    keep = [name for name in scenario.agents.ids if name not in repaired]
-    return slow_for_gaps(scenario, repaired, keep_ids=keep)
+    return slow_for_gaps(scenario, repaired)
 
 
-def _back_on_road(
-    scenario: Scenario, placings: Sequence[SquarePlacement], keep: Collection[str]
-) -> Scenario:
+def _back_on_road(scenario: Scenario, placings: Sequence[SquarePlacement]) -> Scenario:
     """Placed agents beside the drivable area on their lanes, standing ones as well.
 
     An agent near a lane may be beside the road all the same: next to a narrow lane, or
@@ -649,9 +649,7 @@ def _back_on_road(
     """
     off = _off_road(scenario, [name for one in placings for name in one.ids])
     for _ in range(2):
-        back = project_to_lanes(
-            scenario, off, keep_ids=keep, max_offset_m=0.0, moves_stationary=True
-        )
+        back = project_to_lanes(scenario, off, max_offset_m=0.0, moves_stationary=True)
         left = _outside(back, placings) - _outside(scenario, placings)
         if not left:
             return back

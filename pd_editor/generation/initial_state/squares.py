@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from pd_editor.analysis.metrics.box_overlaps import first_overlap, overlapping_pairs
+from pd_editor.analysis.metrics.box_overlaps import first_overlap
 from pd_editor.analysis.repair.current_states import counted
+from pd_editor.analysis.repair.state_repairs import overlaps_now
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.features.lane_tokens import (
     CROSSWALK_KIND,
@@ -293,10 +294,8 @@ def limited(
 
 def num_overlapping(scenario: Scenario, agent_ids: Collection[str]) -> int:
     """Number of some agents whose boxes overlap others at the current step."""
-    agents = scenario.agents
-    pairs = overlapping_pairs(agents, scenario.current_step)
-    pairs = pairs[counted(agents, pairs)]
-    return len(np.intersect1d(pairs, agents.rows(agent_ids)))
+    rows = scenario.agents.rows(agent_ids)
+    return len(np.intersect1d(overlaps_now(scenario), rows))
 
 
 def without_overlapping(
@@ -307,9 +306,7 @@ def without_overlapping(
     Returns:
         The scenario, and the ids of the new agents that stay.
     """
-    agents = scenario.agents
-    pairs = overlapping_pairs(agents, scenario.current_step)
-    pairs = pairs[counted(agents, pairs)]
+    agents, pairs = scenario.agents, overlaps_now(scenario)
     is_new = np.isin(agents.ids, list(new_ids))
     pairs = pairs[is_new[pairs].any(axis=1)]
     gone: list[int] = []

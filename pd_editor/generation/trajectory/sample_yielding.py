@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.analysis.guidance.kinds.speed import ComfortLimits, StopAtLine
 from pd_editor.analysis.metrics.box_overlaps import boxes_collide
-from pd_editor.analysis.repair import yield_to_others
+from pd_editor.analysis.repair.retimed_trajectories import yield_to_others
 from pd_editor.generation.trajectory.guidance.threat_run import threats_in_force
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentCategory, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks
@@ -130,23 +130,17 @@ def with_yielding(
     doubles = np.setdiff1d(late.row, late.but_continuing(rows).row)
     if len(doubles):
         driven = driven.with_rows(doubles, is_valid=np.array(False))
-    keep_ids = {
-        name
-        for one in threats_in_force(terms)
-        for name in one.named_ids
-        if name in agents.row_of
-    }
+    threats = {name for one in threats_in_force(terms) for name in one.named_ids}
     last_ids = {
         one.agent_id
         for one in terms
         if isinstance(one, GoalPoint | StopAtLine) and one.is_on
     }
-    asked = np.isin(sample.ids, [*keep_ids, *last_ids])
+    asked = np.isin(sample.ids, [*threats, *last_ids])
     barriers = _barriers(scenario, sample.position_m[asked])
     waiting, ids = yield_to_others(
         scenario.with_agents(driven.joined(barriers) if len(barriers) else driven),
-        sample.ids,
-        keep_ids=keep_ids,
+        set(sample.ids) - threats,
         last_ids=last_ids,
         comfort_mps2=_comfort_limits(sample, terms),
     )

@@ -2,8 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from pd_editor.analysis.repair import slow_for_gaps
-from pd_editor.analysis.repair.state_repairs import _TOUCH_M, STANDING_GAP_M
+from pd_editor.analysis.repair.state_repairs import (
+    _TOUCH_M,
+    STANDING_GAP_M,
+    slow_for_gaps,
+)
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.oriented_box import box_corners
@@ -19,7 +22,7 @@ State = tuple[float, float, float, float]
 
 def slowed(*states: State, kinds=None) -> tuple[np.ndarray, Scenario]:
     scenario = scenario_with(straight_drivers(list(states), kinds=kinds))
-    repaired = slow_for_gaps(scenario, keep_ids=())
+    repaired = slow_for_gaps(scenario)
     assert (repaired is scenario) == (not changed_ids(scenario, repaired))
     return repaired.agents.speed_mps()[:, NOW], repaired
 
@@ -72,14 +75,14 @@ def test_walkers_are_braked_for_and_never_slowed():
 @settings(max_examples=60, deadline=None)
 def test_who_brakes_hard_stops_behind_all_that_stand(crowd):
     scenario = crowded_road(crowd)
-    repaired = slow_for_gaps(scenario, keep_ids=())
+    repaired = slow_for_gaps(scenario)
     before, after = scenario.agents, repaired.agents
     np.testing.assert_array_equal(before.position_m, after.position_m)
     old, new = before.speed_mps()[:, NOW], after.speed_mps()[:, NOW]
     assert (new <= old + 1e-9).all()
     changed = {before.ids[row] for row in np.flatnonzero(old - new > 1e-6)}
     assert changed_ids(scenario, repaired) == changed
-    assert slow_for_gaps(repaired, keep_ids=()) is repaired
+    assert slow_for_gaps(repaired) is repaired
     # Driven on until all stand, no agents overlap that did not already.
     follows = after.kind_mask(LANE_FOLLOWER_KINDS)
     stands = new < 1e-9

@@ -7,8 +7,10 @@ import pytest
 
 from pd_editor.analysis.findings.scorecard import scorecard
 from pd_editor.analysis.metrics.box_overlaps import first_overlap
-from pd_editor.analysis.repair import retime_for_comfort
-from pd_editor.analysis.repair.retimed_trajectories import harsh_rows
+from pd_editor.analysis.repair.retimed_trajectories import (
+    harsh_rows,
+    retime_for_comfort,
+)
 from pd_editor.editor.commands import SlowToComfort, YieldToOthers
 from pd_editor.editor.cures import cures
 from pd_editor.scene.av2_io.read import read_scenario
@@ -44,7 +46,7 @@ def overlaps(scenario: Scenario) -> set[tuple[int, ...]]:
 def test_a_hard_braking_agent_brakes_earlier_on_its_own_path():
     scenario = braking()
     assert harsh_rows(scenario).tolist() == [0]
-    after = retime_for_comfort(scenario, keep_ids=())
+    after = retime_for_comfort(scenario)
     assert not len(harsh_rows(after))
     now = scenario.current_step
     before_x, after_x = (one.agents.position_m[0, :, 0] for one in (scenario, after))
@@ -53,7 +55,7 @@ def test_a_hard_braking_agent_brakes_earlier_on_its_own_path():
     assert np.ptp(after.agents.position_m[0, :, 1]) < 1e-9
     # Where the agent stops braking it is as fast as before.
     assert np.isclose(after.agents.speed_mps()[0, -1], 4.0, atol=0.5)
-    assert retime_for_comfort(after, keep_ids=()) is after
+    assert retime_for_comfort(after) is after
 
 
 def test_one_behind_yields_if_it_may_and_else_nothing_changes():
@@ -61,7 +63,7 @@ def test_one_behind_yields_if_it_may_and_else_nothing_changes():
     assert not overlaps(braking(gap_m=60.0))
     alone, both = scenario.agents.ids[:1], scenario.agents.ids
     for names in (alone, both):
-        after = retime_for_comfort(scenario, names, keep_ids=())
+        after = retime_for_comfort(scenario, names)
         assert overlaps(after) <= overlaps(scenario)
         assert changed_ids(scenario, after) <= set(names)
 
@@ -70,7 +72,7 @@ def test_one_behind_yields_if_it_may_and_else_nothing_changes():
 def test_recordings_get_smoother_without_new_collisions(av2_root, index):
     scenario = read_scenario(sorted((av2_root / "train").iterdir())[index])
     before, known = set(harsh_rows(scenario).tolist()), overlaps(scenario)
-    after = retime_for_comfort(scenario, keep_ids=())
+    after = retime_for_comfort(scenario)
     left = set(harsh_rows(after).tolist())
     assert len(left) <= 0.5 * len(before)
     assert left <= before

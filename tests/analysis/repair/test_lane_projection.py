@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from pd_editor.analysis.repair import project_to_lanes
+from pd_editor.analysis.repair.state_repairs import project_to_lanes
 from pd_editor.base.errors import EditError
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.time_axis import TimeAxis
@@ -22,11 +22,11 @@ NOW = TimeAxis().current_step
 @settings(max_examples=60, deadline=None)
 def test_nothing_gets_worse_and_once_is_enough(crowd):
     scenario = crowded_road(crowd)
-    repaired = project_to_lanes(scenario, keep_ids=())
+    repaired = project_to_lanes(scenario)
     before, after = overlaps_at(scenario, NOW), overlaps_at(repaired, NOW)
     assert len(after) <= len(before)
     assert (off_lane_m(repaired) <= off_lane_m(scenario) + 1e-6).all()
-    assert project_to_lanes(repaired, keep_ids=()) is repaired
+    assert project_to_lanes(repaired) is repaired
     np.testing.assert_allclose(
         repaired.agents.speed_mps(), scenario.agents.speed_mps(), atol=1e-9
     )
@@ -76,15 +76,14 @@ def test_whoever_is_where_it_belongs_stays(state, kind):
     assert project_to_lanes(scenario) is scenario
 
 
-def test_kept_agents_and_those_not_asked_for_stay():
+def test_those_not_asked_for_stay():
     scenario = scenario_with(
         straight_drivers([(0, -5, 0, 5), (20, -5, 0, 5), (40, -5, 0, 5)])
     )
-    assert changed_ids(scenario, project_to_lanes(scenario)) == {"101", "102"}
-    everybody = project_to_lanes(scenario, keep_ids=())
+    everybody = project_to_lanes(scenario)
     assert changed_ids(scenario, everybody) == {"100", "101", "102"}
-    some = project_to_lanes(scenario, ["100", "102"], keep_ids=["102"])
-    assert changed_ids(scenario, some) == {"100"}
+    some = project_to_lanes(scenario, ["100", "102"])
+    assert changed_ids(scenario, some) == {"100", "102"}
     with pytest.raises(EditError, match="no agent 'x'"):
         project_to_lanes(scenario, ["x"])
 

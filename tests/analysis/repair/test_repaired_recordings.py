@@ -4,7 +4,7 @@ import pytest
 from benchmarks.repair import shaken
 from pd_editor.analysis.metrics.box_overlaps import overlapping_pairs
 from pd_editor.analysis.metrics.road import is_off_road
-from pd_editor.analysis.repair import project_to_lanes, separate_overlaps
+from pd_editor.analysis.repair.state_repairs import project_to_lanes, separate_overlaps
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.scenario import Scenario
@@ -23,12 +23,12 @@ def test_shaken_recordings_get_better(av2_scenario_folders):
         scenario = shaken(read_scenario(folder), seed)
         now = scenario.current_step
         there = scenario.agents.is_valid[:, now]
-        on_lanes = project_to_lanes(scenario, keep_ids=())
-        repaired = separate_overlaps(on_lanes, keep_ids=())
+        on_lanes = project_to_lanes(scenario)
+        repaired = separate_overlaps(on_lanes)
         before, after = scenario.agents, repaired.agents
         assert len(overlapping_pairs(after, now)) <= len(overlapping_pairs(before, now))
         further = off_lane_m(repaired)[there] - off_lane_m(scenario)[there]
         assert further.max() <= 1e-4
         assert num_off_road(repaired) <= num_off_road(scenario)
-        assert separate_overlaps(repaired, keep_ids=()) is repaired
+        assert separate_overlaps(repaired) is repaired
         np.testing.assert_array_equal(after.is_valid, before.is_valid)

@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from hypothesis import given, settings
 
-from pd_editor.analysis.repair import yield_to_others
+from pd_editor.analysis.repair.retimed_trajectories import yield_to_others
 from pd_editor.analysis.repair.yielding import MAX_BRAKING_MPS2
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.scenario import Scenario
@@ -31,7 +31,7 @@ def progress(scenario: Scenario) -> np.ndarray:
 @settings(max_examples=25, deadline=None)
 def test_nothing_gets_worse_and_once_is_enough(crowd):
     scenario = crowded_road(crowd)
-    repaired, yielded = yield_to_others(scenario, keep_ids=())
+    repaired, yielded = yield_to_others(scenario)
     assert len(overlaps_later(repaired)) <= len(overlaps_later(scenario))
     assert (progress(repaired) <= progress(scenario) + 1e-6).all()
     one, two = scenario.agents, repaired.agents
@@ -49,7 +49,7 @@ def test_nothing_gets_worse_and_once_is_enough(crowd):
 
 def test_a_follower_stops_behind_a_standing_car():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (40, 0, 0, 0)]))
-    repaired, yielded = yield_to_others(scenario, keep_ids=())
+    repaired, yielded = yield_to_others(scenario)
     agents = repaired.agents
     assert overlaps_later(repaired) == set()
     end = agents.position_m[0, -1, 0]
@@ -65,7 +65,7 @@ def test_a_follower_stops_behind_a_standing_car():
 
 def test_too_near_to_brake_gently_it_brakes_hard():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (17.5, 0, 0, 0)]))
-    repaired, _ = yield_to_others(scenario, keep_ids=())
+    repaired, _ = yield_to_others(scenario)
     assert overlaps_later(repaired) == set()
     rate = np.diff(repaired.agents.speed_mps()[0, NOW:]) / STEP_S
     assert -MAX_BRAKING_MPS2 - 0.2 < rate.min() < -3.5
@@ -73,7 +73,7 @@ def test_too_near_to_brake_gently_it_brakes_hard():
 
 def test_too_near_to_brake_at_all_it_goes_on():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 10), (14, 0, 0, 0)]))
-    repaired, yielded = yield_to_others(scenario, keep_ids=())
+    repaired, yielded = yield_to_others(scenario)
     assert repaired is scenario
     assert yielded == ()
 
@@ -81,7 +81,7 @@ def test_too_near_to_brake_at_all_it_goes_on():
 def test_a_queue_stops_one_behind_the_other():
     states = [(-25.0 * k, 0.0, 0.0, 10.0) for k in range(4)] + [(45.0, 0.0, 0.0, 0.0)]
     scenario = scenario_with(straight_drivers(states))
-    repaired, yielded = yield_to_others(scenario, keep_ids=())
+    repaired, yielded = yield_to_others(scenario)
     assert overlaps_later(repaired) == set()
     assert set(yielded) == changed_ids(scenario, repaired)
     ends = repaired.agents.position_m[:, -1, 0]
@@ -89,11 +89,11 @@ def test_a_queue_stops_one_behind_the_other():
 
 
 def test_it_waits_for_crossing_traffic_and_then_goes_on():
-    # Both would be at (20, 0) after 2 s; the focal one, from the right, is kept.
+    # Both would be at (20, 0) after 2 s; the one from the right is kept.
     scenario = scenario_with(
         straight_drivers([(20, -20, np.pi / 2, 10), (0, 0, 0, 10)])
     )
-    repaired, _ = yield_to_others(scenario)
+    repaired, _ = yield_to_others(scenario, ["101"])
     assert overlaps_later(repaired) == set()
     assert changed_ids(scenario, repaired) == {"101"}
     assert repaired.agents.position_m[1, -1, 0] > 35
@@ -101,14 +101,14 @@ def test_it_waits_for_crossing_traffic_and_then_goes_on():
 
 def test_nobody_waits_without_need():
     scenario = two_agents_that_pass()
-    repaired, yielded = yield_to_others(scenario, keep_ids=())
+    repaired, yielded = yield_to_others(scenario)
     assert repaired is scenario
     assert yielded == ()
 
 
 def test_those_who_overlap_now_are_no_matter_of_timing():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 8), (2, 0, 0, 8)]))
-    assert yield_to_others(scenario, keep_ids=())[0] is scenario
+    assert yield_to_others(scenario)[0] is scenario
 
 
 def test_tracks_that_end_early_and_have_gaps_are_fine():
@@ -125,7 +125,7 @@ def test_tracks_that_end_early_and_have_gaps_are_fine():
             velocity_mps=np.where(mask, agents.velocity_mps, 0.0),
         )
     )
-    repaired, _ = yield_to_others(scenario, keep_ids=())
+    repaired, _ = yield_to_others(scenario)
     assert overlaps_later(repaired) == set()
     np.testing.assert_array_equal(repaired.agents.is_valid, is_valid)
     assert (repaired.agents.position_m[~is_valid] == 0).all()
@@ -136,6 +136,6 @@ def test_people_are_waited_for():
     agents = straight_drivers([(0, 0, 0, 8), (25, -4, np.pi / 2, 1.3)], kinds=kinds)
     scenario = scenario_with(agents)
     assert overlaps_later(scenario) == {(0, 1)}
-    repaired, _ = yield_to_others(scenario, keep_ids=())
+    repaired, _ = yield_to_others(scenario)
     assert overlaps_later(repaired) == set()
     assert changed_ids(scenario, repaired) == {"100"}

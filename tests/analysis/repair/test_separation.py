@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from pd_editor.analysis.repair import separate_overlaps
+from pd_editor.analysis.repair.state_repairs import separate_overlaps
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.time_axis import TimeAxis
 from tests.analysis.repair.scenes import (
@@ -26,7 +26,6 @@ def test_nothing_gets_worse_and_once_is_enough(crowd):
     assert after <= before
     assert (off_lane_m(repaired) <= off_lane_m(scenario) + 1e-5).all()
     changed = changed_ids(scenario, repaired)
-    assert scenario.focal_id not in changed
     agents = scenario.agents
     for agent_id in changed:
         row = agents.row_of[agent_id]
@@ -57,15 +56,15 @@ def test_a_queue_is_spread_out():
 
 def test_the_more_important_one_moves_only_if_the_other_cannot():
     scenario = scenario_with(straight_drivers([(0, 0, 0, 9), (2, 0, 0, 8)]))
-    repaired = separate_overlaps(scenario, keep_ids=["101"])
+    repaired = separate_overlaps(scenario, ["100"])
     assert changed_ids(scenario, repaired) == {"100"}
-    assert separate_overlaps(scenario, keep_ids=["100", "101"]) is scenario
+    assert separate_overlaps(scenario, []) is scenario
 
 
 def test_people_and_things_never_move_but_are_made_room_for():
     kinds = (AgentKind.PEDESTRIAN, AgentKind.VEHICLE)
     agents = straight_drivers([(0, 0, 0, 1), (1, 0, 0, 8)], kinds=kinds)
-    repaired = separate_overlaps(scenario_with(agents), keep_ids=())
+    repaired = separate_overlaps(scenario_with(agents))
     assert changed_ids(scenario_with(agents), repaired) == {"101"}
     assert overlaps_at(repaired, NOW) == set()
 
@@ -74,7 +73,7 @@ def test_a_cyclist_with_a_bicycle_is_left_alone():
     kinds = (AgentKind.CYCLIST, AgentKind.RIDERLESS_BICYCLE)
     agents = straight_drivers([(0, 0, 0, 1), (0.3, 0, 0, 0)], kinds=kinds)
     scenario = scenario_with(agents)
-    assert separate_overlaps(scenario, keep_ids=()) is scenario
+    assert separate_overlaps(scenario) is scenario
 
 
 def test_agents_without_a_free_place_stay():

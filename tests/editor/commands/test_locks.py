@@ -7,12 +7,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pd_editor.analysis.repair import (
-    project_to_lanes,
+from pd_editor.analysis.repair.retimed_trajectories import (
     retime_for_comfort,
+    yield_to_others,
+)
+from pd_editor.analysis.repair.state_repairs import (
+    project_to_lanes,
     separate_overlaps,
     slow_for_gaps,
-    yield_to_others,
 )
 from pd_editor.base.errors import EditError, LockedAgentError, PdEditorError
 from pd_editor.editor.commands import (

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pd_editor.analysis.metrics.road import is_off_road
-from pd_editor.analysis.repair import slow_for_gaps
+from pd_editor.analysis.repair.state_repairs import slow_for_gaps
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.generation import path_diffuser
 from pd_editor.generation.initial_state import pipeline
@@ -160,7 +160,7 @@ def test_whoever_is_placed_can_brake_behind_those_ahead(diffuser: PathDiffuser) 
         for name, values in arrays.items():
             values[rows, now] = getattr(sample, name)[:, 0]
         placed = scenario.with_agents(agents.with_rows(rows, **arrays))
-        assert slow_for_gaps(placed, keep_ids=()) is placed
+        assert slow_for_gaps(placed) is placed
 
 
 def test_the_model_chooses_how_many_so_that_there_are_as_many_as_in_training(
