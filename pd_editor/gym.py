@@ -50,7 +50,7 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
     is seen is in the agent's frame: ``ego`` speed (m/s); ``route`` points x, y (m), 2.5 m
     apart; ``others``, the nearest first, x, y, heading, speed, length, width, and 1 where
     there is one. The reward is the progress along the route (m), less 10 for a collision,
-    which ends the episode, as does leaving the road.
+    which ends the episode, as does driving past the end of the mapped road.
     """
 
     metadata = {  # noqa: RUF012  (Gymnasium has it so)

@@ -1,7 +1,6 @@
 """``pd-editor model``: join the trained stages into one model, with its card."""
 
 import os
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -57,8 +56,7 @@ def copied_curves(run: Path, folder: Path, kind: "StageKind") -> list[Path]:
     if not os.path.isfile(source):
         return []
     target = folder / f"{Path(kind.file_name).stem}_loss.png"
-    folder.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+    write_whole(target, source.read_bytes(), ModelError)
     return [target]
 
 
@@ -101,6 +99,8 @@ def model(
     folder, stages, curves = Path(out), {}, []
     if os.path.exists(folder / CONFIG_NAME):
         stages.update(load_model(folder, STAGE_KINDS).stages)
+    title = os.path.basename(os.path.realpath(folder))
+    former = card_of(title, stages).encode()
     for name, runs in given.items():
         if not runs:
             continue
@@ -117,12 +117,9 @@ def model(
     shipped = {name: replace(stage, sha256="") for name, stage in stages.items()}
     save_model(folder, shipped, half=True)
     card = folder / CARD_NAME
-    if not os.path.exists(card):
-        write_whole(
-            card,
-            card_of(os.path.basename(os.path.realpath(folder)), stages).encode(),
-            ModelError,
-        )
+    # One that was written by hand stays.
+    if not os.path.exists(card) or card.read_bytes() == former:
+        write_whole(card, card_of(title, stages).encode(), ModelError)
     files = [
         folder / CONFIG_NAME,
         *(folder / s.kind.file_name for s in stages.values()),

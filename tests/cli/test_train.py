@@ -13,6 +13,7 @@ import pytest
 import torch
 
 import pd_editor
+from pd_editor.base.errors import ModelError
 from pd_editor.base.installed_files import models_folder
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.shards import shard_bytes
@@ -167,6 +168,21 @@ def test_stages_are_joined_in_half_precision(shell: Shell, runs: Path, tmp_path:
     assert "| traj |" in (out / "MODEL_CARD.md").read_text()
     again = pd_editor.model(out=out, traj=runs / "traj")
     assert load_model(again.folder, STAGE_KINDS).sha256 == model.sha256
+
+
+def test_the_card_of_a_model_follows_its_weights(runs: Path, tmp_path: Path):
+    """It went on telling steps and losses of the first stages that were joined."""
+    out = tmp_path / "mine"
+    card = pd_editor.model(out=out, init=runs / "init").folder / "MODEL_CARD.md"
+    assert "| traj |" not in card.read_text()
+    pd_editor.model(out=out, traj=runs / "traj")
+    assert "| traj |" in card.read_text()
+    card.write_text("By hand.")
+    pd_editor.model(out=out, traj=runs / "traj")
+    assert card.read_text() == "By hand."
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ModelError, match="cannot be written"):
+        pd_editor.model(out=tmp_path / "file" / "x", traj=runs / "traj")
 
 
 def test_weights_of_several_trainings_are_averaged(
