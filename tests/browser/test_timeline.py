@@ -48,6 +48,8 @@ def test_scrub_click_step_and_play(editor):
         ("Home", 0),
         ("End", 109),
         ("Shift+ArrowLeft", 99),
+        ("PageDown", 89),
+        ("PageUp", 99),
     ):
         page.keyboard.press(keys)
         editor.until(lambda step=step: playback.step == step, f"step {step}")

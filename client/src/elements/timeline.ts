@@ -165,8 +165,11 @@ define("timeline", (api) => {
   // Arrow keys step frames, as comma and full stop do, except where they already mean
   // something. They are taken before viser hears them, whose camera would move.
   hearFirst("keydown", (event) => {
-    const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1 }[event.key];
-    const end = event.target === track ? { Home: axis.firstStep, End: axis.lastStep }[event.key] : undefined;
+    const isOnTrack = event.target === track;
+    const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1, ...(isOnTrack && { PageDown: -10, PageUp: 10 }) }[
+      event.key
+    ];
+    const end = isOnTrack ? { Home: axis.firstStep, End: axis.lastStep }[event.key] : undefined;
     if (!(steps || end !== undefined) || hasModifier(event) || isTyping(event)) return;
     if (within(event, "[role=slider]:not(.pd-track), [role=tab], [role=option], [role=dialog]")) return;
     event.preventDefault();

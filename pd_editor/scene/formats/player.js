@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (c749dd1742495655); not to be edited. */
+/* Built by .ci/client.py from client/ (f8a25f0062c9f390); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

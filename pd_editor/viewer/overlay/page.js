@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (c749dd1742495655); not to be edited. */
+/* Built by .ci/client.py from client/ (f8a25f0062c9f390); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -4061,8 +4061,9 @@
         isScrubbing = false;
       });
     hearFirst("keydown", (event) => {
-      const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1 }[event.key];
-      const end = event.target === track2 ? { Home: axis.firstStep, End: axis.lastStep }[event.key] : void 0;
+      const isOnTrack = event.target === track2;
+      const steps = { ArrowLeft: -1, ArrowRight: 1, ",": -1, ".": 1, ...isOnTrack && { PageDown: -10, PageUp: 10 } }[event.key];
+      const end = isOnTrack ? { Home: axis.firstStep, End: axis.lastStep }[event.key] : void 0;
       if (!(steps || end !== void 0) || hasModifier(event) || isTyping(event)) return;
       if (within(event, "[role=slider]:not(.pd-track), [role=tab], [role=option], [role=dialog]")) return;
       event.preventDefault();

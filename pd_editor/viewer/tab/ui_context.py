@@ -69,6 +69,7 @@ class UiContext:
         self._gesture_deadline: float | None = None
         self._is_slider_held = False
         self._failure = NOT_DONE
+        self._refusal: tuple[tuple[str, str], viser.NotificationHandle] | None = None
 
     def post(
         self,
@@ -338,7 +339,10 @@ class UiContext:
         """Show an error: its message if the user caused it, else a bug with a log entry."""
         failure, self._failure = self._failure, NOT_DONE
         if isinstance(error, PdEditorError):
-            self.notify(failure, str(error), "error")
+            texts = failure, str(error)
+            if self._refusal is not None and self._refusal[0] == texts:
+                self._refusal[1].remove()  # said once, however often a key is pressed
+            self._refusal = texts, self.notify(*texts, "error")
             return
         _LOG.error("A bug in the editor", exc_info=error)
         self.notify(
