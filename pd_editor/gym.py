@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 import shapely
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from jaxtyping import Float
 
 from pd_editor.analysis.metrics.box_overlaps import first_overlap
@@ -90,6 +91,7 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
         }
         self.observation_space = cast("spaces.Space[Seen]", spaces.Dict(seen))
         self._held = _Held()
+        self._is_over = True
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -114,12 +116,18 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
             seed=int(self.np_random.integers(2**31)),
         )
         self._rolling = Rolling.started(request, make_generator(self._model))
-        self._options = asked
+        self._options, self._is_over = asked, False
         self._known = self._rolling.observation(self._ego)
         return _seen(self._known), {}
 
     def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict]:
-        """Drive on for half a second; ``info`` says why an episode has ended."""
+        """Drive on for half a second; ``info`` says why an episode has ended.
+
+        Raises:
+            ResetNeeded: no episode has begun, or the last one is over.
+        """
+        if self._is_over:
+            raise ResetNeeded("There is no episode to drive on in; call reset first.")
         space = cast("spaces.Box", self.action_space)
         self._held.action = np.clip(np.asarray(action, float), space.low, space.high)
         before, first = _progress_m(self._known), self._rolling.world.step
@@ -137,6 +145,7 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
         why = ended.get(self._ego, "It collided." if has_hit else "")
         info = {"ended": why} if why else {}
         is_over = has_hit or bool(ended), self._rolling.is_over
+        self._is_over = any(is_over)
         return _seen(self._known), reward, *is_over, info
 
     def render(self) -> np.ndarray | None:

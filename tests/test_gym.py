@@ -75,3 +75,15 @@ def test_rewards_of_steady_driving_are_steady(env):
     seen, _ = env.reset(seed=1)
     rewards = [env.step(np.zeros(2, np.float32))[1] for _ in range(3)]
     np.testing.assert_allclose(rewards, seen["ego"][0] / 2, rtol=0.1)
+
+
+def test_an_episode_that_is_over_is_not_driven_on(env):
+    from gymnasium.error import ResetNeeded
+
+    with pytest.raises(ResetNeeded, match="call reset first"):
+        type(env)().step(np.zeros(2, np.float32))
+    env.reset(seed=1)
+    while not any(env.step(np.zeros(2, np.float32))[2:4]):
+        pass
+    with pytest.raises(ResetNeeded, match="call reset first"):
+        env.step(np.zeros(2, np.float32))

@@ -12,7 +12,7 @@ import os
 import sys
 import time
 import zlib
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
@@ -152,7 +152,7 @@ class _Checked:
         check_supported(request, self.supports, self.name)
         answer: Any = self._asked(lambda: self._generator.generate(request))
         # A plugin without progress may return the traffic at once.
-        if not isinstance(answer, GeneratedTraffic):
+        if not isinstance(answer, GeneratedTraffic) and isinstance(answer, Iterable):
             answer = yield from self._steps(self._asked(lambda: iter(answer)))
         if not isinstance(answer, GeneratedTraffic):
             raise GenerationError(

@@ -42,6 +42,11 @@ class Nothing:
     def generate(self, request):
         yield from ()
 
+class Forgets:
+    name = "forgets"
+    def generate(self, request):
+        pass
+
 class Fewer:
     name = "fewer"
     def generate(self, request):
@@ -197,6 +202,7 @@ def test_what_cannot_be_loaded_is_told_in_one_sentence(
             r"my_faulty_plugin:Raises failed \(KeyError: 'no such lane' in my_f",
         ),
         ("Nothing", "returned a NoneType; expected GeneratedTraffic"),
+        ("Forgets", "Forgets returned a NoneType; expected GeneratedTraffic"),
         ("Fewer", "1 samples came back, 2 were asked for"),
         ("Shape", r"position_m with the shape \(1, 2, 3, 2\); expected \(A, K, F, 2\)"),
         (
