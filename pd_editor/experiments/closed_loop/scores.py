@@ -47,6 +47,7 @@ class DriveScores:
     driven_s: float
     """Time until it left the map, or the roll-out ended."""
     ego_progress_along_route_m: float
+    """Until it left the drivable area, for who drives on beside it gets nowhere."""
     no_ego_at_fault_collisions: bool
     num_collisions: int
     """Agents that it collided with, whoever is at fault."""
@@ -91,8 +92,6 @@ def drive_scores(
     row = int(agents.rows([ego_id])[0])
     steps = now + np.flatnonzero(agents.is_valid[row, now:])
     hit, fault = _collisions(rolled, row, steps)
-    ends = shapely.points(agents.position_m[row, steps[[0, -1]]])
-    place = shapely.line_locate_point(shapely.LineString(route_m), ends).tolist()
     view = recorded_traffic(rolled, [ego_id])
     count = len(view.everyone)
     (least,), _ = least_times_s(view, np.zeros((count, count), bool))
@@ -104,13 +103,17 @@ def drive_scores(
         unit_vector(agents.heading_rad[row, steps])[:, None], corners.shape
     )
     off[off] = ~is_past_lanes(rolled.road_map, corners[off], way[off], least_m=0.0)
+    is_off = off.any(axis=1)
+    last = is_off.argmax() if is_off.any() else -1
+    ends = shapely.points(agents.position_m[row, steps[[0, last]]])
+    place = shapely.line_locate_point(shapely.LineString(route_m), ends).tolist()
     return DriveScores(
         driven_s=float((steps[-1] - now) * rolled.time_axis.step_s),
         ego_progress_along_route_m=place[1] - place[0],
         no_ego_at_fault_collisions=not fault,
         num_collisions=hit,
         time_to_collision_within_bound=bool(least >= LEAST_TTC_S),
-        drivable_area_compliance=not off.any(),
+        drivable_area_compliance=not is_off.any(),
         driving_direction_compliance=_wrong_way_m(rolled, row, steps) < WRONG_WAY_M,
         ego_is_comfortable=not (moves.is_uncomfortable() & moves.is_valid).any(),
         is_possible_motion=not (moves.is_impossible() & moves.is_valid).any(),

@@ -186,6 +186,20 @@ def test_an_agent_that_leaves_by_the_end_of_the_road_was_never_off_it(junction):
     assert not scores.drivable_area_compliance
 
 
+def test_who_drives_on_beside_the_road_makes_no_progress():
+    """It was the furthest, beside whom those that kept to the road had low scores."""
+    driver = straight_drivers([(0.0, 0.0, 0.0, 10.0)])
+    route = np.array([[0.0, 0.0], [100.0, 0.0]])
+    now = scenario_with(driver).current_step
+    there = drive_scores(scenario_with(driver), driver.ids[0], route)
+    aside = driver.position_m.copy()
+    aside[0, now + 20 :, 1] -= 30.0
+    off = scenario_with(replace(driver, position_m=aside))
+    scores = drive_scores(off, driver.ids[0], route)
+    assert there.ego_progress_along_route_m > 50.0
+    assert scores.ego_progress_along_route_m == pytest.approx(20.0)
+
+
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
