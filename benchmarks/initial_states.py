@@ -43,11 +43,11 @@ from pd_editor.generation.checkpoints.model_folder import load_model
 from pd_editor.generation.core.devices import keep_freed_memory, lay_out_weights
 from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.features.scene_features import (
-    LATENT_SIZE,
     packed,
     scene_center,
     scene_features,
 )
+from pd_editor.generation.features.scene_fields import LATENT_SIZE
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.generation.initial_state.attributes import (
     AttributeRequest,

@@ -26,7 +26,7 @@ from pd_editor.editor.commands.traffic import traffic_command
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.evaluation.method import Method
 from pd_editor.experiments.evaluation.summary import scene_weights
-from pd_editor.generation.features.lane_tokens import (
+from pd_editor.generation.features.map_pieces import (
     PIECE_SHAPE,
     lane_pieces,
     piece_signals,

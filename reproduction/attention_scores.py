@@ -25,11 +25,8 @@ def recorded_states(scenario: Scenario) -> "SceneTensors":
     Raises:
         GenerationError: an agent has no finite state at the current step.
     """
-    from pd_editor.generation.features.scene_features import (
-        LATENT_SIZE,
-        packed,
-        scene_features,
-    )
+    from pd_editor.generation.features.scene_features import packed, scene_features
+    from pd_editor.generation.features.scene_fields import LATENT_SIZE
     from pd_editor.generation.initial_state.network.conditioning import only_agents
     from pd_editor.generation.initial_state.network.state_encoding import (
         POSITION_UNIT_M,

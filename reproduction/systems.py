@@ -12,7 +12,7 @@ from pd_editor.base.errors import InputError
 from pd_editor.base.regular_file import read_regular
 from pd_editor.experiments.evaluation.method import GROUND_TRUTH
 from pd_editor.generation.defaults import MAX_CONFIG_BYTES
-from pd_editor.generation.generators.registry import saw_warps, warp_share
+from pd_editor.generation.generators import saw_warps, warp_share
 
 CONFIG_NAME: Final = "config.json"
 RUNS_NAME: Final = "runs"

@@ -48,7 +48,7 @@ from pd_editor.editor.scenario_store import check_free, open_part
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import name_from_text, short_id
 from pd_editor.generation.defaults import DEFAULT_WEIGHT, NUM_TRIES, DeviceName
-from pd_editor.generation.features.lane_tokens import lane_pieces
+from pd_editor.generation.features.map_pieces import lane_pieces
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, Activity, AgentKind
 from pd_editor.scene.generation import (

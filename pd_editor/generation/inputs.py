@@ -11,15 +11,15 @@ from torch import Tensor
 
 from pd_editor.base.errors import ModelError
 from pd_editor.generation.core.devices import constant
-from pd_editor.generation.features.boundary_tokens import MIRRORED_BOUNDARY
-from pd_editor.generation.features.scene_features import (
-    LATENT_SIZE,
+from pd_editor.generation.features.map_pieces import (
+    MIRRORED_BOUNDARY,
     MIRRORED_SHAPE,
     MIRRORED_SHAPE_SIGNS,
-    PackedScene,
 )
+from pd_editor.generation.features.scene_features import PackedScene
 from pd_editor.generation.features.scene_fields import (
     CANDIDATE_FIELDS,
+    LATENT_SIZE,
     SCENE_FIELDS,
     Axis,
     SceneField,

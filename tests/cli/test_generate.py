@@ -10,7 +10,7 @@ from pd_editor.cli.generate import generate
 from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import open_scenario
-from pd_editor.generation.generators import registry
+from pd_editor.generation import generators as registry
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, Activity, AgentKind
 from pd_editor.scene.generation import (
     CAPABILITIES,

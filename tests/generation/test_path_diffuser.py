@@ -15,7 +15,7 @@ from pd_editor.generation.checkpoints.model_folder import made_model
 from pd_editor.generation.core.devices import sampling_device
 from pd_editor.generation.core.sampler import SamplerStep, sample_steps
 from pd_editor.generation.defaults import DeviceName
-from pd_editor.generation.features.scene_features import LATENT_SIZE
+from pd_editor.generation.features.scene_fields import LATENT_SIZE
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.path_diffuser import DenoisingProgress, PathDiffuser
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryDenoiser

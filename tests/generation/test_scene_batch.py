@@ -1,8 +1,7 @@
 import numpy as np
 import torch
 
-from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
-from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
+from pd_editor.generation.features.map_pieces import BOUNDARY_SHAPE, PIECE_SHAPE
 from pd_editor.generation.inputs import (
     batch_of,
     pose_features,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pd_editor.generation.generators.registry import saw_warps, warp_share
+from pd_editor.generation.generators import saw_warps, warp_share
 
 NEVER = {"augmentation": {"warp_share": 0.0}, "start": ""}
 

@@ -21,7 +21,7 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from pd_editor.generation.generators import registry
+from pd_editor.generation import generators as registry
 from pd_editor.viewer import viewer_app
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.overlay.overlay import Overlay

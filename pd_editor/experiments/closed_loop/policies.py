@@ -13,7 +13,7 @@ from jaxtyping import Float
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.foreign_code import asked, is_reference, object_of_reference
 from pd_editor.base.plain_text import nearest_or_all
-from pd_editor.generation.generators.plugins import (
+from pd_editor.generation.plugins import (
     checked_name,
     is_of,
     object_of_folder,

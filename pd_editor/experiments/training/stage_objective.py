@@ -24,11 +24,11 @@ from pd_editor.generation.checkpoints.model_folder import (
 from pd_editor.generation.checkpoints.tensor_file import config_from_json
 from pd_editor.generation.core.random_streams import RandomStreams
 from pd_editor.generation.core.sampler import DifferentiableSampler
-from pd_editor.generation.features.boundary_tokens import (
+from pd_editor.generation.features.feature_store import FeatureStore
+from pd_editor.generation.features.map_pieces import (
     BOUNDARY_LENGTH_M,
     BOUNDARY_SHAPE,
 )
-from pd_editor.generation.features.feature_store import FeatureStore
 from pd_editor.generation.features.scene_features import PEDESTRIAN, PackedScene
 from pd_editor.generation.initial_state.loss import (
     InitialStateLossConfig,

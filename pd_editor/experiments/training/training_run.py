@@ -69,7 +69,7 @@ from pd_editor.generation.checkpoints.model_folder import TrainedStage, save_mod
 from pd_editor.generation.checkpoints.tensor_file import config_from_json
 from pd_editor.generation.defaults import DeviceName
 from pd_editor.generation.features.feature_store import FeatureStore
-from pd_editor.generation.generators.registry import saw_warps
+from pd_editor.generation.generators import saw_warps
 from pd_editor.generation.inputs import TrajectoryBasis
 
 MAX_DEVICES: Final = 64

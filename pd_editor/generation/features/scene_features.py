@@ -8,16 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.base.errors import GenerationError
-from pd_editor.generation.features.boundary_tokens import (
-    BOUNDARY_SHAPE,
+from pd_editor.generation.features.map_pieces import (
     boundary_pieces,
-)
-from pd_editor.generation.features.lane_tokens import (
-    MIRRORED_SHAPE,
-    MIRRORED_SHAPE_SIGNS,
-    NUM_PIECE_KINDS,
-    PIECE_LENGTH_M,
-    PIECE_SHAPE,
     lane_pieces,
     piece_signals,
 )
@@ -34,26 +26,6 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind, activity_at
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.paths.motion_primitives import candidate_positions
 from pd_editor.scene.scenario import EGO_ID, Scenario
-
-__all__ = [
-    "AGENT_KINDS",
-    "BOUNDARY_SHAPE",
-    "MIRRORED_SHAPE",
-    "MIRRORED_SHAPE_SIGNS",
-    "NUM_CANDIDATES",
-    "NUM_FUTURE_STEPS",
-    "NUM_NEAR_AGENTS",
-    "NUM_NEAR_BOUNDARY",
-    "NUM_NEAR_PIECES",
-    "NUM_PIECE_KINDS",
-    "PEDESTRIAN",
-    "PIECE_LENGTH_M",
-    "PIECE_SHAPE",
-    "SceneFeatures",
-    "scene_center",
-    "scene_features",
-    "seen_agents",
-]
 
 AGENT_KINDS: Final = (
     AgentKind.VEHICLE,

@@ -7,8 +7,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import DTypeLike
 
-from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
-from pd_editor.generation.features.lane_tokens import PIECE_SHAPE, PIECE_SIGNAL
+from pd_editor.generation.features.map_pieces import (
+    BOUNDARY_SHAPE,
+    PIECE_SHAPE,
+    PIECE_SIGNAL,
+)
 
 NUM_NEAR_PIECES: Final = 24
 NUM_NEAR_BOUNDARY: Final = 8

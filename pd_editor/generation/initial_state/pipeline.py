@@ -18,15 +18,15 @@ from pd_editor.analysis.repair.state_repairs import (
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.core.random_streams import SceneStreams
 from pd_editor.generation.core.sampler import Sampler, sample_steps, sampling_mode
-from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND, lane_pieces
+from pd_editor.generation.features.map_pieces import CROSSWALK_KIND, lane_pieces
 from pd_editor.generation.features.scene_features import (
     AGENT_KINDS,
-    LATENT_SIZE,
     PackedScene,
     SceneFeatures,
     packed,
     scene_features,
 )
+from pd_editor.generation.features.scene_fields import LATENT_SIZE
 from pd_editor.generation.initial_state.attributes import (
     AttributeRequest,
     with_attributes,

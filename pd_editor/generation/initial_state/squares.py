@@ -11,7 +11,7 @@ from pd_editor.analysis.metrics.box_overlaps import first_overlap
 from pd_editor.analysis.repair.current_states import counted
 from pd_editor.analysis.repair.state_repairs import overlaps_now
 from pd_editor.base.errors import GenerationError
-from pd_editor.generation.features.lane_tokens import (
+from pd_editor.generation.features.map_pieces import (
     CROSSWALK_KIND,
     PIECE_LENGTH_M,
     lane_pieces,

@@ -21,7 +21,7 @@ from pd_editor.generation.core.sampler import (
     sampling_mode,
 )
 from pd_editor.generation.defaults import NUM_STEPS, check_settings
-from pd_editor.generation.features.scene_features import LATENT_SIZE
+from pd_editor.generation.features.scene_fields import LATENT_SIZE
 from pd_editor.generation.inputs import SceneTensors
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.denoiser import TrajectoryConfig

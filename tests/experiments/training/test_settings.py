@@ -15,7 +15,7 @@ from pd_editor.experiments.training.run_request import (
     new_config,
 )
 from pd_editor.experiments.training.settings import settings_of, with_settings
-from pd_editor.generation.features.scene_features import NUM_NEAR_AGENTS
+from pd_editor.generation.features.scene_fields import NUM_NEAR_AGENTS
 
 ROOT = Path(__file__).parents[4]
 FILE = """

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from pd_editor.analysis.metrics.road import drivable_ground
-from pd_editor.generation.features.boundary_tokens import (
+from pd_editor.generation.features.map_pieces import (
     BOUNDARY_LENGTH_M,
     BOUNDARY_SHAPE,
     boundary_pieces,

@@ -7,23 +7,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
 from pd_editor.generation.features.feature_store import (
     FeatureStore,
     StoreIndex,
     open_for_writing,
     write_part,
 )
-from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
+from pd_editor.generation.features.map_pieces import BOUNDARY_SHAPE, PIECE_SHAPE
 from pd_editor.generation.features.scene_features import (
-    LATENT_SIZE,
     NUM_CANDIDATES,
-    NUM_NEAR_AGENTS,
-    NUM_NEAR_BOUNDARY,
-    NUM_NEAR_PIECES,
     PackedScene,
     packed,
     scene_features,
+)
+from pd_editor.generation.features.scene_fields import (
+    LATENT_SIZE,
+    NUM_NEAR_AGENTS,
+    NUM_NEAR_BOUNDARY,
+    NUM_NEAR_PIECES,
 )
 from tests.builders import scenario_with, straight_drivers
 

@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.generation.features.lane_tokens import (
+from pd_editor.generation.features.map_pieces import (
     CROSSWALK_KIND,
     MIRRORED_SHAPE,
     MIRRORED_SHAPE_SIGNS,

@@ -10,12 +10,11 @@ from pd_editor.generation.features.scene_features import (
     MOST_PIECES,
     NUM_CANDIDATES,
     NUM_FUTURE_STEPS,
-    NUM_NEAR_AGENTS,
-    NUM_NEAR_PIECES,
     SceneFeatures,
     scene_center,
     scene_features,
 )
+from pd_editor.generation.features.scene_fields import NUM_NEAR_AGENTS, NUM_NEAR_PIECES
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.geometry.angles import wrap_angle

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pd_editor.generation.features.lane_tokens import (
+from pd_editor.generation.features.map_pieces import (
     PIECE_SIGNAL,
     REACH_M,
     lane_pieces,

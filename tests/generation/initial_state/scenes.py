@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
-from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
+from pd_editor.generation.features.map_pieces import BOUNDARY_SHAPE, PIECE_SHAPE
 from pd_editor.generation.features.scene_features import PackedScene
 from pd_editor.generation.initial_state.network.denoiser import (
     InitialStateConfig,

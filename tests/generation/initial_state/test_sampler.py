@@ -8,7 +8,7 @@ import torch
 
 from pd_editor.generation.core.noise_schedule import centered_levels
 from pd_editor.generation.core.random_streams import RandomStreams
-from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
+from pd_editor.generation.features.map_pieces import PIECE_SHAPE
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.guidance import InitialStateGuidance
 from pd_editor.generation.initial_state.network.conditioning import (

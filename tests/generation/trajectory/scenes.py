@@ -14,8 +14,7 @@ from pd_editor.generation.core.sampler import (
     SamplerStep,
     sample_steps,
 )
-from pd_editor.generation.features.boundary_tokens import BOUNDARY_SHAPE
-from pd_editor.generation.features.lane_tokens import PIECE_SHAPE
+from pd_editor.generation.features.map_pieces import BOUNDARY_SHAPE, PIECE_SHAPE
 from pd_editor.generation.features.scene_features import PackedScene
 from pd_editor.generation.inputs import (
     SceneTensors,

@@ -16,7 +16,7 @@ from pd_editor.base.installed_files import models_folder
 from pd_editor.editor.commands import RemoveAllAgents, SetLocks
 from pd_editor.editor.cures import Cure
 from pd_editor.generation import generators
-from pd_editor.generation.generators import registry
+from pd_editor.generation import generators as registry
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files

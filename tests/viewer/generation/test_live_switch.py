@@ -15,7 +15,7 @@ from pd_editor.editor.commands import (
     SetLocks,
     TransformAgents,
 )
-from pd_editor.generation.generators import registry
+from pd_editor.generation import generators as registry
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.generation import GeneratorSpec

@@ -18,7 +18,7 @@ from pd_editor.editor.commands import (
     RemoveGuidance,
     traffic_command,
 )
-from pd_editor.generation.generators.registry import SHIPPED_MODEL
+from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.exporters.bundle import write_files
 from pd_editor.scene.generation import (

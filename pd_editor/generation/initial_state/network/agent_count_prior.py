@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.generation.features.lane_tokens import PIECE_LENGTH_M
+from pd_editor.generation.features.map_pieces import PIECE_LENGTH_M
 from pd_editor.generation.features.scene_features import AGENT_KINDS, PackedScene
 from pd_editor.generation.initial_state.network.lane_distance import (
     follows_lanes,

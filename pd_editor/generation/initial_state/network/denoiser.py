@@ -27,13 +27,13 @@ from pd_editor.generation.core.noise_schedule import (
     relative_noise,
 )
 from pd_editor.generation.defaults import check_sizes
-from pd_editor.generation.features.lane_tokens import PIECE_SIGNAL
-from pd_editor.generation.features.scene_features import (
-    AGENT_KINDS,
+from pd_editor.generation.features.map_pieces import (
     BOUNDARY_SHAPE,
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
+    PIECE_SIGNAL,
 )
+from pd_editor.generation.features.scene_features import AGENT_KINDS
 from pd_editor.generation.initial_state.network.agent_count_prior import AgentCounts
 from pd_editor.generation.initial_state.network.conditioning import (
     CONDITIONED_YES,
@@ -57,13 +57,11 @@ from pd_editor.generation.initial_state.network.features import (
     noise_factors,
     waves,
 )
-from pd_editor.generation.initial_state.network.lane_anchored_head import (
-    LaneAnchoredHead,
-)
 from pd_editor.generation.initial_state.network.map_tokens import (
     EncodedMap,
     EncodedStateLevel,
     InitialStateContext,
+    LaneAnchoredHead,
     MapLayer,
     MapTokens,
     NearTokens,

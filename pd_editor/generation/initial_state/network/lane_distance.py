@@ -9,7 +9,7 @@ from jaxtyping import Bool, Complex, Float
 from torch import Tensor
 
 from pd_editor.analysis.metrics.lanes import OFF_LANE_M
-from pd_editor.generation.features.lane_tokens import (
+from pd_editor.generation.features.map_pieces import (
     CROSSWALK_KIND,
     PIECE_LENGTH_M,
     PIECE_SHAPE,

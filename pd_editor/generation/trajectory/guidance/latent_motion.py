@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from pd_editor.analysis.metrics.motion import WINDOW_STEPS, derivative_operators
-from pd_editor.generation.features.scene_features import LATENT_SIZE
+from pd_editor.generation.features.scene_fields import LATENT_SIZE
 from pd_editor.generation.inputs import NUM_ALONG
 from pd_editor.generation.trajectory.network.decoding import (
     STAYS_M,

@@ -23,7 +23,7 @@ from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.analysis.guidance.kinds.pairs import Threaten
 from pd_editor.analysis.guidance.kinds.space import AvoidCollisions
 from pd_editor.generation.core.sampler import sampling_mode
-from pd_editor.generation.features.scene_features import LATENT_SIZE
+from pd_editor.generation.features.scene_fields import LATENT_SIZE
 from pd_editor.generation.inputs import NUM_ALONG
 from pd_editor.generation.trajectory.guidance import (
     interaction_terms,

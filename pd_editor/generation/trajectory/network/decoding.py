@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pd_editor.analysis.metrics.motion import MAX_CURVATURE_PER_M
-from pd_editor.generation.features.scene_features import LATENT_SIZE
+from pd_editor.generation.features.scene_fields import LATENT_SIZE
 from pd_editor.generation.inputs import (
     NUM_ACROSS,
     NUM_ALONG,

@@ -23,12 +23,9 @@ from pd_editor.generation.core.noise_schedule import (
 )
 from pd_editor.generation.core.sampler import Denoise
 from pd_editor.generation.defaults import check_sizes
-from pd_editor.generation.features.lane_tokens import PIECE_SIGNAL
-from pd_editor.generation.features.scene_features import (
-    LATENT_SIZE,
-    NUM_FUTURE_STEPS,
-    NUM_NEAR_AGENTS,
-)
+from pd_editor.generation.features.map_pieces import PIECE_SIGNAL
+from pd_editor.generation.features.scene_features import NUM_FUTURE_STEPS
+from pd_editor.generation.features.scene_fields import LATENT_SIZE, NUM_NEAR_AGENTS
 from pd_editor.generation.inputs import SceneTensors, TrajectoryBasis, gathered
 from pd_editor.generation.trajectory.network.decoding import TrajectoryDecoder
 from pd_editor.generation.trajectory.network.features import (

@@ -7,12 +7,12 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from pd_editor.generation.features.scene_features import (
-    AGENT_KINDS,
+from pd_editor.generation.features.map_pieces import (
     BOUNDARY_SHAPE,
     NUM_PIECE_KINDS,
     PIECE_SHAPE,
 )
+from pd_editor.generation.features.scene_features import AGENT_KINDS
 from pd_editor.generation.inputs import (
     NEAR_M,
     NUM_POSE_FEATURES,

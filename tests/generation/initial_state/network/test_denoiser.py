@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from pd_editor.generation.core import attention
-from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND
+from pd_editor.generation.features.map_pieces import CROSSWALK_KIND
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.network import map_tokens
 from pd_editor.generation.initial_state.network.conditioning import (

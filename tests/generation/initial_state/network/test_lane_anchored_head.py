@@ -1,10 +1,10 @@
 import torch
 
 from pd_editor.generation.core.attention import Mask, grouped
-from pd_editor.generation.initial_state.network.lane_anchored_head import (
+from pd_editor.generation.initial_state.network.map_tokens import (
     LaneAnchoredHead,
+    NearTokens,
 )
-from pd_editor.generation.initial_state.network.map_tokens import NearTokens
 
 
 def proposals(

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import torch
 
-from pd_editor.generation.features.lane_tokens import CROSSWALK_KIND
+from pd_editor.generation.features.map_pieces import CROSSWALK_KIND
 from pd_editor.generation.features.scene_features import PEDESTRIAN
 from pd_editor.generation.initial_state.network.features import (
     NoisyPoses,

@@ -13,8 +13,8 @@ import pytest
 from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.base.errors import GenerationError
 from pd_editor.cli.main import main
+from pd_editor.generation import plugins as plugins_module
 from pd_editor.generation.generators import catalogue_with, make_generator
-from pd_editor.generation.generators import plugins as plugins_module
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from tests.builders import scenario_with, straight_drivers

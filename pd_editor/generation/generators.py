@@ -22,7 +22,7 @@ from pd_editor.generation.defaults import (
     NUM_TRIES,
     DeviceName,
 )
-from pd_editor.generation.generators.plugins import (
+from pd_editor.generation.plugins import (
     FOLDER_MODULE,
     generator_of_entry_point,
     generator_of_folder,
