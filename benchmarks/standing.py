@@ -121,9 +121,7 @@ def free_rows(scenario: Scenario, rows: np.ndarray, step: int) -> np.ndarray:
     found = []
     for path in main.tolist():
         row = rows[plans.agent[path]]
-        line = shapely.LineString(
-            np.stack([plans.paths.x_m[path], plans.paths.y_m[path]], axis=-1)
-        )
+        line = shapely.LineString(plans.paths.points_m[path])
         length, width = agents.size_m[row]
         lane = shapely.ops.substring(line, length / 2, length / 2 + AHEAD_M)
         gap = width / 2 + room

@@ -111,8 +111,11 @@ def _denoise_once(
 
 def _recorder(found: list[Tensor]):  # noqa: ANN202  (a hook of torch)
     def hook(module: nn.Module, inputs: tuple) -> None:
-        assert isinstance(module, DifferentialAttention | EdgeAttention)
-        scores, mask = module.scores(*inputs)
+        if isinstance(module, DifferentialAttention):
+            scores, mask = module.scores(*inputs), inputs[1].mask
+        else:
+            assert isinstance(module, EdgeAttention)
+            (scores, _), mask = module.scores(*inputs), inputs[2]
         found.append(_variances(scores, mask))
 
     return hook

@@ -28,7 +28,10 @@ from pd_editor.generation.core.devices import (
 from pd_editor.generation.core.sampler import Sampler, sample_steps
 from pd_editor.generation.core.traced_step import trace_steps
 from pd_editor.generation.defaults import DeviceName
-from pd_editor.generation.initial_state.attributes import attribute_notes
+from pd_editor.generation.initial_state.attributes import (
+    AttributeRequest,
+    attribute_notes,
+)
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
     InitialStateOptions,
@@ -49,7 +52,6 @@ from pd_editor.generation.initial_state.squares import (
     without_unfit,
 )
 from pd_editor.generation.request_options import (
-    attribute_request,
     check_request,
     initial_state_options,
     near_lanes,
@@ -273,7 +275,7 @@ class PathDiffuser:
                 samples.append(driven)
         crowded = max(num_overlapping(scenario, ids) for scenario, ids in placed)
         notes = [
-            *attribute_notes(placed, attribute_request(request)),
+            *attribute_notes(placed, AttributeRequest.of(request)),
             *placement_notes(request, fits, crowded),
             *far_notes,
         ]

@@ -11,7 +11,6 @@ from pd_editor.analysis.metrics.lanes import BEYOND_ROADS_M, ids_near_lanes
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.checkpoints.model_folder import TrainedStage
 from pd_editor.generation.defaults import NUM_TRIES
-from pd_editor.generation.initial_state.attributes import AttributeRequest
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import (
     InitialStateOptions,
@@ -21,7 +20,7 @@ from pd_editor.generation.initial_state.placement_rules import (
     ConflictSearch,
     PlacementRule,
 )
-from pd_editor.generation.initial_state.squares import Placement, limited, placings_of
+from pd_editor.generation.initial_state.squares import limited, placings_of
 from pd_editor.generation.trajectory.pipeline import TrajectoryOptions
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.generation import AVOIDANCE, LANE_GUIDANCE, GenerationRequest
@@ -139,13 +138,6 @@ def trajectory_options(
     )
 
 
-def attribute_request(request: GenerationRequest) -> AttributeRequest:
-    """What placed agents are to be."""
-    return AttributeRequest(
-        moving_share=request.moving_share, only_on_road=request.only_on_road
-    )
-
-
 def yields(request: GenerationRequest) -> bool:
     """Whether agents that would collide yield."""
     avoids = [term for term in request.settings if term.name == AVOIDANCE]
@@ -181,16 +173,9 @@ def requested_placings(
     Each sample may have another number of agents, at most as many as the model takes.
     """
     assert isinstance(stage.model, InitialStateDenoiser)
-    placement = Placement(
-        resampled_ids=request.resampled_state_ids,
-        num_new_agents=request.num_new_agents,
-        samples_num_agents=request.samples_num_agents,
-        density=stage.sampling["sampler"].fit_density,
-        region=request.region,
-        attributes=attribute_request(request),
-    )
     random = np.random.default_rng([request.scene_seed, sample])
-    placings = placings_of(stage.model, request.scenario, placement, random)
+    density = stage.sampling["sampler"].fit_density
+    placings = placings_of(stage.model, request, density, random)
     number = sum(len(one.new_ids) for one in placings)
     room = min(
         MOST_AGENTS - num_present(request.scenario),

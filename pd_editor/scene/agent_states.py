@@ -1,9 +1,9 @@
 """States of agents over time, as one struct of arrays."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, TypeVar
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,7 +17,6 @@ MOTION: Final = ("position_m", "heading_rad", "velocity_mps")
 """Names of the arrays that tell how agents move."""
 STEPPED: Final = (*MOTION, "is_valid")
 """Names of the arrays over time."""
-_States = TypeVar("_States", bound="AgentStates")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,20 +72,6 @@ class AgentStates(BoxStates):
         """Whether each agent belongs to a group."""
         return self.kind_mask(GROUP_KINDS[group])
 
-    def taken(self: _States, rows: Any) -> _States:
-        """Select agents by indices, in that order, or by a mask."""
-        index = np.asarray(rows)
-        index = np.flatnonzero(index) if index.dtype == bool else index.astype(int)
-        values: dict[str, Any] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            values[one.name] = (
-                value[index]
-                if isinstance(value, np.ndarray)
-                else tuple(value[row] for row in index)
-            )
-        return type(self)(**values)
-
     def from_step(self, step: int) -> "AgentStates":
         """The states from a step on."""
         return AgentStates(
@@ -95,15 +80,3 @@ class AgentStates(BoxStates):
             size_m=self.size_m,
             **{name: getattr(self, name)[:, step:] for name in STEPPED},
         )
-
-    def joined(self: _States, other: _States) -> _States:
-        """Concatenate: these agents, then the other ones."""
-        values: dict[str, Any] = {}
-        for one in fields(self):
-            mine, theirs = getattr(self, one.name), getattr(other, one.name)
-            values[one.name] = (
-                np.concatenate([mine, theirs])
-                if isinstance(mine, np.ndarray)
-                else mine + theirs
-            )
-        return type(self)(**values)

@@ -33,7 +33,7 @@ def test_scores_are_the_weights_of_the_result(is_differential: bool):
     layer = DifferentialAttention(16, 2, depth=0, is_differential=is_differential)
     tokens, queries = torch.randn(1, 7, 16), torch.randn(1, 3, 16)
     seen = layer.encode(tokens, Mask(None, None))
-    scores, _ = layer.scores(queries, seen)
+    scores = layer.scores(queries, seen)
     share = -float(seen.second_share.detach()) if is_differential else 0.0
     torch.testing.assert_close(
         scores.sum(dim=-1), torch.full((1, 2, 3), 1 - share), atol=1e-5, rtol=1e-5

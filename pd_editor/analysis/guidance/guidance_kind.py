@@ -3,7 +3,7 @@
 import typing
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Final, Generic, Literal, TypeVar
 
 import numpy as np
@@ -12,10 +12,8 @@ from jaxtyping import Float, Int
 from pd_editor.analysis.threats.encounter import Track
 from pd_editor.analysis.threats.threat_feasibility import recorded_track
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS, AgentKind
-from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.guidance_terms import GuidanceTerm
-from pd_editor.scene.paths.candidate_grid import Start, plan_paths
-from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.paths.candidate_grid import current_paths
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 from pd_editor.scene.traffic_sample import TrafficSample
@@ -100,10 +98,10 @@ class AgentNow:
     @cached_property
     def paths_m(self) -> Float[np.ndarray, "P M 2"]:
         """Paths that it could take, one point every ``SPACING_M``."""
-        one = self.scenario
-        return _paths_m(
-            one.road_map, one.agents, one.current_step, self.row, self.duration_s
-        )
+        one, rows = self.scenario, (self.row,)
+        return current_paths(
+            one.road_map, one.agents, one.current_step, rows, self.duration_s
+        ).paths.points_m
 
     def reach_m(self, time_s: float) -> tuple[float, float]:
         """Least and greatest distance that can be driven in a time."""
@@ -115,18 +113,6 @@ class AgentNow:
         fastest = speed + FIRM_ACCELERATION_MPS2 * gained_s
         most = (speed + fastest) / 2 * gained_s + fastest * (time_s - gained_s)
         return least, most
-
-
-@lru_cache(maxsize=64)
-def _paths_m(
-    road_map: RoadMap, agents: AgentTracks, step: int, row: int, duration_s: float
-) -> Float[np.ndarray, "P M 2"]:
-    """Planned paths: terms are checked before a run, after it and while they change."""
-    start = Start.at(agents, step, np.array([row]))
-    paths = plan_paths(road_map, start, duration_s).paths
-    points = np.stack([paths.x_m, paths.y_m], axis=-1)
-    points.flags.writeable = False
-    return points
 
 
 class Refusal(str):

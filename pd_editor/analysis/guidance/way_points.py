@@ -286,8 +286,7 @@ class WayPlan:
         width_m: float,
     ) -> "WayPlan":
         """The plan of all points of a path; those behind the agent ask for nothing."""
-        path = followed.path
-        course = np.stack([path.x_m[0], path.y_m[0]], axis=-1)
+        course = followed.path.points_m[0]
         line = np.array([one.point_m for one in points])
         arc = arc_length(line) - followed.start_m
         gap = np.linalg.norm(course - line[:, None], axis=-1)

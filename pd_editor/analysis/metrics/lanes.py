@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -38,40 +38,29 @@ SPARE_M: Final = 10.0
 """Lanes that begin up to this distance past the end of an agent's path count."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LaneDistances:
-    """Driving distances between the lanes of a graph."""
-
-    graph: LaneGraph
-
-    @cached_property
-    def start_to_start_m(self) -> Float[np.ndarray, "L L"]:
-        """Driving distance between the starts of two lanes; infinite if unreachable.
-
-        A change to a neighbouring lane in the same direction costs nothing.
-        """
-        graph, count = self.graph, len(self.graph.lane_ids)
-        distance = np.full((count, count), np.inf)
-        np.fill_diagonal(distance, 0.0)
-        chord = np.array([line[-1] - line[0] for line in graph.centerlines_m])
-        for row in range(count):
-            for other in graph.successors[row]:
-                distance[row, other] = min(distance[row, other], graph.lengths_m[row])
-            for other in graph.neighbors[row]:
-                if chord[row] @ chord[other] > 0:
-                    distance[row, other] = 0.0
-        for middle in range(count):
-            # Few lanes lead to one.
-            starts = np.isfinite(distance[:, middle]).nonzero()[0]
-            by_way = distance[starts, middle, None] + distance[middle]
-            distance[starts] = np.minimum(distance[starts], by_way)
-        return distance
-
-
 @once_per_map
-def lane_distances(road_map: RoadMap) -> LaneDistances:
-    """Driving distances of a map."""
-    return LaneDistances(graph=lane_graph(road_map))
+def start_to_start_m(road_map: RoadMap) -> Float[np.ndarray, "L L"]:
+    """Driving distance between the starts of two lanes; infinite if unreachable.
+
+    A change to a neighbouring lane in the same direction costs nothing.
+    """
+    graph = lane_graph(road_map)
+    count = len(graph.lane_ids)
+    distance = np.full((count, count), np.inf)
+    np.fill_diagonal(distance, 0.0)
+    chord = np.array([line[-1] - line[0] for line in graph.centerlines_m])
+    for row in range(count):
+        for other in graph.successors[row]:
+            distance[row, other] = min(distance[row, other], graph.lengths_m[row])
+        for other in graph.neighbors[row]:
+            if chord[row] @ chord[other] > 0:
+                distance[row, other] = 0.0
+    for middle in range(count):
+        # Few lanes lead to one.
+        starts = np.isfinite(distance[:, middle]).nonzero()[0]
+        by_way = distance[starts, middle, None] + distance[middle]
+        distance[starts] = np.minimum(distance[starts], by_way)
+    return distance
 
 
 def reachable_lanes(
@@ -89,8 +78,7 @@ def reachable_lanes(
     nearest such lane within 8 m, else the nearest lane. Cyclists may use bike lanes.
     Columns are rows of the lane graph.
     """
-    distances = lane_distances(road_map)
-    graph, count = distances.graph, len(position_m)
+    graph, count = lane_graph(road_map), len(position_m)
     if not graph.lane_ids or not count:
         return np.zeros((count, len(graph.lane_ids)), bool)
     usable = usable_lanes(graph, kinds)
@@ -104,7 +92,7 @@ def reachable_lanes(
         lane = np.concatenate([lane, others[0]])
         along = np.concatenate([along, others[1]])
     start_m = np.full((count, len(graph.lane_ids)), np.inf)
-    ahead = distances.start_to_start_m[lane] - along[:, None]
+    ahead = start_to_start_m(road_map)[lane] - along[:, None]
     np.minimum.at(start_m, agent, ahead)
     start_m[agent, lane] = -np.inf
     return usable & (start_m <= reach_m[:, None] + spare_m)

@@ -365,12 +365,7 @@ def _chosen(
     agents, now = scenario.agents, scenario.current_step
     others = np.setdiff1d(np.flatnonzero(agents.is_valid[:, :now].any(axis=1)), rows)
     steps = np.arange(now - 1, -1, -1)
-    kept = BoxStates(
-        position_m=agents.position_m[others][:, steps],
-        heading_rad=agents.heading_rad[others][:, steps],
-        size_m=agents.size_m[others],
-        is_valid=agents.is_valid[others][:, steps],
-    )
+    kept = agents.at_steps(steps).taken(others)
     every = np.arange(len(plans.agent))
     free = _free_steps(plans.boxes(every), plans.num_steps, kept)
     number = np.bincount(plans.agent, minlength=len(rows))
@@ -397,17 +392,8 @@ def _served(
         chosen[agent], count[agent] = best, most
         mine = plans.boxes(chosen[[agent]])
         exists = np.arange(1, last + 1) <= most
-        taken = _joined(taken, replace(mine, is_valid=exists[None]))
+        taken = taken.joined(replace(mine, is_valid=exists[None]))
     return chosen, count
-
-
-def _joined(one: BoxStates, other: BoxStates) -> BoxStates:
-    return BoxStates(
-        position_m=np.concatenate([one.position_m, other.position_m]),
-        heading_rad=np.concatenate([one.heading_rad, other.heading_rad]),
-        size_m=np.concatenate([one.size_m, other.size_m]),
-        is_valid=np.concatenate([one.is_valid, other.is_valid]),
-    )
 
 
 def _free_steps(
@@ -429,6 +415,6 @@ def _free_steps(
     )
     if len(pairs):
         pairs[:, 1] += len(most)
-        pair, at = overlaps_of_pairs(pairs, _joined(boxes, taken))
+        pair, at = overlaps_of_pairs(pairs, boxes.joined(taken))
         np.minimum.at(free, pairs[pair, 0], at)
     return free

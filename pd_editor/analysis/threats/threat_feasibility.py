@@ -1,7 +1,7 @@
 """Feasibility of threats before a run, and what came of them, in words."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -111,29 +111,6 @@ def threat_obstacle(
     return found[0] if len(found) * 2 >= len(obstacles) else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class ThreatWords:
-    """A threat in words, and how far it is from what was asked."""
-
-    asked: str
-    achieved: str
-    error_m: float
-    """Difference of the gaps."""
-    is_met: bool
-
-
-def threat_in_words(aim: ThreatAim, found: Encounter) -> ThreatWords:
-    """Compare an encounter with what was asked."""
-    goal = "contact" if aim.is_contact else f"gap {aim.gap_m:.1f} m"
-    return ThreatWords(
-        asked=f"{goal} ({aim.approach})",
-        achieved=_in_words(found, aim.approach),
-        # Stands for a gap that was never counted.
-        error_m=abs(min(found.counted_gap_m, 1e3) - aim.gap_m),
-        is_met=meets(aim, found),
-    )
-
-
 def meets(aim: ThreatAim, found: Encounter) -> bool:
     """Whether an encounter is the asked near-miss or contact."""
     if aim.approach == "brakes" and found.braking_mps2 < HARD_BRAKING_MPS2:
@@ -144,7 +121,7 @@ def meets(aim: ThreatAim, found: Encounter) -> bool:
     return not found.is_contact and error <= GAP_TOLERANCE_M
 
 
-def _in_words(found: Encounter, approach: Approach) -> str:
+def encounter_in_words(found: Encounter, approach: Approach) -> str:
     """Gap or contact, side, relative speed, braking and least time to collision."""
     what = "contact" if found.is_contact else f"gap {found.gap_m:.1f} m"
     parts = [

@@ -519,5 +519,5 @@ def route_of(scenario: Scenario, agent_id: str) -> Float[np.ndarray, "N 2"]:
     plans = plan_paths(scenario.road_map, start, 12.0)
     path = np.flatnonzero(plans.role == Role.MAIN)
     path = int(path[0]) if len(path) else int(np.argmin(plans.role))
-    points = np.stack([plans.paths.x_m[path], plans.paths.y_m[path]], axis=-1)
+    points = plans.paths.points_m[path]
     return np.concatenate([way[moves], points[1:]])

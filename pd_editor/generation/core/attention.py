@@ -165,7 +165,7 @@ class DifferentialAttention(nn.Module):
         self, tokens: Float[Tensor, "B Q D"], seen: KeysValues
     ) -> Float[Tensor, "B Q D"]:
         """Attend from Q tokens to a set."""
-        weights, _ = self.scores(tokens, seen)
+        weights = self.scores(tokens, seen)
         found = torch.bmm(weights.flatten(0, 1), seen.values)
         if self.num_maps == 2:
             found = _normed(found.float()).to(found.dtype)
@@ -174,8 +174,8 @@ class DifferentialAttention(nn.Module):
 
     def scores(
         self, tokens: Float[Tensor, "B Q D"], seen: KeysValues
-    ) -> tuple[Float[Tensor, "B H Q K"], Mask]:
-        """Weights of the K tokens of the set, and their mask."""
+    ) -> Float[Tensor, "B H Q K"]:
+        """Weights of the K tokens of the set."""
         num_rows = self.num_heads * self.num_maps
         queries = self.to_queries(tokens).unflatten(-1, (num_rows, -1)).transpose(1, 2)
         logits = torch.bmm(queries.flatten(0, 1), seen.keys)
@@ -183,7 +183,7 @@ class DifferentialAttention(nn.Module):
         if seen.second_share is not None:
             first, second = weights.unflatten(1, (self.num_heads, 2)).unbind(2)
             weights = torch.addcmul(first, seen.second_share, second)
-        return weights, seen.mask
+        return weights
 
     def lambda_(self) -> Float[Tensor, ""]:
         """Weight of the second softmax."""
@@ -248,7 +248,7 @@ class EdgeAttention(nn.Module):
         The mask is of shape [N A 1 M], or has a row for each head. The result is 0 for
         a token without an edge, if there is one group only.
         """
-        weights, values = self._weights(tokens, edges, mask)
+        weights, values = self.scores(tokens, edges, mask)
         seen = torch.bmm(weights.flatten(0, 1), edges.flatten(0, 1))
         seen = seen.view(*tokens.shape[:2], -1)
         if values is not None:
@@ -261,15 +261,6 @@ class EdgeAttention(nn.Module):
         return found * mask.sees_any[:, :, 0]
 
     def scores(
-        self,
-        tokens: Float[Tensor, "N A D"],
-        edges: Float[Tensor, "N A M R"],
-        mask: Mask,
-    ) -> tuple[Float[Tensor, "N A H M"], Mask]:
-        """Weights of the M edges of each token, and their mask."""
-        return self._weights(tokens, edges, mask)[0], mask
-
-    def _weights(
         self,
         tokens: Float[Tensor, "N A D"],
         edges: Float[Tensor, "N A M R"],

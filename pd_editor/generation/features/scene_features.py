@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pd_editor.base.errors import GenerationError
 from pd_editor.generation.features.map_pieces import (
     boundary_pieces,
     lane_pieces,
@@ -78,15 +77,12 @@ def scene_features(
 ) -> SceneFeatures:
     """Compute the features of a scene at the current step.
 
-    ``agents`` are rows of the scenario; None means all road users at the current step.
+    ``agents`` are rows with a finite state; None means all road users that have one.
     Without candidates, C is 0; with ``knows_leaders``, some candidates follow the agent
     ahead. The horizon is always ``NUM_FUTURE_STEPS`` steps of ``STEP_S``, whatever the
     scenario's time axis is.
-
-    Raises:
-        GenerationError: a requested agent has no finite state at the current step.
     """
-    rows = _rows(scenario, agents)
+    rows = _road_users(scenario) if agents is None else np.asarray(agents, int)
     center = scene_center(scenario) if center_m is None else np.asarray(center_m, float)
     tracks, step = scenario.agents, scenario.current_step
     position, heading = tracks.position_m[rows, step], tracks.heading_rad[rows, step]
@@ -142,7 +138,7 @@ def seen_agents(
     In each layer of a network an agent sees its ``num_near`` neighbours. ``is_open`` are
     agents without a known trajectory: theirs is sampled as well, and depends on others.
     """
-    users = _rows(scenario, None)
+    users = _road_users(scenario)
     position = scenario.agents.position_m[users, scenario.current_step]
     sampled = np.isin(users, rows)
     while True:
@@ -171,21 +167,14 @@ def scene_center(scenario: Scenario) -> Float[np.ndarray, "2"]:
     return points.mean(axis=0) if len(points) else np.zeros(2)
 
 
-def _rows(scenario: Scenario, agents: np.ndarray | None) -> Int[np.ndarray, "A"]:
+def _road_users(scenario: Scenario) -> Int[np.ndarray, "A"]:
+    """Rows of the road users with a finite state at the current step."""
     tracks, step = scenario.agents, scenario.current_step
     usable = tracks.is_valid[:, step].copy()
     for values in (tracks.position_m, tracks.velocity_mps):
         usable &= np.isfinite(values[:, step]).all(axis=-1)
     usable &= np.isfinite(tracks.heading_rad[:, step])
-    if agents is None:
-        return np.flatnonzero(usable & tracks.kind_mask(ROAD_USER_KINDS))
-    rows = np.asarray(agents, int)
-    if not usable[rows].all():
-        name = tracks.ids[int(rows[~usable[rows]][0])]
-        raise GenerationError(
-            f"Agent {name} has no finite state at the current step; expected one."
-        )
-    return rows
+    return np.flatnonzero(usable & tracks.kind_mask(ROAD_USER_KINDS))
 
 
 def _near_pieces(

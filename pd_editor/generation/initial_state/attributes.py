@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from jaxtyping import Bool, Int
 
 from pd_editor.analysis.metrics.road import is_off_road
 from pd_editor.base.errors import GenerationError
@@ -22,6 +23,7 @@ from pd_editor.generation.initial_state.network.lane_distance import follows_lan
 from pd_editor.generation.inputs import SceneTensors
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
+from pd_editor.scene.generation import GenerationRequest
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 
@@ -34,6 +36,11 @@ class AttributeRequest:
     """Share of moving agents of each kind; None: as on similar roads."""
     only_on_road: bool = False
     """Whether there are no vehicles far from lanes, such as on parking lots."""
+
+    @classmethod
+    def of(cls, request: GenerationRequest) -> "AttributeRequest":
+        """What placed agents of a request are to be."""
+        return cls(moving_share=request.moving_share, only_on_road=request.only_on_road)
 
 
 def with_attributes(
@@ -65,7 +72,7 @@ def with_attributes(
         for one in (scene.piece_pose, scene.piece_shape, scene.piece_kind)
     ]
     has_piece = scene.has_piece.cpu().numpy()
-    is_sampled = (scene.has_agent & ~task.is_given).cpu().numpy()
+    is_sampled = _is_sampled(scene, task)
     offset = scene.agent_pose[..., :2].abs().amax(dim=-1)
     is_inside = offset <= task.half_side_m[:, None]
     is_present = scene.has_agent & task.is_given & is_inside
@@ -88,8 +95,7 @@ def with_attributes(
         codes[:, index, counted] = np.where(
             [sampled.moves, sampled.on_road], CONDITIONED_YES, CONDITIONED_NO
         )
-    moves, on_road = torch.from_numpy(codes).to(task.moves.device)
-    return replace(task, moves=moves, on_road=on_road * follows_lanes(scene))
+    return _with_codes(task, scene, codes)
 
 
 def with_attributes_of(
@@ -102,7 +108,7 @@ def with_attributes_of(
     Agents that are sampled again stay moving or not, and on the road or not; so the shares
     that were requested are kept. ``placed`` are each scene's sampled agents, in order.
     """
-    is_sampled = (scene.has_agent & ~task.is_given).cpu().numpy()
+    is_sampled = _is_sampled(scene, task)
     codes = np.zeros((2, *is_sampled.shape), int)
     for index, (scenario, agents) in enumerate(placed):
         step = scenario.current_step
@@ -111,6 +117,16 @@ def with_attributes_of(
         codes[:, index, is_sampled[index]] = np.where(
             [speed >= MOVING_MPS, is_on_road], CONDITIONED_YES, CONDITIONED_NO
         )
+    return _with_codes(task, scene, codes)
+
+
+def _is_sampled(scene: SceneTensors, task: Conditioning) -> Bool[np.ndarray, "B A"]:
+    return (scene.has_agent & ~task.is_given).cpu().numpy()
+
+
+def _with_codes(
+    task: Conditioning, scene: SceneTensors, codes: Int[np.ndarray, "2 B A"]
+) -> Conditioning:
     moves, on_road = torch.from_numpy(codes).to(task.moves.device)
     return replace(task, moves=moves, on_road=on_road * follows_lanes(scene))
 

@@ -43,7 +43,7 @@ class KeptPaths:
         late = LateAgents.of(scenario)
         moves[generated] = False
         # What enters later at the place of such an agent may be that agent, tracked again.
-        moves[np.setdiff1d(late.row, late.but_continuing(generated).row)] = False
+        moves[late.continuing(generated).row] = False
         return cls(
             boxes=agents.taken(np.flatnonzero(moves)).at_steps(steps),
             time_s=(steps - now) * scenario.time_axis.step_s,

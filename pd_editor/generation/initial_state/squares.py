@@ -1,6 +1,6 @@
 """Squares of a scene with the agents to place there, and which of them fit."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -30,7 +30,7 @@ from pd_editor.generation.initial_state.pipeline import (
 )
 from pd_editor.generation.initial_state.placement_rules import ConflictSearch, KeptPaths
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.generation import Region, TrafficSample
+from pd_editor.scene.generation import GenerationRequest, Region, TrafficSample
 from pd_editor.scene.roles.late_agents import LateAgents
 from pd_editor.scene.scenario import Scenario
 
@@ -53,21 +53,6 @@ class Square:
     """Factor of the usual number of agents."""
     color: int = 0
     """Squares of one colour, 0 to 3, do not touch."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Placement:
-    """Agents to place in a scene."""
-
-    resampled_ids: tuple[str, ...] = ()
-    num_new_agents: Mapping[AgentKind, int]
-    samples_num_agents: bool = False
-    """Whether the model samples the number of agents, which is at least that requested."""
-    density: float = 1.0
-    """Factor of the numbers of training squares."""
-    region: Region | None = None
-    """Region to fill; None: the mapped road around the focal agent."""
-    attributes: AttributeRequest
 
 
 def squares_of(
@@ -134,27 +119,29 @@ def squares_of(
 
 def placings_of(
     model: InitialStateDenoiser,
-    scenario: Scenario,
-    placement: Placement,
+    request: GenerationRequest,
+    density: float,
     random: np.random.Generator,
 ) -> tuple[SquarePlacement, ...]:
-    """Assign agents to squares, in order; squares without agents are left out.
+    """Assign the agents of a request to squares, in order; empty squares are left out.
 
     Resampled agents stay in their squares. New agents are distributed by the length of
-    lanes, or by the numbers that the model samples.
+    lanes, or by the numbers that the model samples, times the density.
 
     Raises:
         GenerationError: there are no lanes, or the model has no counts of agents.
     """
-    further = None
-    if len(placement.resampled_ids) > _MOST_IN_ORDER:
-        rows = scenario.agents.rows(placement.resampled_ids)
+    further, scenario = None, request.scenario
+    resampled_ids = request.resampled_state_ids
+    if len(resampled_ids) > _MOST_IN_ORDER:
+        rows = scenario.agents.rows(resampled_ids)
         further = scenario.agents.position_m[rows, scenario.current_step]
-    squares = squares_of(scenario, placement.region, further)
-    resampled = _squares_of_resampled(scenario, placement, squares, random)
-    kinds = _kinds_by_square(model, scenario, placement, squares, random)
+    squares = squares_of(scenario, request.region, further)
+    resampled = _squares_of_resampled(scenario, resampled_ids, squares, random)
+    kinds = _kinds_by_square(model, request, density, squares, random)
     ids = new_agent_ids(scenario, sum(map(len, kinds)))
-    in_turns = len(placement.resampled_ids) + len(ids) > _MOST_IN_ORDER
+    in_turns = len(resampled_ids) + len(ids) > _MOST_IN_ORDER
+    traits = AttributeRequest.of(request)
     placings: list[SquarePlacement] = []
     first = 0
     for index, square in enumerate(squares):
@@ -165,7 +152,7 @@ def placings_of(
                 new_ids=ids[first : first + count],
                 new_kinds=kinds[index],
                 region=square.region,
-                traits=placement.attributes,
+                traits=traits,
                 square=index,
                 turn=square.color if in_turns else None,
             )
@@ -176,12 +163,11 @@ def placings_of(
 
 def _squares_of_resampled(
     scenario: Scenario,
-    placement: Placement,
+    ids: tuple[str, ...],
     squares: Sequence[Square],
     random: np.random.Generator,
 ) -> list[tuple[str, ...]]:
     """Ids of resampled agents by square: their own, or else one along the lanes."""
-    ids = placement.resampled_ids
     if len(squares) == 1 or not ids:
         return [ids, *[()] * (len(squares) - 1)]
     agents, step = scenario.agents, scenario.current_step
@@ -203,15 +189,15 @@ def _squares_of_resampled(
 
 def _kinds_by_square(
     model: InitialStateDenoiser,
-    scenario: Scenario,
-    placement: Placement,
+    request: GenerationRequest,
+    density: float,
     squares: Sequence[Square],
     random: np.random.Generator,
 ) -> list[tuple[AgentKind, ...]]:
     numbers: list[dict[AgentKind, int]] = [{} for _ in squares]
-    if placement.samples_num_agents:
-        numbers = _missing_numbers(model, scenario, placement, squares, random)
-    for kind, number in placement.num_new_agents.items():
+    if request.samples_num_agents:
+        numbers = _missing_numbers(model, request, density, squares, random)
+    for kind, number in request.num_new_agents.items():
         missing = number - sum(one.get(kind, 0) for one in numbers)
         for index in _spread(max(missing, 0), squares, random):
             numbers[index][kind] = numbers[index].get(kind, 0) + 1
@@ -220,8 +206,8 @@ def _kinds_by_square(
 
 def _missing_numbers(
     model: InitialStateDenoiser,
-    scenario: Scenario,
-    placement: Placement,
+    request: GenerationRequest,
+    density: float,
     squares: Sequence[Square],
     random: np.random.Generator,
 ) -> list[dict[AgentKind, int]]:
@@ -230,9 +216,9 @@ def _missing_numbers(
     The numbers of the first square are sampled; the other squares have the same density,
     because training squares are not similar to the edge of a map.
     """
-    only_on_road = placement.attributes.only_on_road
+    only_on_road = request.only_on_road
     contents = [
-        SquareContent.of(scenario, one.region, only_on_road=only_on_road)
+        SquareContent.of(request.scenario, one.region, only_on_road=only_on_road)
         for one in squares
         if one.density
     ]
@@ -241,7 +227,7 @@ def _missing_numbers(
     found: list[dict[AgentKind, int]] = []
     # Squares without new agents come last.
     for square, content in zip(squares, contents, strict=False):
-        share = placement.density
+        share = density
         if content is not first:
             share *= square.density * content.lane_m / max(first.lane_m, 1.0)
         wanted = {
@@ -364,7 +350,7 @@ def colliding_with_kept(
     # Whatever enters later at an agent's own place may be that agent, tracked again.
     late, old = LateAgents.of(scenario), rows[~np.isin(sample.ids, list(new_ids))]
     is_kept = ~is_placed
-    is_kept[np.setdiff1d(late.row, late.but_continuing(old).row)] = False
+    is_kept[late.continuing(old).row] = False
     both = np.concatenate([pairs, pairs[:, ::-1]])
     hit = both[is_placed[both[:, 0]] & is_kept[both[:, 1]], 0]
     return tuple(agents.ids[row] for row in np.unique(hit))

@@ -126,8 +126,7 @@ def with_yielding(
     """
     now, agents = scenario.current_step, scenario.agents
     driven = sample.applied_to(agents, rows, now)
-    late = LateAgents.of(scenario)
-    doubles = np.setdiff1d(late.row, late.but_continuing(rows).row)
+    doubles = LateAgents.of(scenario).continuing(rows).row
     if len(doubles):
         driven = driven.with_rows(doubles, is_valid=np.array(False))
     threats = {name for one in threats_in_force(terms) for name in one.named_ids}

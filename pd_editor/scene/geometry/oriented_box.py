@@ -1,11 +1,12 @@
 """Oriented boxes: values, corners and overlap area."""
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+_States = TypeVar("_States", bound="BoxStates")
 _CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) / 2
 
 
@@ -104,6 +105,32 @@ class BoxStates:
             size_m=self.size_m,
             is_valid=self.is_valid[:, steps],
         )
+
+    def taken(self: _States, rows: Any) -> _States:
+        """Select agents by indices, in that order, or by a mask."""
+        index = np.asarray(rows)
+        index = np.flatnonzero(index) if index.dtype == bool else index.astype(int)
+        values: dict[str, Any] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            values[one.name] = (
+                value[index]
+                if isinstance(value, np.ndarray)
+                else tuple(value[row] for row in index)
+            )
+        return type(self)(**values)
+
+    def joined(self: _States, other: _States) -> _States:
+        """Concatenate: these agents, then the other ones."""
+        values: dict[str, Any] = {}
+        for one in fields(self):
+            mine, theirs = getattr(self, one.name), getattr(other, one.name)
+            values[one.name] = (
+                np.concatenate([mine, theirs])
+                if isinstance(mine, np.ndarray)
+                else mine + theirs
+            )
+        return type(self)(**values)
 
 
 def overlap_area(

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -155,6 +156,18 @@ class PlannedPaths:
         along = choice.along_m[route[on_route], None] + reached_m[on_route]
         beyond[on_route] = np.maximum(along - ends[route[on_route], None], 0.0)
         return beyond
+
+
+@lru_cache(maxsize=64)
+def current_paths(
+    road_map: RoadMap,
+    agents: AgentTracks,
+    step: int,
+    rows: tuple[int, ...],
+    duration_s: float,
+) -> PlannedPaths:
+    """Paths of agents from a step on; guidance asks for them again while terms change."""
+    return plan_paths(road_map, Start.at(agents, step, np.array(rows)), duration_s)
 
 
 def plan_paths(

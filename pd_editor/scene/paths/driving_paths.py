@@ -36,6 +36,11 @@ class DrivingPaths:
     speed_limit_mps: Float[np.ndarray, "P M"]
     """Speed limit from the curve here and, with comfortable braking, from those ahead."""
 
+    @property
+    def points_m(self) -> Float[np.ndarray, "P M 2"]:
+        """Positions of the points."""
+        return np.stack([self.x_m, self.y_m], axis=-1)
+
     def taken(self, path: Int[np.ndarray, "K"]) -> "DrivingPaths":
         """Select paths, in that order."""
         return DrivingPaths(

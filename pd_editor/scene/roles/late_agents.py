@@ -51,6 +51,10 @@ class LateAgents:
         """Those that continue the track of none of some agents."""
         return self._taken(~self.continues[:, rows].any(axis=1))
 
+    def continuing(self, rows: Int[np.ndarray, "G"]) -> "LateAgents":
+        """Those that continue the track of any of some agents."""
+        return self._taken(self.continues[:, rows].any(axis=1))
+
     def entering_by(self, step: int) -> "LateAgents":
         """Those that enter at a step or before."""
         return self._taken(self.entry_step <= step)

@@ -3,11 +3,11 @@ import shapely
 
 from pd_editor.analysis.metrics.lanes import (
     lane_deviation,
-    lane_distances,
     nearest_edge,
     off_lane,
     path_length_m,
     reachable_lanes,
+    start_to_start_m,
 )
 from pd_editor.analysis.metrics.road import map_points, nearest_points, paths_within
 from pd_editor.analysis.metrics.traffic_view import recorded_traffic
@@ -140,7 +140,7 @@ def test_points_within_reach_are_those_of_all_distances(av2_scenario_folders):
 def test_driving_distances_follow_lanes_and_lane_changes():
     graph = lane_graph(scenario_with(straight_drivers([])).road_map)
     road_map = scenario_with(straight_drivers([])).road_map
-    distance = lane_distances(road_map).start_to_start_m
+    distance = start_to_start_m(road_map)
     row = graph.row_of
     assert distance[row[1], row[2]] == 150
     assert distance[row[1], row[4]] == 150

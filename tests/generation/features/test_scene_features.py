@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.base.errors import GenerationError
 from pd_editor.generation.features.scene_features import (
     MOST_PIECES,
     NUM_CANDIDATES,
@@ -293,15 +292,13 @@ def test_agents_may_be_chosen():
     assert np.allclose(found.agent_pose[0], [8, -1, 0])
 
 
-def test_states_that_are_not_finite_are_left_out_or_refused():
+def test_states_that_are_not_finite_are_left_out():
     agents = straight_drivers([(0, 0, 0, 10), (20, 0, 0, 5)])
     velocity = agents.velocity_mps.copy()
     velocity[1, TimeAxis().current_step, 0] = np.nan
     scenario = scenario_with(replace(agents, velocity_mps=velocity))
     found = scene_features(scenario)
     assert found.agent_row.tolist() == [0]
-    with pytest.raises(GenerationError, match="101 has no finite state"):
-        scene_features(scenario, agents=np.array([0, 1]))
 
 
 def test_futures_with_a_gap_do_not_count():

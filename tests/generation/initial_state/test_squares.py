@@ -13,18 +13,16 @@ from torch import Tensor
 
 from pd_editor.base.errors import GenerationError
 from pd_editor.generation.core.sampler import Denoise, SamplerStep, sample_steps
-from pd_editor.generation.initial_state.attributes import AttributeRequest
 from pd_editor.generation.initial_state.network.denoiser import InitialStateDenoiser
 from pd_editor.generation.initial_state.pipeline import SquarePlacement
 from pd_editor.generation.initial_state.sampler import InitialStateSamplerConfig
 from pd_editor.generation.initial_state.squares import (
-    Placement,
     placings_of,
     squares_of,
 )
 from pd_editor.generation.path_diffuser import PathDiffuser
 from pd_editor.scene.agent_kind import Activity, AgentKind
-from pd_editor.scene.generation import Region
+from pd_editor.scene.generation import GenerationRequest, Region
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.scenario import Scenario
 from tests.builders import scenario_with, straight_drivers, straight_lane
@@ -64,10 +62,21 @@ def model(diffuser: PathDiffuser) -> InitialStateDenoiser:
 
 
 def placed(
-    model: InitialStateDenoiser, scenario: Scenario, seed: int = 0, **asked: object
+    model: InitialStateDenoiser,
+    scenario: Scenario,
+    seed: int = 0,
+    *,
+    density: float = 1.0,
+    resampled_ids: tuple[str, ...] = (),
+    **asked: Any,
 ) -> tuple[SquarePlacement, ...]:
-    given: dict = {"num_new_agents": {}, "attributes": AttributeRequest(), **asked}
-    return placings_of(model, scenario, Placement(**given), np.random.default_rng(seed))
+    request = GenerationRequest(
+        scenario=scenario,
+        agent_ids=resampled_ids,
+        resampled_state_ids=resampled_ids,
+        **asked,
+    )
+    return placings_of(model, request, density, np.random.default_rng(seed))
 
 
 def test_squares_cover_the_mapped_road_from_the_focal_agent_outwards(wide: Scenario):

@@ -30,10 +30,11 @@ from pd_editor.analysis.threats.encounter import (
 )
 from pd_editor.analysis.threats.threat_feasibility import (
     OBSTACLES,
+    encounter_in_words,
     expected_tracks,
+    meets,
     obstacle_in_words,
     recorded_track,
-    threat_in_words,
     threat_obstacle,
 )
 from pd_editor.analysis.threats.threat_plans import ThreatAim, ThreatObstacle
@@ -301,27 +302,29 @@ def _threat_outcome(term: Threaten, driven: Driven) -> Measured | None:
     if first is None or second is None:
         return None
     found = encounter(first, second, driven.step_s, term.approach)
-    words = threat_in_words(ThreatAim.of(term.approach, term.severity), found)
+    aim = ThreatAim.of(term.approach, term.severity)
+    is_met = meets(aim, found)
     until = round(found.at_s / driven.step_s)
     hit = _first_hit(driven, term, until)
-    achieved, obstacle = words.achieved, None
+    achieved, obstacle = encounter_in_words(found, aim.approach), None
     if hit is not None:
         achieved += f", but hits {hit[0]} after {hit[1]:.1f} s"
-    if not words.is_met:
+    if not is_met:
         ids = driven.sample.ids
         obstacle = _obstacle_past(driven.scenario, term, (second,), ids)
     if obstacle is not None:
         other, duration_s = f"agent {term.other_id}", driven.step_s * driven.num_steps
         why = obstacle_in_words(obstacle, term.approach, other, duration_s)
         achieved += f"; as {other} moves, {why}"
-    elif not words.is_met and hit is None:
+    elif not is_met and hit is None:
         achieved += "; the model can drive none of the ways that meet it"
     return Measured(
-        asked=words.asked,
+        asked=f"{'contact' if aim.is_contact else f'gap {aim.gap_m:.1f} m'} ({aim.approach})",
         achieved=achieved,
-        error=words.error_m,
+        # Stands for a gap that was never counted.
+        error=abs(min(found.counted_gap_m, 1e3) - aim.gap_m),
         unit="m",
-        is_obeyed=words.is_met and hit is None,
+        is_obeyed=is_met and hit is None,
         is_feasible=obstacle is None,
     )
 

@@ -466,8 +466,7 @@ def _line_outcome(
     (row,) = driven.rows
     sample, followed = driven.sample, _followed(line_m, driven)
     path, length = followed.path, followed.length_m
-    points = np.stack([path.x_m, path.y_m], axis=-1)
-    along, beside = FrenetFrames(points_m=points).to_frenet(
+    along, beside = FrenetFrames(points_m=path.points_m).to_frenet(
         sample.position_m[row, None]
     )
     counted = along[0] <= length

@@ -300,12 +300,7 @@ class InitialStateDenoiser(nn.Module):
             dim=-1,
         )
         return InitialStateContext(
-            map_keys_values=road_map.keys_values,
-            map_tokens=(
-                None
-                if road_map.near is None
-                else road_map.near.seen_by(scene.agent_kind)
-            ),
+            road_map=road_map.seen_by(scene.agent_kind),
             agent=self._agent_token(scene, task, has_agent),
             pairs=self.pair_sizes_in(pairs)[:, None],
             boxes=BoxPairs.of(scene.agent_size) if self.config.sees_box_gaps else None,
@@ -450,8 +445,8 @@ class InitialStateDenoiser(nn.Module):
         token = token + (context.agent[:, None] + level.token)
         folds, num_versions = self.config.folds_turns, token.shape[1]
         near, of_groups, near_edges, near_mask = None, [], None, None
-        if context.map_tokens is not None:
-            near = context.map_tokens.near(poses, level.near, folds_turns=folds)
+        if context.road_map.near is not None:
+            near = context.road_map.near.near(poses, level.near, folds_turns=folds)
             of_groups, near_edges = self._near_edges(near)
             near_mask = near.mask.mapped(self._for_heads)
             relations = agent_relations(
@@ -468,7 +463,9 @@ class InitialStateDenoiser(nn.Module):
                 lambda one: one.repeat_interleave(num_versions, 0)
             ),
         )
-        for layer, seen in zip(self._layers(), context.map_keys_values, strict=True):
+        for layer, seen in zip(
+            self._layers(), context.road_map.keys_values, strict=True
+        ):
             token = layer(token + level.token, seen, edges)
         in_own_frame, speed, in_scene, for_proposals, activity = self.output(
             self.norm(token)

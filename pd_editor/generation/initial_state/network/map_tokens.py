@@ -326,22 +326,25 @@ def _relations(
 
 
 class EncodedMap(NamedTuple):
-    """Values that depend on the map tokens of B scenes only."""
+    """Values that depend on the map tokens of B scenes."""
 
     keys_values: tuple[KeysValues, ...]
     """Keys and values of all tokens, by layer."""
     near: MapTokens | None
     """Tokens for the search of those near an agent; None without relations."""
 
+    def seen_by(self, agent_kind: Int[Tensor, "B A"]) -> "EncodedMap":
+        """The map with the distances of agents of some kinds."""
+        near = None if self.near is None else self.near.seen_by(agent_kind)
+        return self._replace(near=near)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialStateContext:
     """Values that do not depend on noisy states, for B scenes of A agents."""
 
-    map_keys_values: tuple[KeysValues, ...]
-    """Keys and values of all map tokens, by layer."""
-    map_tokens: MapTokens | None
-    """Map tokens for the search of those near an agent; None without relations."""
+    road_map: EncodedMap
+    """The map, as its agents see it."""
     agent: Float[Tensor, "B A D"]
     pairs: Float[Tensor, "B 1 A A R"]
     """Contribution of both agents' sizes to the embedding of each pair."""

@@ -42,7 +42,6 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
 from pd_editor.scene.geometry.oriented_box import box_corners
 from pd_editor.scene.paths.car_following import ACCELERATION_MPS2
 from pd_editor.scene.paths.drawn_path import FollowedPath, lane_line, path_to_follow
-from pd_editor.scene.paths.driving_paths import DrivingPaths
 from pd_editor.scene.thresholds import FIRM_ACCELERATION_MPS2
 
 
@@ -75,7 +74,7 @@ class PathTerm(AgentsTerm):
         paths = [one.path for one in lines]
         most = max(one.x_m.shape[1] for one in paths)
         curves = [
-            _with_nodes(_even_curves(context.tensor(_points_m(one))[None]), most)
+            _with_nodes(_even_curves(context.tensor(one.points_m)[None]), most)
             for one in paths
         ]
         limit = [
@@ -348,10 +347,6 @@ def _passing(
         return plan.passed_s(place_m, other, is_there, motion.step_s)
 
     return passed_s
-
-
-def _points_m(path: DrivingPaths) -> Float[np.ndarray, "1 M 2"]:
-    return np.stack([path.x_m, path.y_m], axis=-1)
 
 
 def _even_curves(points_m: Float[Tensor, "S G M 2"]) -> Curves:

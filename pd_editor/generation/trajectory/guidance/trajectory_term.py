@@ -37,7 +37,7 @@ is the network's own: the result is projected to them (``TermGuide``).
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -49,10 +49,8 @@ from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.generation.defaults import check_settings
 from pd_editor.generation.trajectory.guidance.latent_motion import PredictedMotion
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.guidance_terms import GuidanceTerm
-from pd_editor.scene.paths.candidate_grid import PlannedPaths, Start, plan_paths
-from pd_editor.scene.road_map import RoadMap
+from pd_editor.scene.paths.candidate_grid import current_paths
 from pd_editor.scene.scenario import Scenario
 
 
@@ -192,7 +190,7 @@ class TermContext:
     ) -> tuple[Float[Tensor, "G P M 2"], Bool[Tensor, "G P"]]:
         scenario = self.scenario
         rows = scenario.agents.rows(self.ids[one] for one in agents)
-        plans = _plans(
+        plans = current_paths(
             scenario.road_map,
             scenario.agents,
             scenario.current_step,
@@ -205,8 +203,7 @@ class TermContext:
         most = int(slot.max(initial=0)) + 1
         points = np.zeros((len(agents), most, plans.paths.x_m.shape[1], 2))
         exists = np.zeros((len(agents), most), bool)
-        points[agent, slot, :, 0] = plans.paths.x_m[order]
-        points[agent, slot, :, 1] = plans.paths.y_m[order]
+        points[agent, slot] = plans.paths.points_m[order]
         exists[agent, slot] = True
         return self.tensor(points), torch.from_numpy(exists).to(self.like.device)
 
@@ -316,18 +313,6 @@ class AgentsTerm(ABC):
     def config(self) -> TermGuidance:
         """Accepted deviations and limits."""
         return self.guided.context.config
-
-
-@lru_cache(maxsize=32)
-def _plans(
-    road_map: RoadMap,
-    agents: AgentTracks,
-    step: int,
-    rows: tuple[int, ...],
-    duration_s: float,
-) -> PlannedPaths:
-    """Planned paths, which stay the same while a goal is dragged."""
-    return plan_paths(road_map, Start.at(agents, step, np.array(rows)), duration_s)
 
 
 def row_weights(

@@ -16,9 +16,9 @@ from pd_editor.analysis.threats.encounter import (
     limits_of,
 )
 from pd_editor.analysis.threats.threat_feasibility import (
+    encounter_in_words,
     meets,
     recorded_track,
-    threat_in_words,
 )
 from pd_editor.analysis.threats.threat_plans import ThreatAim
 from pd_editor.generation.path_diffuser import PathDiffuser
@@ -89,12 +89,11 @@ def test_kept_agent_is_threatened_as_asked_within_limits(
         until=until,
     )
     assert used.is_possible.all()
-    words = threat_in_words(aim, found)
-    assert words.is_met
-    assert words.error_m <= 0.5
-    assert approach in words.asked
-    assert ("contact" if severity == 1 else "gap") in words.achieved
-    assert "relative speed" in words.achieved
+    assert meets(aim, found)
+    assert abs(found.counted_gap_m - aim.gap_m) <= 0.5
+    words = encounter_in_words(found, approach)
+    assert ("contact" if severity == 1 else "gap") in words
+    assert "relative speed" in words
 
 
 @pytest.mark.parametrize("settings", [(SINGLE,), ()])
