@@ -21,7 +21,8 @@ from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.policy import LEAST_PLAN_S, Controls, Observation
-from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.roles.focal_agent import driven_id
+from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.top_view import DPI, Frame, TopView, pixels
 
 NUM_ROUTE_POINTS: Final = 20
@@ -64,7 +65,7 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
         scene: str | Path = "signalised-junction",
         *,
         recipe: str | Path = "",
-        ego: str = EGO_ID,
+        ego: str = "",
         model: str = SHIPPED_MODEL,
         duration_s: float = 20.0,
         render_mode: str | None = None,
@@ -74,13 +75,14 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
         Args:
             scene: what ``open_scenario`` takes.
             recipe: file or folder of a recipe, in place of a scene.
-            ego: id of the agent that is driven.
+            ego: id of the agent that is driven; the ego, or the focal agent where there is
+                none, unless given.
             model: what generates the traffic.
             duration_s: length of an episode.
             render_mode: "rgb_array" or None.
         """
         self._options = {"scene": scene, "recipe": recipe}
-        self._ego, self._model, self._duration_s = ego, model, duration_s
+        self._asked, self._model, self._duration_s = ego, model, duration_s
         self.render_mode = render_mode
         limits = np.array([[-6.0, -0.2], [3.0, 0.2]], np.float32)
         self.action_space = spaces.Box(limits[0], limits[1])
@@ -108,8 +110,10 @@ class DriveEnv(gymnasium.Env[Seen, np.ndarray]):
                 f"There is no option {min(map(str, unknown))!r} of reset; expected scene "
                 "or recipe."
             )
+        scenario = _opened(**asked)
+        self._ego = self._asked or driven_id(scenario)
         request = RollOutRequest(
-            scenario=_opened(**asked),
+            scenario=scenario,
             duration_s=self._duration_s,
             policies={self._ego: self._held},
             answer_s=None,

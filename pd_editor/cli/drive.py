@@ -43,7 +43,8 @@ from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME
 from pd_editor.generation.generators import SHIPPED_MODEL, make_generator
 from pd_editor.scene.generation import GuidanceReport
 from pd_editor.scene.policy import Policy
-from pd_editor.scene.scenario import EGO_ID, Scenario
+from pd_editor.scene.roles.focal_agent import driven_id
+from pd_editor.scene.scenario import Scenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +74,7 @@ class DriveOptions(WishOptions, PartOptions, ManyOptions):
             constructor=tuple[str, ...],
         ),
     ] = ()
-    ego: Annotated[str, shown("ID")] = EGO_ID
+    ego: Annotated[str, shown("ID", "(default: AV, else the focal agent)")] = ""
     also: Annotated[
         str | tuple[str, ...] | Mapping[str, str | Policy],
         tyro.conf.arg(
@@ -129,6 +130,7 @@ def drive(scenario: str, options: DriveOptions) -> Outcome:
     if len(set(labels)) < len(labels):
         raise InputError(f"Two policies have one name: {', '.join(labels)}.")
     opened = open_part(scenario, options.cut)
+    options = replace(options, ego=options.ego or driven_id(opened))
     run = _Run(
         opened=opened,
         request=RollOutRequest(

@@ -6,7 +6,9 @@ import numpy as np
 
 import pd_editor
 from pd_editor.cli.output import read_plans
-from pd_editor.editor.scenario_store import open_scenario
+from pd_editor.editor.commands import DeleteAgents
+from pd_editor.editor.scenario_store import export_into, open_scenario
+from pd_editor.editor.session import EditorSession
 from pd_editor.experiments.closed_loop.policies import policy_of
 from tests.cli.shell import JUNCTION, Shell, files_of
 
@@ -119,6 +121,18 @@ def test_what_is_no_policy_is_refused(shell: Shell, tmp_path: Path, monkeypatch)
             :60
         ] in shell.refused("drive", JUNCTION, "--policies", f"{path}:P", *out)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_focal_agent_is_driven_where_there_is_no_ego(tmp_path: Path):
+    """Maps that were filled have no ego, and each drive had to name somebody."""
+    session = EditorSession(open_scenario(JUNCTION))
+    session.apply(DeleteAgents(agent_ids=("AV",)))
+    scene = export_into(tmp_path, session.scenario, session.recipe())
+    driven = pd_editor.drive(
+        scene, policies="idm", seconds=1, model="lane-follower", out=tmp_path / "out"
+    )
+    recipe = json.loads((driven.folders[0] / "recipe.json").read_text())
+    assert recipe["commands"][-1]["policies"] == {session.scenario.focal_id: "idm"}
 
 
 def test_drives_over_scenes_are_reported_and_go_on(shell: Shell, tmp_path: Path):

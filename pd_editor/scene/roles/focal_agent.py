@@ -12,7 +12,7 @@ from pd_editor.scene.agent_kind import (
     AgentCategory,
 )
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, Scenario
 
 MOVING_MPS: Final = 1.0
 """Least mean speed over the future of a moving agent."""
@@ -28,6 +28,13 @@ def focal_place_m(scenario: Scenario) -> Float[np.ndarray, "2"]:
     if row is None or not agents.is_valid[row, step]:
         return np.zeros(2)
     return agents.position_m[row, step]
+
+
+def driven_id(scenario: Scenario) -> str:
+    """Id of whom a policy drives unless another is named: the ego, else the focal agent."""
+    there = scenario.agents.row_of
+    has_only_focal = EGO_ID not in there and scenario.focal_id in there
+    return scenario.focal_id if has_only_focal else EGO_ID
 
 
 def with_focal_agent(
