@@ -8,7 +8,6 @@ Clips follow statistics of 35 scenarios of Argoverse 2's train split:
 - half of the tracks are within 40 m of the ego, nine of ten within 86 m.
 """
 
-import dataclasses
 import uuid
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -26,7 +25,7 @@ from pd_editor.scene.agent_kind import (
     true_activity,
 )
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.geometry.angles import wrap_angle
+from pd_editor.scene.geometry.angles import turned, wrap_angle
 from pd_editor.scene.road_map import DrivableArea, RoadMap
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
 from pd_editor.scene.signals import signals_of_lanes
@@ -109,35 +108,32 @@ def noisy(
     drives = np.clip(tracks.speed_mps() / 3.0, 0.0, 1.0)
     along = noise.standing_m + (noise.along_m - noise.standing_m) * drives
     across = noise.standing_m + (noise.across_m - noise.standing_m) * drives
-    position = _turned(
-        along * factor[0] * blur(noise.position_width_s),
-        across * factor[1] * blur(noise.position_width_s),
-        tracks.heading_rad,
+    position = np.stack(
+        [
+            along * factor[0] * blur(noise.position_width_s),
+            across * factor[1] * blur(noise.position_width_s),
+        ],
+        axis=-1,
     )
     turn = noise.heading_rad * (0.3 + 0.7 * drives)
     turn = turn * factor[3] * blur(noise.position_width_s)
     change = 0.005 + 0.995 * drives
-    velocity = _turned(
-        noise.velocity_along_mps * change * factor[2] * blur(noise.velocity_width_s),
-        noise.velocity_across_mps * change * factor[2] * blur(noise.velocity_width_s),
-        tracks.heading_rad,
+    strength_mps = (noise.velocity_along_mps, noise.velocity_across_mps)
+    velocity = np.stack(
+        [
+            one * change * factor[2] * blur(noise.velocity_width_s)
+            for one in strength_mps
+        ],
+        axis=-1,
     )
-    is_valid = tracks.is_valid
-    return dataclasses.replace(
+    is_valid, heading = tracks.is_valid, tracks.heading_rad
+    position, velocity = turned(position, heading), turned(velocity, heading)
+    return replace(
         tracks,
         position_m=tracks.position_m + np.where(is_valid[..., None], position, 0.0),
-        heading_rad=wrap_angle(tracks.heading_rad + np.where(is_valid, turn, 0.0)),
+        heading_rad=wrap_angle(heading + np.where(is_valid, turn, 0.0)),
         velocity_mps=tracks.velocity_mps + np.where(is_valid[..., None], velocity, 0.0),
     )
-
-
-def _turned(
-    along: Float[np.ndarray, "A T"],
-    across: Float[np.ndarray, "A T"],
-    heading: Float[np.ndarray, "A T"],
-) -> Float[np.ndarray, "A T 2"]:
-    cos, sin = np.cos(heading), np.sin(heading)
-    return np.stack([along * cos - across * sin, along * sin + across * cos], axis=-1)
 
 
 def seen(
@@ -268,12 +264,12 @@ def has_focal_agent(recording: Recording, window: Window) -> bool:
     """Whether the window's focal agent is in the square and exists at all steps."""
     if window.focal_id not in recording.ids:
         return False
-    row = recording.ids.index(window.focal_id)
-    start, end = recording.first_row[row : row + 2]
-    at = window.current_step - int(recording.first_step[row])
-    if at < PAST_STEPS or at + FUTURE_STEPS >= end - start:
+    agent, step = recording.ids.index(window.focal_id), window.current_step
+    begin, end = recording.first_step[agent], recording.end_step[agent]
+    if step - PAST_STEPS < begin or step + FUTURE_STEPS >= end:
         return False
-    away = np.abs(recording.position_m[start + at] - np.array(window.center_m))
+    (row,) = recording.row_at(np.array([agent]), step)
+    away = np.abs(recording.position_m[row] - np.array(window.center_m))
     return bool(away.max() <= SIDE_M / 2)
 
 
@@ -294,8 +290,7 @@ def _gathered(
 ) -> tuple[Int[np.ndarray, "A"], AgentTracks]:
     """Rows in the recording, and tracks, of the agents that enter the square."""
     counts = np.diff(recording.first_row)
-    ends = recording.first_step + counts
-    common = np.minimum(ends, first + num_steps) - np.maximum(
+    common = np.minimum(recording.end_step, first + num_steps) - np.maximum(
         recording.first_step, first
     )
     low, high = np.array(window.center_m) + side_m / 2 * np.array([[-1], [1]])

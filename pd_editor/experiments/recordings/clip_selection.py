@@ -3,7 +3,7 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from pd_editor.experiments.recordings.clip import FUTURE_STEPS, PAST_STEPS
 from pd_editor.experiments.recordings.recording import Recording, Window
@@ -93,19 +93,21 @@ def _eligible(
     recording: Recording, step: int, weight: Float[np.ndarray, "A"]
 ) -> Int[np.ndarray, "E"]:
     """Agents that exist throughout the window and move in it."""
-    ends = recording.first_step + np.diff(recording.first_row)
     begins, lasts = step - PAST_STEPS, step + FUTURE_STEPS
-    is_there = (recording.first_step <= begins) & (ends > lasts) & (weight > 0)
-    rows = np.flatnonzero(is_there)
+    rows = np.flatnonzero(_is_there(recording, begins, lasts) & (weight > 0))
     way = _position(recording, rows, lasts) - _position(recording, rows, begins)
     return rows[np.linalg.norm(way, axis=-1) >= MIN_FOCAL_PATH_M]
+
+
+def _is_there(recording: Recording, first: int, last: int) -> Bool[np.ndarray, "A"]:
+    """Which agents exist from a step to another one."""
+    return (recording.first_step <= first) & (recording.end_step > last)
 
 
 def _position(
     recording: Recording, rows: Int[np.ndarray, "E"], step: int
 ) -> Float[np.ndarray, "E 2"]:
-    at = recording.first_row[rows] + step - recording.first_step[rows]
-    return recording.position_m[at]
+    return recording.position_m[recording.row_at(rows, step)]
 
 
 def _spread_weight(
@@ -127,9 +129,7 @@ def _neighbour_weight(place: Float[np.ndarray, "E 2"]) -> Float[np.ndarray, "E"]
 
 def _in_traffic(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
     """Agents that exist at a step and are not parked."""
-    ends = recording.first_step + np.diff(recording.first_row)
-    is_there = (recording.first_step <= step) & (ends > step)
-    return np.flatnonzero(is_there & ~recording.is_parked)
+    return np.flatnonzero(_is_there(recording, step, step) & ~recording.is_parked)
 
 
 def _density_weight(
@@ -142,10 +142,9 @@ def _density_weight(
 
 def _starting(recording: Recording, step: int) -> Int[np.ndarray, "S"]:
     """Rows of stationary agents that move before the window's end."""
-    ends = recording.first_step + np.diff(recording.first_row)
-    is_there = (recording.first_step <= step) & (ends > step + FUTURE_STEPS)
+    is_there = _is_there(recording, step, step + FUTURE_STEPS)
     rows = np.flatnonzero(is_there & ~recording.is_parked)
-    at = recording.first_row[rows] + step - recording.first_step[rows]
+    at = recording.row_at(rows, step)
     stands = np.linalg.norm(recording.velocity_mps[at], axis=-1) < STANDING_MPS
     way = recording.position_m[at + FUTURE_STEPS] - recording.position_m[at]
     return rows[stands & (np.linalg.norm(way, axis=-1) > 1.0)]

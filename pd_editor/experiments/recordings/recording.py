@@ -28,12 +28,85 @@ from pd_editor.scene.signals import Signal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recording:
-    """Simulated tracks of A agents; P states of all agents, one agent after another.
+class TrafficTracks:
+    """Tracks of A road users; P states of all of them, one user after another."""
 
-    The frame is that of the road map. Positions are box centres, headings point
-    where the vehicle points, velocities are rates of change of the positions.
-    """
+    ids: tuple[str, ...]
+    kinds: tuple[AgentKind, ...]
+    size_m: Float[np.ndarray, "A 2"]
+    """True length and width."""
+    first_step: Int[np.ndarray, "A"]
+    """Step of the first state of each."""
+    first_row: Int[np.ndarray, "A_plus_1"]
+    """Agent a has the rows from ``first_row[a]`` to before ``first_row[a + 1]``."""
+    position_m: Float[np.ndarray, "P 2"]
+    """Box centres."""
+    heading_rad: Float[np.ndarray, "P"]
+    """Where vehicles point."""
+    velocity_mps: Float[np.ndarray, "P 2"]
+    """Rates of change of the positions."""
+
+    def __post_init__(self) -> None:
+        count = len(self.ids)
+        assert len(self.kinds) == len(self.size_m) == len(self.first_step) == count
+        assert len(self.first_row) == count + 1
+        assert self.first_row[-1] == len(self.position_m) == len(self.heading_rad)
+
+    @cached_property
+    def end_step(self) -> Int[np.ndarray, "A"]:
+        """Step after the last state of each road user."""
+        return self.first_step + np.diff(self.first_row)
+
+    def row_at(self, agents: Int[np.ndarray, "N"], step: int) -> Int[np.ndarray, "N"]:
+        """Rows of the states of some road users, who are there, at a step."""
+        return self.first_row[agents] + step - self.first_step[agents]
+
+    @cached_property
+    def agent(self) -> Int[np.ndarray, "P"]:
+        """Index of the road user of each state."""
+        return np.repeat(np.arange(len(self.ids)), np.diff(self.first_row))
+
+    @cached_property
+    def step(self) -> Int[np.ndarray, "P"]:
+        """Step of each state."""
+        row = np.arange(len(self.position_m))
+        return self.first_step[self.agent] + row - self.first_row[self.agent]
+
+    def taken(self, wanted: Bool[np.ndarray, "A"]) -> "TrafficTracks":
+        """Select road users by a mask."""
+        rows = wanted[self.agent]
+        kept = np.flatnonzero(wanted)
+        counts = np.diff(self.first_row)[kept]
+        return TrafficTracks(
+            ids=tuple(self.ids[agent] for agent in kept),
+            kinds=tuple(self.kinds[agent] for agent in kept),
+            size_m=self.size_m[kept],
+            first_step=self.first_step[kept],
+            first_row=np.concatenate([[0], np.cumsum(counts)]).astype(int),
+            position_m=self.position_m[rows],
+            heading_rad=self.heading_rad[rows],
+            velocity_mps=self.velocity_mps[rows],
+        )
+
+    def joined(self, other: "TrafficTracks") -> "TrafficTracks":
+        """Concatenate: these road users, then others of the same recording."""
+        return TrafficTracks(
+            ids=(*self.ids, *other.ids),
+            kinds=(*self.kinds, *other.kinds),
+            size_m=np.concatenate([self.size_m, other.size_m]),
+            first_step=np.concatenate([self.first_step, other.first_step]),
+            first_row=np.concatenate(
+                [self.first_row, self.first_row[-1] + other.first_row[1:]]
+            ),
+            position_m=np.concatenate([self.position_m, other.position_m]),
+            heading_rad=np.concatenate([self.heading_rad, other.heading_rad]),
+            velocity_mps=np.concatenate([self.velocity_mps, other.velocity_mps]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording(TrafficTracks):
+    """Simulated tracks, in the frame of a road map."""
 
     name: str
     """Unique name in a dataset, such as ``roundabout-00017``."""
@@ -44,27 +117,10 @@ class Recording:
     """Origin of the recording's frame in city coordinates."""
     step_s: float
     num_steps: int
-    ids: tuple[str, ...]
-    kinds: tuple[AgentKind, ...]
-    size_m: Float[np.ndarray, "A 2"]
-    """True length and width."""
     is_parked: Bool[np.ndarray, "A"]
     """Whether an agent is parked for the whole recording."""
-    first_step: Int[np.ndarray, "A"]
-    """Step of each agent's first row."""
-    first_row: Int[np.ndarray, "A_plus_1"]
-    """Agent a has the rows from ``first_row[a]`` to before ``first_row[a + 1]``."""
-    position_m: Float[np.ndarray, "P 2"]
-    heading_rad: Float[np.ndarray, "P"]
-    velocity_mps: Float[np.ndarray, "P 2"]
     signals: tuple[Signal, ...] = ()
     """Traffic signals, with their states at all steps."""
-
-    def __post_init__(self) -> None:
-        count = len(self.ids)
-        assert len(self.kinds) == len(self.size_m) == len(self.first_step) == count
-        assert len(self.first_row) == count + 1
-        assert self.first_row[-1] == len(self.position_m) == len(self.heading_rad)
 
     @cached_property
     def extent_m(self) -> Float[np.ndarray, "2 A 2"]:
@@ -129,8 +185,7 @@ def coded_recording(recording: Recording) -> tuple[dict[str, Any], bytes, bytes]
     about["still"] = np.flatnonzero(is_still).tolist()
     numbers = numbers[_is_coded(recording.first_row, is_still)]
     first_row = _coded_first_row(np.diff(recording.first_row), is_still)
-    rows = b"".join(coded(one, first_row) for one in numbers.T)
-    return about, rows, points
+    return about, coded(numbers, first_row), points
 
 
 def _is_still(
@@ -176,14 +231,8 @@ def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Reco
     coded_first_row = _coded_first_row(counts, is_still)
     times = np.ones(coded_first_row[-1], int)
     times[coded_first_row[:-1][is_still]] = counts[is_still]
-    size = len(rows) // len(_STEPS)
-    columns = [
-        np.repeat(
-            decoded(rows[k * size : (k + 1) * size], coded_first_row) * step,
-            times,
-        )
-        for k, step in enumerate(_STEPS)
-    ]
+    numbers = decoded(rows, coded_first_row, len(_STEPS))
+    states = np.repeat(numbers * _STEPS, times, axis=0)
     return Recording(
         name=about["name"],
         road_map=decoded_map(about["map"], points),
@@ -197,9 +246,9 @@ def decoded_recording(about: dict[str, Any], rows: bytes, points: bytes) -> Reco
         is_parked=is_parked,
         first_step=first_step,
         first_row=first_row,
-        position_m=np.stack(columns[:2], axis=-1),
-        heading_rad=wrap_angle(columns[2]),
-        velocity_mps=np.stack(columns[3:], axis=-1),
+        position_m=states[:, :2],
+        heading_rad=wrap_angle(states[:, 2]),
+        velocity_mps=states[:, 3:],
         signals=tuple(
             _decoded_signal(one, about["num_steps"]) for one in about.get("signals", ())
         ),
@@ -269,7 +318,7 @@ def coded_map(road_map: RoadMap) -> tuple[dict[str, Any], bytes]:
     points = np.concatenate([np.zeros((0, _AXES)), *road_map.polylines])
     numbers = np.rint(points / MAP_STEP_M).astype(np.int64)
     first_row = _first_row(about["counts"])
-    return about, b"".join(coded(axis, first_row) for axis in numbers.T)
+    return about, coded(numbers, first_row)
 
 
 def decoded_map(about: dict[str, Any], data: bytes) -> RoadMap:
@@ -279,14 +328,7 @@ def decoded_map(about: dict[str, Any], data: bytes) -> RoadMap:
         KeyError, TypeError, ValueError: the values are not those of a map.
     """
     first_row = _first_row(about["counts"])
-    if len(data) % _AXES:
-        raise ValueError("points lack a coordinate")
-    size = len(data) // _AXES
-    axes = [
-        decoded(data[axis * size : (axis + 1) * size], first_row)
-        for axis in range(_AXES)
-    ]
-    points = np.stack(axes, axis=-1) * MAP_STEP_M
+    points = decoded(data, first_row, _AXES) * MAP_STEP_M
     lines = [points[a:b] for a, b in itertools.pairwise(first_row)]
     num_lanes, num_crosswalks = len(about["lanes"]), len(about["crosswalks"])
     split = 3 * num_lanes + 2 * num_crosswalks
@@ -348,9 +390,9 @@ _ORDER: Final = 2
 
 
 def coded(
-    values: Int[np.ndarray, "P"], first_row: Int[np.ndarray, "S_plus_1"]
+    values: Int[np.ndarray, "P C"], first_row: Int[np.ndarray, "S_plus_1"]
 ) -> bytes:
-    """Encode series s, the rows from ``first_row[s]`` to before ``first_row[s + 1]``."""
+    """Encode columns of series s, the rows from ``first_row[s]`` to before that of s + 1."""
     assert np.abs(values, dtype=np.int64).max(initial=0) < MAX_MAGNITUDE // 4**_ORDER
     numbers = values.astype(np.int64)
     starts = first_row[:-1][np.diff(first_row) > 0]
@@ -359,27 +401,31 @@ def coded(
         before[starts] = 0
         numbers = numbers - before
     folded = np.where(numbers < 0, -2 * numbers - 1, 2 * numbers).astype("<u4")
-    planes = folded.view(np.uint8).reshape(-1, _PLANES)
-    return planes.T.tobytes()
+    planes = np.ascontiguousarray(folded).view(np.uint8)
+    return planes.reshape(*folded.shape, _PLANES).transpose(1, 2, 0).tobytes()
 
 
 def decoded(
-    data: bytes, first_row: Int[np.ndarray, "S_plus_1"]
-) -> Int[np.ndarray, "P"]:
+    data: bytes, first_row: Int[np.ndarray, "S_plus_1"], num_columns: int
+) -> Int[np.ndarray, "P C"]:
     """Decode series; inverse of ``coded``.
 
     Raises:
         ValueError: the number of bytes is not that of the series.
     """
-    count = int(first_row[-1])
-    if len(data) != count * _PLANES:
-        raise ValueError(f"{len(data)} bytes do not hold {count} numbers")
-    planes = np.frombuffer(data, np.uint8).reshape(_PLANES, count)
-    folded = np.ascontiguousarray(planes.T).view("<u4")[:, 0].astype(np.int64)
+    shape = (num_columns, _PLANES, int(first_row[-1]))
+    if len(data) != np.prod(shape):
+        raise ValueError(
+            f"{len(data)} bytes do not hold {num_columns} columns of {shape[-1]} numbers"
+        )
+    planes = np.frombuffer(data, np.uint8).reshape(shape).transpose(2, 0, 1)
+    folded = np.ascontiguousarray(planes).view("<u4")[..., 0].astype(np.int64)
     numbers = np.where(folded & 1, -(folded + 1) // 2, folded // 2)
     lengths = np.diff(first_row)
     for _ in range(_ORDER):
-        total = np.cumsum(numbers)
-        before = np.concatenate([[0], total])[first_row[:-1]]
-        numbers = total - np.repeat(before, lengths)
+        total = np.cumsum(numbers, axis=0)
+        before = np.concatenate([np.zeros((1, num_columns), int), total])[
+            first_row[:-1]
+        ]
+        numbers = total - np.repeat(before, lengths, axis=0)
     return numbers

@@ -18,7 +18,7 @@ from pd_editor.analysis.metrics.distribution_distance import (
 from pd_editor.analysis.metrics.lanes import nearest_edge
 from pd_editor.analysis.metrics.motion import Kinematics, kinematics, motion_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
-from pd_editor.analysis.metrics.values import MaskedValues
+from pd_editor.analysis.metrics.values import METRICS, MaskedValues
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.recordings.clip import TrackingNoise
 from pd_editor.experiments.recordings.shards import SHARD_SUFFIX, ShardReader
@@ -168,15 +168,21 @@ def _quantities() -> tuple[Quantity, ...]:
         quantities.append(Quantity(name=name, unit=unit, bins=bins, measure=measure))
 
     def as_in_tables(name: str, metric: str, measure: _Measure) -> None:
-        bins, unit = histogram_of(metric, "ours"), _UNITS[metric]
+        bins, unit = histogram_of(metric, "ours"), METRICS[metric].unit
         quantities.append(Quantity(name=name, unit=unit, bins=bins, measure=measure))
 
     as_in_tables("speed", "speed", lambda s: _motion(s, "speed"))
     as_in_tables("speed of the moving", "speed", _speed_of_moving)
     add("standing", "share", 0, 1, 2, lambda s: _motion(s, "standing"))
     add("standing that start", "share", 0, 1, 2, _starts)
-    as_in_tables("nearest agent", "nearest_distance", _nearest)
-    as_in_tables("local density", "local_density", _density)
+    as_in_tables(
+        "nearest agent",
+        "nearest_distance",
+        lambda s: nearest_distance(s.motor_vehicles),
+    )
+    as_in_tables(
+        "local density", "local_density", lambda s: local_density(s.motor_vehicles)
+    )
     as_in_tables("lateral deviation", "nearest_edge", lambda s: _edge(s, 0))
     as_in_tables("angular deviation", "nearest_edge_angle", lambda s: _edge(s, 1))
     add("offset from lane, moving", "m", 0, 4, 20, lambda s: _offset(s, moving=True))
@@ -209,18 +215,6 @@ def _quantities() -> tuple[Quantity, ...]:
     return tuple(quantities)
 
 
-_UNITS: Final = {
-    "speed": "m/s",
-    "nearest_distance": "m",
-    "local_density": "m",
-    "nearest_edge": "m",
-    "nearest_edge_angle": "deg",
-    "path_length": "m",
-    "longitudinal_acceleration": "m/s^2",
-    "lateral_acceleration": "m/s^2",
-}
-
-
 def _rows(value: np.ndarray, is_valid: np.ndarray | None = None) -> MaskedValues:
     valid = np.ones(value.shape, bool) if is_valid is None else is_valid
     return MaskedValues(value=np.asarray(value, float), is_valid=valid)
@@ -240,14 +234,6 @@ def _starts(scene: MeasuredScene) -> MaskedValues:
     away = np.linalg.norm(agents.position_m[:, -1] - agents.position_m[:, 0], axis=-1)
     # Least displacement of a start; tracks of parked vehicles drift by up to this.
     return _rows(away > 2.0, stands & agents.is_valid.all(axis=1))
-
-
-def _nearest(scene: MeasuredScene) -> MaskedValues:
-    return nearest_distance(scene.motor_vehicles)
-
-
-def _density(scene: MeasuredScene) -> MaskedValues:
-    return local_density(scene.motor_vehicles)
 
 
 def _edge(scene: MeasuredScene, which: int) -> MaskedValues:

@@ -45,41 +45,6 @@ _SPEED_MPS: Final = (11.5, 13.5, 16.0)
 """Speed limits of roads with one, two and more lanes; Argoverse 2 maps have none."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LaneNetFile:
-    """A net file with the lane intervals along each of its lanes."""
-
-    path: Path
-    lane_intervals: Mapping[str, tuple[LaneInterval, ...]]
-    has_signals: bool
-
-
-def write_lane_net(lines: LaneLines, network: LaneRoads, folder: Path) -> LaneNetFile:
-    """Let netconvert determine right of way, then restore the lanes' centre lines.
-
-    netconvert shortens lanes at junctions; the priorities that it determines remain
-    valid for the original centre lines.
-
-    Raises:
-        SynthesisError: SUMO is missing, or refused the network.
-    """
-    path = run_netconvert(
-        folder,
-        _nodes(lines, network),
-        _edges(lines, network),
-        _connections(lines, network),
-        "--junctions.join false --check-lane-foes.all",
-    )
-    tree = ElementTree.parse(path)
-    lane_intervals = _with_own_lines(lines, network, tree.getroot())
-    tree.write(path, encoding="utf-8")
-    return LaneNetFile(
-        path=path,
-        lane_intervals=lane_intervals,
-        has_signals=tree.getroot().find("tlLogic") is not None,
-    )
-
-
 def _nodes(lines: LaneLines, network: LaneRoads) -> Iterator[ElementTree.Element]:
     kinds = _node_kinds(lines, network)
     for index, (x, y) in enumerate(junction_points(lines, network)):
@@ -287,7 +252,9 @@ def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
     """Convert a map, which becomes the road map of the network.
 
     Lanes outside junctions become edges, adjacent lanes one edge. Lanes in junctions
-    become connections, for which SUMO applies right of way.
+    become connections, for which SUMO applies right of way. netconvert shortens lanes at
+    junctions; the priorities that it determines remain valid for the original centre
+    lines, which are restored.
 
     Raises:
         SynthesisError: the map has no lanes, or SUMO is missing or refused them.
@@ -296,21 +263,31 @@ def network_of_map(road_map: RoadMap, name: str, folder: Path) -> Av2Network:
         raise SynthesisError(f"Map {name} has no lanes to drive on.")
     folder.mkdir(parents=True, exist_ok=True)
     lines = LaneLines(road_map=road_map)
-    net = write_lane_net(lines, lane_roads(lines), folder)
+    network = lane_roads(lines)
+    path = run_netconvert(
+        folder,
+        _nodes(lines, network),
+        _edges(lines, network),
+        _connections(lines, network),
+        "--junctions.join false --check-lane-foes.all",
+    )
+    tree = ElementTree.parse(path)
+    lane_intervals = _with_own_lines(lines, network, tree.getroot())
+    tree.write(path, encoding="utf-8")
     return Av2Network(
         name=name,
         family=FAMILY,
         folder=folder,
-        net_file=net.path,
+        net_file=path,
         road_map=road_map,
         lane_of_sumo={
             sumo_id: tuple(dict.fromkeys(part.lane_id for part in parts))
-            for sumo_id, parts in net.lane_intervals.items()
+            for sumo_id, parts in lane_intervals.items()
         },
-        has_signals=net.has_signals,
+        has_signals=tree.getroot().find("tlLogic") is not None,
         parking_strips_m=parking_strips(road_map),
         footways=footways_of(road_map),
-        lane_intervals=net.lane_intervals,
+        lane_intervals=lane_intervals,
     )
 
 

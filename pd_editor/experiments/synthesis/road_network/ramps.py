@@ -31,7 +31,7 @@ from pd_editor.experiments.synthesis.road_network.streets import (
     residential,
     sample_curve_kind,
 )
-from pd_editor.scene.geometry.angles import left_of, unit_vector
+from pd_editor.scene.geometry.angles import left_of, turned, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length, offset_line, point_at
 
 
@@ -300,19 +300,11 @@ def _slip(
     end, onward = pose_at(departure, slip_m, 1.0)
     ends = f"fork{leg}", f"join{out}"
     line = between_poses(
-        start, _turned(ahead, -_SLIP_RAD), end, _turned(onward, _SLIP_RAD)
+        start, turned(ahead, -_SLIP_RAD), end, turned(onward, _SLIP_RAD)
     )
     slip = builder.one_way(*ends, line, (lane,), 8.5)
     builder.connect(slip, f"join{out}-far{out}", (lane,), [(0, 0)])
     builder.removed.append((f"fork{leg}-c", f"c-join{out}"))
-
-
-def _turned(direction: Float[np.ndarray, "2"], angle: float) -> Float[np.ndarray, "2"]:
-    """Rotate a direction to the left by an angle."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array(
-        [c * direction[0] - s * direction[1], s * direction[0] + c * direction[1]]
-    )
 
 
 def _side_streets(
@@ -330,6 +322,6 @@ def _side_streets(
     for name, angle in (("left", np.pi / 2), ("right", -np.pi / 2)):
         if random.random() < 0.8:
             end = f"far{leg}.{name}"
-            away = _turned(ahead, angle + float(random.normal(0.0, 0.1)))
+            away = turned(ahead, angle + float(random.normal(0.0, 0.1)))
             builder.node(end, here + float(random.uniform(70, 110)) * away)
             builder.street(f"far{leg}", end, builder.line_m(f"far{leg}", end), style)

@@ -41,9 +41,8 @@ def generate_winding_street(random: np.random.Generator) -> PlainNetwork:
     points = _bends(random)
     names = [f"w{k}" for k in range(len(points))]
     has_side = [0 < k < len(points) - 1 for k in range(len(points))]
-    parts = through_points(np.array(points), random.uniform(-0.5, 0.5, len(points)))
-    line = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-    at = [float(arc_length(line[: k + 1])[-1]) for k in _ends_of(parts)[:-1]]
+    swing = random.uniform(-0.5, 0.5, len(points))
+    line, at = through_points(np.array(points), swing)
     for name, point, inner in zip(names, points, has_side, strict=True):
         kind = NodeKind.PRIORITY
         if inner:
@@ -80,11 +79,6 @@ def generate_dead_ends(random: np.random.Generator) -> PlainNetwork:
         for side in _sides(random):
             _dead_end(builder, names[k], line, place, side, random)
     return builder.network(crossing_width_m(random))
-
-
-def _ends_of(parts: list[Float[np.ndarray, "_ 2"]]) -> list[int]:
-    """Indices of the last points of parts of one line."""
-    return [int(row) for row in np.cumsum([len(part) - 1 for part in parts])]
 
 
 def _sides(random: np.random.Generator) -> list[int]:

@@ -158,8 +158,7 @@ def _middle(
         turn = float(random.uniform(-_MAX_TURN_RAD, _MAX_TURN_RAD))
         return curve(points_m[0], points_m[1], kind, turn)
     swing = random.uniform(-0.2, 0.2, len(points_m))
-    parts = through_points(points_m, swing)
-    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    return through_points(points_m, swing)[0]
 
 
 def _streets(roads: list[tuple[str, str]]) -> list[list[str]]:

@@ -135,14 +135,20 @@ def sample_main_line(
 
 def through_points(
     points_m: Float[np.ndarray, "N 2"], swing_rad: Float[np.ndarray, "N"]
-) -> list[Float[np.ndarray, "_ 2"]]:
-    """Smooth line through points, as parts; its directions there are rotated left."""
+) -> tuple[Float[np.ndarray, "M 2"], list[float]]:
+    """Smooth line through points, whose directions there are rotated left.
+
+    Also returns the arc lengths of the points between its ends.
+    """
     heading = np.arctan2(*np.gradient(points_m, axis=0).T[::-1]) + swing_rad
     ahead = unit_vector(heading)
-    return [
+    parts = [
         between_poses(points_m[k], ahead[k], points_m[k + 1], ahead[k + 1])
         for k in range(len(points_m) - 1)
     ]
+    line = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    ends = np.cumsum([len(part) - 1 for part in parts[:-1]], dtype=int)
+    return line, arc_length(line)[ends].tolist()
 
 
 def random_warp(

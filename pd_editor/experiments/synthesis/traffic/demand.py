@@ -2,7 +2,6 @@
 
 import heapq
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +17,7 @@ from pd_editor.experiments.synthesis.traffic.demand_config import (
     sample_pedestrian_type,
     sample_vehicle_type,
 )
-from pd_editor.scene.formats.sumo_net import SumoLane, Turn, read_sumo_net
+from pd_editor.scene.formats.sumo_net import SumoLane, SumoNet, read_sumo_net
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,8 +25,6 @@ class TrafficEdge:
     """One direction of a road between two junctions."""
 
     edge_id: str
-    start_junction: str
-    end_junction: str
     lanes: tuple[SumoLane, ...]
 
     @property
@@ -58,8 +55,15 @@ class TrafficEdge:
 class TrafficGraph:
     """Normal edges of a SUMO network, and the turns between them."""
 
-    edges: Mapping[str, TrafficEdge]
-    turns: tuple[Turn, ...]
+    net: SumoNet
+
+    @cached_property
+    def edges(self) -> dict[str, TrafficEdge]:
+        """Edges by their ids."""
+        return {
+            name: TrafficEdge(edge_id=name, lanes=tuple(self.net.lanes_of_edge[name]))
+            for name in self.net.junction_of
+        }
 
     @cached_property
     def sidewalk_edges(self) -> tuple[TrafficEdge, ...]:
@@ -73,9 +77,8 @@ class TrafficGraph:
             for edge in self.edges.values()
             if edge.lanes_for(vehicle_class)
         }
-        lanes = {lane.sumo_id: lane for e in self.edges.values() for lane in e.lanes}
-        for turn in self.turns:
-            start, end = lanes[turn.start], lanes[turn.end]
+        for turn in self.net.turns:
+            start, end = self.net.lanes[turn.start], self.net.lanes[turn.end]
             if (
                 turn.direction != "t"
                 and vehicle_class in start.admitted & end.admitted
@@ -91,19 +94,7 @@ def read_traffic_graph(net_file: Path) -> TrafficGraph:
     Raises:
         FormatError: the file is missing or no SUMO network.
     """
-    net = read_sumo_net(net_file)
-    return TrafficGraph(
-        edges={
-            name: TrafficEdge(
-                edge_id=name,
-                start_junction=start,
-                end_junction=end,
-                lanes=tuple(net.lanes_of_edge[name]),
-            )
-            for name, (start, end) in net.junction_of.items()
-        },
-        turns=net.turns,
-    )
+    return TrafficGraph(net=read_sumo_net(net_file))
 
 
 TURN_SHARE: Final = {"s": 0.0, "L": 0.3, "R": 0.3, "l": 1.0, "r": 0.8}

@@ -10,13 +10,13 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
+from pd_editor.experiments.recordings.recording import TrafficTracks
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.parking_bays import (
     ParkingBay,
     kerb_lanes,
 )
 from pd_editor.experiments.synthesis.traffic.demand_config import ParkingOptions
-from pd_editor.experiments.synthesis.traffic.tracks import TrafficTracks
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.lines import Lines
 from pd_editor.scene.geometry.oriented_box import Boxes, box_corners

@@ -9,16 +9,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from pd_editor.experiments.recordings.recording import TrafficTracks
 from pd_editor.experiments.synthesis.road_network.footways import Crossing, Footways
 from pd_editor.experiments.synthesis.traffic.demand_config import (
     DemandOptions,
     WalkingOptions,
     sample_pedestrian_type,
 )
-from pd_editor.experiments.synthesis.traffic.tracks import (
-    TrafficTracks,
-    overlapping_pairs,
-)
+from pd_editor.experiments.synthesis.traffic.tracks import overlapping_pairs
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector
 from pd_editor.scene.geometry.polyline import (

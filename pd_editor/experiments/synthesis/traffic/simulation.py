@@ -2,14 +2,14 @@
 
 import tempfile
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from pd_editor.base.errors import SynthesisError
-from pd_editor.experiments.recordings.recording import Recording
+from pd_editor.experiments.recordings.recording import Recording, TrafficTracks
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.simulation_output import (
     STATES_NAME,
@@ -34,7 +34,6 @@ from pd_editor.experiments.synthesis.traffic.parked_vehicles import (
 )
 from pd_editor.experiments.synthesis.traffic.pedestrians import sample_pedestrians
 from pd_editor.experiments.synthesis.traffic.tracks import (
-    TrafficTracks,
     has_artefact,
     traffic_tracks,
     without_overlaps,
@@ -107,8 +106,7 @@ def finished_recording(
         )
         tracks = tracks.joined(pedestrians)
     parked = sample_parked_vehicles(network, tracks, options.parking, random)
-    found = _recording(network, seed, tracks, parked, num_steps)
-    return replace(found, signals=signals)
+    return _recording(network, seed, tracks, parked, signals, num_steps)
 
 
 def _traffic(
@@ -196,32 +194,31 @@ def _recording(
     seed: int,
     tracks: TrafficTracks,
     parked: Boxes,
+    signals: tuple[Signal, ...],
     num_steps: int,
 ) -> Recording:
     num_parked = len(parked.heading_rad)
-    counts = np.concatenate([np.diff(tracks.first_row), np.full(num_parked, num_steps)])
+    standing = TrafficTracks(
+        ids=tuple(f"parked-{row:04d}" for row in range(num_parked)),
+        kinds=(AgentKind.VEHICLE,) * num_parked,
+        size_m=parked.size_m,
+        first_step=np.zeros(num_parked, int),
+        first_row=np.arange(num_parked + 1) * num_steps,
+        position_m=np.repeat(parked.position_m, num_steps, axis=0),
+        heading_rad=np.repeat(parked.heading_rad, num_steps),
+        velocity_mps=np.zeros((num_parked * num_steps, 2)),
+    )
+    everyone = tracks.joined(standing)
     return Recording(
+        **{one.name: getattr(everyone, one.name) for one in fields(everyone)},
         name=f"{network.name}-{seed}",
         road_map=network.road_map,
         city=network.family,
         origin_city_m=np.zeros(2),
         step_s=STEP_S,
         num_steps=num_steps,
-        ids=(*tracks.ids, *(f"parked-{row:04d}" for row in range(num_parked))),
-        kinds=(*tracks.kinds, *[AgentKind.VEHICLE] * num_parked),
-        size_m=np.concatenate([tracks.size_m, parked.size_m]),
-        is_parked=np.arange(len(counts)) >= len(tracks.ids),
-        first_step=np.concatenate([tracks.first_step, np.zeros(num_parked, int)]),
-        first_row=np.concatenate([[0], np.cumsum(counts)]).astype(int),
-        position_m=np.concatenate(
-            [tracks.position_m, np.repeat(parked.position_m, num_steps, axis=0)]
-        ),
-        heading_rad=np.concatenate(
-            [tracks.heading_rad, np.repeat(parked.heading_rad, num_steps)]
-        ),
-        velocity_mps=np.concatenate(
-            [tracks.velocity_mps, np.zeros((num_parked * num_steps, 2))]
-        ),
+        is_parked=np.arange(len(everyone.ids)) >= len(tracks.ids),
+        signals=signals,
     )
 
 

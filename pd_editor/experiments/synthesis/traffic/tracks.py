@@ -1,13 +1,12 @@
 """Tracks of simulated road users: SUMO's states as smooth tracks, without its artefacts."""
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.metrics.box_overlaps import boxes_touch
+from pd_editor.experiments.recordings.recording import TrafficTracks
 from pd_editor.experiments.synthesis.sumo.simulation_output import RawTracks
 from pd_editor.experiments.synthesis.traffic.demand_config import SampledType
 from pd_editor.scene.agent_kind import AgentKind
@@ -22,62 +21,6 @@ VEHICLE_SMOOTHING_S: Final = 0.3
 
 PEDESTRIAN_SMOOTHING_S: Final = 0.5
 """The same for pedestrians, which SUMO moves sideways between discrete stripes."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TrafficTracks:
-    """Tracks of A road users; P states of all of them, one user after another."""
-
-    ids: tuple[str, ...]
-    kinds: tuple[AgentKind, ...]
-    size_m: Float[np.ndarray, "A 2"]
-    first_step: Int[np.ndarray, "A"]
-    first_row: Int[np.ndarray, "A_plus_1"]
-    position_m: Float[np.ndarray, "P 2"]
-    heading_rad: Float[np.ndarray, "P"]
-    velocity_mps: Float[np.ndarray, "P 2"]
-
-    @cached_property
-    def agent(self) -> Int[np.ndarray, "P"]:
-        """Index of the road user of each state."""
-        return np.repeat(np.arange(len(self.ids)), np.diff(self.first_row))
-
-    @cached_property
-    def step(self) -> Int[np.ndarray, "P"]:
-        """Step of each state."""
-        row = np.arange(len(self.position_m))
-        return self.first_step[self.agent] + row - self.first_row[self.agent]
-
-    def taken(self, wanted: Bool[np.ndarray, "A"]) -> "TrafficTracks":
-        """Select road users by a mask."""
-        rows = wanted[self.agent]
-        kept = np.flatnonzero(wanted)
-        counts = np.diff(self.first_row)[kept]
-        return TrafficTracks(
-            ids=tuple(self.ids[agent] for agent in kept),
-            kinds=tuple(self.kinds[agent] for agent in kept),
-            size_m=self.size_m[kept],
-            first_step=self.first_step[kept],
-            first_row=np.concatenate([[0], np.cumsum(counts)]).astype(int),
-            position_m=self.position_m[rows],
-            heading_rad=self.heading_rad[rows],
-            velocity_mps=self.velocity_mps[rows],
-        )
-
-    def joined(self, other: "TrafficTracks") -> "TrafficTracks":
-        """Concatenate: these road users, then others of the same recording."""
-        return TrafficTracks(
-            ids=(*self.ids, *other.ids),
-            kinds=(*self.kinds, *other.kinds),
-            size_m=np.concatenate([self.size_m, other.size_m]),
-            first_step=np.concatenate([self.first_step, other.first_step]),
-            first_row=np.concatenate(
-                [self.first_row, self.first_row[-1] + other.first_row[1:]]
-            ),
-            position_m=np.concatenate([self.position_m, other.position_m]),
-            heading_rad=np.concatenate([self.heading_rad, other.heading_rad]),
-            velocity_mps=np.concatenate([self.velocity_mps, other.velocity_mps]),
-        )
 
 
 def traffic_tracks(
@@ -220,8 +163,7 @@ def overlapping_pairs(
         walks = np.array([kind is AgentKind.PEDESTRIAN for kind in tracks.kinds], bool)
         pairs = pairs[~walks[pairs].all(axis=1)]
     first = tracks.first_step[pairs].max(axis=1)
-    end = tracks.first_step + np.diff(tracks.first_row)
-    count = np.maximum(end[pairs].min(axis=1) - first, 0)
+    count = np.maximum(tracks.end_step[pairs].min(axis=1) - first, 0)
     pair, index = numbered(count)
     step = first[pair] + index
     rows = (tracks.first_row[:-1] - tracks.first_step)[pairs[pair]] + step[:, None]

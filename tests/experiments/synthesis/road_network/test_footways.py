@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import shapely
 
+from pd_editor.experiments.recordings.recording import TrafficTracks
 from pd_editor.experiments.synthesis.road_network.footways import OUTSIDE_M, footways_of
 from pd_editor.experiments.synthesis.traffic.demand_config import DemandOptions
 from pd_editor.experiments.synthesis.traffic.pedestrians import sample_pedestrians
 from pd_editor.experiments.synthesis.traffic.tracks import (
-    TrafficTracks,
     overlapping_pairs,
 )
 from pd_editor.scene.agent_kind import AgentKind

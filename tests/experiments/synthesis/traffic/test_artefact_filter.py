@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
+from pd_editor.experiments.recordings.recording import TrafficTracks
 from pd_editor.experiments.synthesis.sumo.simulation_output import RawTracks
 from pd_editor.experiments.synthesis.traffic.demand_config import (
     MODELS,
@@ -11,7 +12,6 @@ from pd_editor.experiments.synthesis.traffic.demand_config import (
     sample_vehicle_type,
 )
 from pd_editor.experiments.synthesis.traffic.tracks import (
-    TrafficTracks,
     has_artefact,
     overlapping_pairs,
     traffic_tracks,

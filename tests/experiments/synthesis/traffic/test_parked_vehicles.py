@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import shapely
 
+from pd_editor.experiments.recordings.recording import TrafficTracks
 from pd_editor.experiments.synthesis.road_network.network import Network
 from pd_editor.experiments.synthesis.sumo.parking_bays import ParkingBay
 from pd_editor.experiments.synthesis.traffic.demand_config import ParkingOptions
 from pd_editor.experiments.synthesis.traffic.parked_vehicles import (
     sample_parked_vehicles,
 )
-from pd_editor.experiments.synthesis.traffic.tracks import TrafficTracks
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.oriented_box import Boxes
 from pd_editor.scene.road_map import RoadMap
