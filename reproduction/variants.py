@@ -25,14 +25,14 @@ from pd_editor.cli.synth import synth
 from pd_editor.cli.train import train
 from pd_editor.experiments.training.run_config import RunConfig
 from pd_editor.experiments.training.run_folder import CONFIG_NAME, RunFolder
-from pd_editor.experiments.training.run_request import (
+from pd_editor.experiments.training.settings import (
     SAMPLING,
     RunRequest,
     StageName,
     new_config,
     section_of,
+    settings_of,
 )
-from pd_editor.experiments.training.settings import settings_of
 from reproduction.__main__ import PaperTables, make_tables
 
 FOLDER = Path(__file__).parents[1] / "examples" / "variants"

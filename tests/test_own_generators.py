@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pd_editor.experiments.training.run_request import (
+from pd_editor.experiments.training.settings import (
     RunRequest,
     StageName,
     new_config,
+    settings_of,
 )
-from pd_editor.experiments.training.settings import settings_of
 from pd_editor.scene import (
     agent_tracks,
     generation,

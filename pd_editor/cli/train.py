@@ -32,7 +32,7 @@ from pd_editor.generation.generators import SHIPPED_MODEL
 
 if TYPE_CHECKING:
     from pd_editor.experiments.training.monitoring import SampleCheck
-    from pd_editor.experiments.training.run_request import RunRequest
+    from pd_editor.experiments.training.settings import RunRequest
     from pd_editor.experiments.training.train_loop import TrainingProgress
     from pd_editor.experiments.training.training_run import Hardware
 
@@ -120,8 +120,7 @@ class TrainOptions:
         Raises:
             TrainingError: a file or a value of single fields cannot be read.
         """
-        from pd_editor.experiments.training.run_request import RunRequest
-        from pd_editor.experiments.training.settings import settings_of
+        from pd_editor.experiments.training.settings import RunRequest, settings_of
 
         files = [Path(one) for one in several(self.config)]
         return RunRequest(

@@ -17,7 +17,7 @@ from pd_editor.base.errors import ModelError
 from pd_editor.base.installed_files import models_folder
 from pd_editor.experiments.recordings.clip_selection import choose_windows
 from pd_editor.experiments.recordings.shards import shard_bytes
-from pd_editor.experiments.training.run_request import StageName
+from pd_editor.experiments.training.settings import StageName
 from pd_editor.generation.checkpoints.model_folder import load_model, save_model
 from pd_editor.generation.checkpoints.tensor_file import read_tensors, write_tensors
 from pd_editor.generation.generators import SHIPPED_MODEL

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 
 from pd_editor.base.errors import TrainingError
-from pd_editor.experiments.training.run_request import (
+from pd_editor.experiments.training.settings import (
     RunRequest,
     StageName,
     new_config,
+    settings_of,
 )
-from pd_editor.experiments.training.settings import settings_of
 from reproduction import variants
 from reproduction.variants import BASE, VARIANTS, Study, run_study, stages_of, tasks_of
 

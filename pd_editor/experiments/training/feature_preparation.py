@@ -56,6 +56,7 @@ class ShardRoot:
         Raises:
             InputError: there is no shard that can be read.
         """
+        self.path = path
         self._shards = ShardReader(path, skips_damaged=True)
         self.num_damaged = self._shards.num_damaged
         self._noise = noise
@@ -99,7 +100,7 @@ class Av2Root:
         self._windows = windows
         index = DatasetIndex(path)
         index.scan()
-        self._root = path
+        self.path = path
         self._folders = index.folders()
         self.num_damaged = index.num_skipped
         self._city: tuple[int, str] = (-1, "")
@@ -112,7 +113,7 @@ class Av2Root:
     @property
     def fingerprint(self) -> str:
         """Hash of the names of the folders and the number of windows."""
-        names = [one.relative_to(self._root) for one in self._folders]
+        names = [one.relative_to(self.path) for one in self._folders]
         return _digest([*names, self._windows])
 
     def __len__(self) -> int:
@@ -158,35 +159,7 @@ def is_recorded(path: Path) -> bool:
     return path.suffix != SHARD_SUFFIX and not any(path.glob(f"*{SHARD_SUFFIX}"))
 
 
-class ScenarioSource:
-    """Scenarios of several roots, concatenated."""
-
-    def __init__(self, roots: Sequence[ScenarioRoot]) -> None:
-        """Concatenate at least one root."""
-        self.roots = tuple(roots)
-        self._first = np.cumsum([0, *map(len, self.roots)])
-
-    def __len__(self) -> int:
-        return int(self._first[-1])
-
-    @property
-    def num_damaged(self) -> int:
-        """Number of damaged files or folders."""
-        return sum(root.num_damaged for root in self.roots)
-
-    def place(self, index: int) -> tuple[int, int]:
-        """Index of the root, and index within it, of a scenario."""
-        if not 0 <= index < len(self):
-            raise IndexError(index)
-        root = int(np.searchsorted(self._first, index, side="right")) - 1
-        return root, index - int(self._first[root])
-
-    def __getitem__(self, index: int) -> Scenario:
-        root, number = self.place(index)
-        return self.roots[root].scenario(number)
-
-
-def open_roots(paths: Sequence[Path], windows: int = 1) -> ScenarioSource:
+def open_roots(paths: Sequence[Path], windows: int = 1) -> tuple[ScenarioRoot, ...]:
     """Open all roots; scenarios of Argoverse 2 have ``windows`` windows each.
 
     Raises:
@@ -195,7 +168,7 @@ def open_roots(paths: Sequence[Path], windows: int = 1) -> ScenarioSource:
     """
     if not paths:
         raise TrainingError("No data root was given; expected at least one.")
-    return ScenarioSource([open_root(Path(path), windows) for path in paths])
+    return tuple(open_root(Path(path), windows) for path in paths)
 
 
 def _digest(values: Sequence[object]) -> str:
@@ -221,10 +194,10 @@ class Preparation:
     windows: int = 1
     """Current steps at which each scenario of Argoverse 2 is used."""
 
-    def fingerprint(self, source: ScenarioSource, basis: TrajectoryBasis) -> str:
+    def fingerprint(self, roots: Sequence[ScenarioRoot], basis: TrajectoryBasis) -> str:
         """Hash of the scenarios, of the basis, and of all that is set here."""
         digest = hashlib.sha256()
-        for root in source.roots:
+        for root in roots:
             digest.update(root.fingerprint.encode())
         for name, values in sorted(basis.arrays().items()):
             digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
@@ -232,18 +205,16 @@ class Preparation:
         digest.update(repr((*own, PART_SIZE, FORMAT_VERSION)).encode())
         return digest.hexdigest()
 
-    def parts(
-        self, source: ScenarioSource, roots: Sequence[Path], size: int
-    ) -> "dict[str, _PartItem]":
+    def parts(self, roots: Sequence[ScenarioRoot], size: int) -> "dict[str, _PartItem]":
         """Work items by name; names sort in the order of roots and scenarios."""
         works = {}
-        for place, (path, root) in enumerate(zip(roots, source.roots, strict=True)):
+        for place, root in enumerate(roots):
             count = min(len(root), self.most_per_root or len(root))
             chosen = np.arange(count) * len(root) // max(count, 1)
             firsts = range(0, count, size)
             for part, (copy, first) in enumerate(product(range(self.copies), firsts)):
                 works[f"{place:03d}-{part:05d}"] = _PartItem(
-                    root=Path(path),
+                    root=root.path,
                     root_index=place,
                     numbers=tuple(chosen[first : first + size].tolist()),
                     preparation=self,
@@ -264,14 +235,13 @@ class _PartItem:
 
     def features(self, *, with_candidates: bool) -> Iterator[tuple[str, SceneFeatures]]:
         """Yield group and features of each usable scenario."""
-        source = _opened(self.root, self.preparation.windows)
-        root = source.roots[0]
+        root = _opened(self.root, self.preparation.windows)
         for number in self.numbers:
             random = np.random.default_rng(
                 [self.preparation.seed, self.root_index, number, self.copy]
             )
             try:
-                scenario = source[number]
+                scenario = root.scenario(number)
                 if root.is_simulated and self._is_left_out(scenario):
                     continue
                 scenario, center = self._prepared(
@@ -303,9 +273,7 @@ class _PartItem:
         return changed, center
 
 
-@lru_cache(maxsize=4)
-def _opened(root: Path, windows: int) -> ScenarioSource:
-    return open_roots([root], windows)
+_opened: Final = lru_cache(maxsize=4)(open_root)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,10 +315,10 @@ def prepare_features(
         TrainingError: the folder holds other features, or no scenario can be used.
     """
     folder, how = Path(folder), preparation or Preparation()
-    source = open_roots(roots, how.windows)
-    works = how.parts(source, roots, PART_SIZE)
+    opened = open_roots(roots, how.windows)
+    works = how.parts(opened, PART_SIZE)
     index = StoreIndex(
-        fingerprint=how.fingerprint(source, basis),
+        fingerprint=how.fingerprint(opened, basis),
         roots=tuple(map(str, roots)),
         settings=f"{how.augmentation}, seed {how.seed}, at most {how.most_per_root} of "
         "each root",
@@ -371,7 +339,8 @@ def prepare_features(
         )
     store = FeatureStore(folder)
     if not len(store):
-        raise TrainingError(f"None of {len(source)} scenarios can be used.")
+        count = sum(map(len, opened))
+        raise TrainingError(f"None of {count} scenarios can be used.")
     return store
 
 
@@ -389,10 +358,10 @@ def fit_basis(
         InputError: a root is neither a dataset nor shards.
         TrainingError: no agent has a complete trajectory, or a part could not be read.
     """
-    source = open_roots(roots)
-    most = max(1, count // len(source.roots))
+    opened = open_roots(roots)
+    most = max(1, count // len(opened))
     how = Preparation(augmentation=augmentation, seed=seed, most_per_root=most)
-    works = how.parts(source, roots, _FIT_SIZE)
+    works = how.parts(opened, _FIT_SIZE)
     trajectories: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     failures = run_items(
         LocalProcesses(num_workers=workers),

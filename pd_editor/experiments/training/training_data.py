@@ -107,8 +107,8 @@ def prepared_data(
         InputError: a root is neither a dataset nor shards.
         TrainingError: no scenario can be used, or the cache cannot be written.
     """
-    source = open_roots(roots, windows)
-    prints = [root.fingerprint for root in source.roots]
+    opened = open_roots(roots, windows)
+    prints = [root.fingerprint for root in opened]
     names = [os.path.realpath(root) for root in roots]
     parts = [*names, *prints, str(FORMAT_VERSION), str(copies), str(augmentation)]
     if basis is not None:
@@ -132,7 +132,8 @@ def prepared_data(
             )
     except OSError as error:
         raise unwritable(folder, error, TrainingError) from error
-    left_out = len(source) - len(store) // copies + source.num_damaged
+    num_scenarios = sum(len(root) + root.num_damaged for root in opened)
+    left_out = num_scenarios - len(store) // copies
     return PreparedData(store=store, basis=basis, num_left_out=left_out)
 
 

@@ -40,12 +40,12 @@ from pd_editor.experiments.training.run_folder import (
     RunFolder,
     Training,
 )
-from pd_editor.experiments.training.run_request import (
+from pd_editor.experiments.training.settings import (
     RunRequest,
     continued_config,
     new_config,
+    with_settings,
 )
-from pd_editor.experiments.training.settings import with_settings
 from pd_editor.experiments.training.stage_objective import (
     STAGES,
     basis_of,

@@ -61,24 +61,22 @@ def basis():
     return TrajectoryBasis.fit(future, speed)
 
 
-def test_roots_of_both_kinds_are_one_list(shards, av2_copy):
-    source = open_roots([av2_copy, shards])
-    assert len(source) == 4 + len(source.roots[1])
-    assert source.place(3) == (0, 3)
-    assert source.place(4) == (1, 0)
-    assert source[0].scenario_id == sorted(av2_copy.iterdir())[0].name
-    assert source[4].time_axis.num_steps == 110
-    assert np.array_equal(source[4].agents.position_m, source[4].agents.position_m)
-    assert source.roots[0].group(0) == source[0].city
-    assert source.roots[1].group(0) == "drive-1"
-    assert source.roots[1].group(len(source.roots[1]) - 1) == "drive-2"
-    with pytest.raises(IndexError):
-        source[len(source)]
+def test_roots_of_both_kinds(shards, av2_copy):
+    recorded, simulated = open_roots([av2_copy, shards])
+    assert len(recorded) == 4
+    first, window = recorded.scenario(0), simulated.scenario(0)
+    assert first.scenario_id == sorted(av2_copy.iterdir())[0].name
+    assert window.time_axis.num_steps == 110
+    again = simulated.scenario(0)
+    assert np.array_equal(window.agents.position_m, again.agents.position_m)
+    assert recorded.group(0) == first.city
+    assert simulated.group(0) == "drive-1"
+    assert simulated.group(len(simulated) - 1) == "drive-2"
 
 
 def test_futures_of_synthetic_agents_are_whole(shards):
-    source = open_roots([shards])
-    found = [scene_features(source[place]) for place in range(len(source))]
+    (root,) = open_roots([shards])
+    found = [scene_features(root.scenario(place)) for place in range(len(root))]
     shares = [one.has_future.mean() for one in found if len(one.has_future)]
     assert np.mean(shares) > 0.6
 
@@ -94,14 +92,13 @@ def test_features_are_prepared_and_read(shards, av2_copy, basis, tmp_path, monke
         preparation=Preparation(augmentation=None),
         on_progress=told.append,
     )
-    source = open_roots([av2_copy, shards])
-    assert len(store) == len(source) - 1
-    assert (np.bincount(store.root) == [3, len(source) - 4]).all()
+    recorded, simulated = open_roots([av2_copy, shards])
+    assert (np.bincount(store.root) == [len(recorded) - 1, len(simulated)]).all()
     assert set(store.group[store.root == 1]) == {"drive-1", "drive-2"}
     assert (
         told[-1].num_done == told[-1].num_items == len(list(tmp_path.glob("*/part-*")))
     )
-    last = packed(scene_features(source[len(source) - 1]), basis.encode)
+    last = packed(scene_features(simulated.scenario(len(simulated) - 1)), basis.encode)
     found = store[len(store) - 1]
     for field in fields(PackedScene):
         one, two = getattr(last, field.name), getattr(found, field.name)
@@ -156,15 +153,15 @@ def test_the_basis_is_fitted_to_the_roots_futures(shards, av2_copy):
 def test_damaged_shards_are_left_out_and_counted(shards, basis, tmp_path):
     root = tmp_path / "root"
     shutil.copytree(shards, root)
-    whole = len(open_roots([root]))
+    (whole,) = open_roots([root])
     (root / "drive-0.shard").write_bytes(b"not a shard")
     cut = root / "drive-2.shard"
-    source = open_roots([root])
-    assert (len(source), source.num_damaged) == (whole, 1)
+    (source,) = open_roots([root])
+    assert (len(source), source.num_damaged) == (len(whole), 1)
     cut.write_bytes(cut.read_bytes()[:-40])
-    source = open_roots([root])
+    (source,) = open_roots([root])
     assert source.num_damaged == 2
-    assert 0 < len(source) < whole
+    assert 0 < len(source) < len(whole)
     assert prepare_features([root], tmp_path / "store", basis, workers=1).roots
     for file in root.glob("*.shard"):
         file.write_bytes(b"")
@@ -196,11 +193,11 @@ def test_a_root_of_damaged_scenarios_only_is_refused(av2_copy, basis, tmp_path):
 def test_simulated_scenes_in_which_too_many_crawl_are_left_out(
     shards, av2_copy, basis, tmp_path
 ):
-    source = open_roots([shards])
+    (source,) = open_roots([shards])
     share = np.array(
         [
             crawling_share(one, scene_center(one))
-            for one in map(source.__getitem__, range(len(source)))
+            for one in map(source.scenario, range(len(source)))
         ]
     )
     most = float(np.median(share[share > 0]))

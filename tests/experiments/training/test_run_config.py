@@ -9,7 +9,7 @@ from pd_editor.experiments.training.run_config import (
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.run_request import (
+from pd_editor.experiments.training.settings import (
     PRESETS,
     RunRequest,
     continued_config,

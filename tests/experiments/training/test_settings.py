@@ -8,13 +8,14 @@ from pd_editor.experiments.training.run_config import (
     Optimisation,
     RunConfig,
 )
-from pd_editor.experiments.training.run_request import (
+from pd_editor.experiments.training.settings import (
     RunRequest,
     StageName,
     continued_config,
     new_config,
+    settings_of,
+    with_settings,
 )
-from pd_editor.experiments.training.settings import settings_of, with_settings
 from pd_editor.generation.features.scene_fields import NUM_NEAR_AGENTS
 
 ROOT = Path(__file__).parents[4]
