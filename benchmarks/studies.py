@@ -28,7 +28,6 @@ from pd_editor.experiments.studies.outcomes import (
 from pd_editor.experiments.studies.study_plan import (
     StudyPlan,
     grid_conditions,
-    run_study,
     study_items,
     study_scene,
 )
@@ -77,7 +76,7 @@ def timed(plan: StudyPlan, engine: WorkEngine) -> tuple[float, float, bytes]:
             if getattr(progress, "num_done", 0) >= 1 and not first:
                 first.append(time.perf_counter())
 
-        record = run_study(items, out, engine, on_progress=tell)
+        record = out.run(study_scene, items, engine, on_progress=tell)
         ended = time.perf_counter()
         assert not record.failures, record.failures
         rows = (out.path / "variants.parquet").read_bytes()
@@ -102,8 +101,9 @@ def search() -> None:
         items = study_items(plan, scenes())
         with tempfile.TemporaryDirectory() as folder:
             out = plan.folder(Path(folder) / "out", resume=False)
-            record = run_study(items, out, LocalProcesses(num_workers=2))
-        grid = {one.scenario: one for one in grid_worst_cases(record.rows, settings)}
+            record = out.run(study_scene, items, LocalProcesses(num_workers=2))
+            cases = grid_worst_cases(record.rows, settings)
+        grid = {one.scenario: one for one in cases}
         found = {}
         run_items(
             LocalProcesses(num_workers=2),

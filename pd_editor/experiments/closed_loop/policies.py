@@ -19,8 +19,8 @@ from pd_editor.generation.plugins import (
     object_of_folder,
 )
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
-from pd_editor.scene.geometry.angles import unit_vector
-from pd_editor.scene.geometry.polyline import arc_length
+from pd_editor.scene.geometry.angles import heading_of, unit_vector
+from pd_editor.scene.geometry.polyline import arc_length, point_at
 from pd_editor.scene.paths.car_following import following_acceleration
 from pd_editor.scene.policy import Controls, Observation, Plan, Policy
 from pd_editor.scene.scenario import Scenario
@@ -103,10 +103,10 @@ class IdmOnRoute:
         given = (np.array([one]) for one in (speed, gap, leader_mps))
         acceleration = float(following_acceleration(*given)[0])
         reach = max(speed * _LOOKAHEAD_S, _LEAST_LOOKAHEAD_M)
-        aim = _on(route, along, here + reach) - position
+        aim = point_at(route, here + reach) - position
         aside = float(np.cos(heading) * aim[1] - np.sin(heading) * aim[0])
         curvature = 2 * aside / max(float(aim @ aim), 1.0)
-        limit = min(self._desired_mps, self._curve_limit(route, along, here, speed))
+        limit = min(self._desired_mps, self._curve_limit(route, here, speed))
         acceleration = min(acceleration, (limit - speed) / 1.0)
         count = round(_PLAN_S / observation.step_s)
         return Controls(
@@ -141,13 +141,11 @@ class IdmOnRoute:
         velocity = others.velocity_mps[users, -1][nearest]
         return float(gap[nearest]), float(velocity @ way[nearest])
 
-    def _curve_limit(
-        self, route: np.ndarray, along: np.ndarray, here: float, speed: float
-    ) -> float:
+    def _curve_limit(self, route: np.ndarray, here: float, speed: float) -> float:
         """Speed at which the curve ahead is comfortable."""
         ahead = here + np.linspace(0.0, max(2 * speed, 10.0), 9)
-        points = np.stack([_on(route, along, one) for one in ahead.tolist()])
-        turn = np.abs(np.diff(np.unwrap(_headings(points)[:-1])))
+        heading = heading_of(np.diff(point_at(route, ahead), axis=0))
+        turn = np.abs(np.diff(np.unwrap(heading)))
         bend = float((turn / np.diff(ahead)[0]).max())
         return float(np.sqrt(_LATERAL_MPS2 / max(bend, 1e-4)))
 
@@ -202,11 +200,6 @@ def policy_of(given: str | Policy | Callable[[], Policy]) -> Policy:
     policy = cast("Policy", found)
     asked(lambda: checked_name(policy.name), name, " has no usable name")
     return policy
-
-
-def _on(route: np.ndarray, along: np.ndarray, place_m: float) -> np.ndarray:
-    """Point of a line at an arc length."""
-    return np.array([np.interp(place_m, along, route[:, axis]) for axis in (0, 1)])
 
 
 def _headings(line: np.ndarray) -> np.ndarray:

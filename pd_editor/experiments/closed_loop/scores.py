@@ -225,15 +225,18 @@ class Drive:
         return cls(**{**values, "scores": scored, "guidance": guidance})
 
 
+def _names(drives: Sequence[Drive]) -> tuple[list[str], list[str]]:
+    """Policies and scenes, in the order of the drives."""
+    policies = dict.fromkeys(one.policy for one in drives)
+    return list(policies), list(dict.fromkeys(one.scene for one in drives))
+
+
 def policy_values(drives: Sequence[Drive]) -> dict[str, Float[np.ndarray, "P N"]]:
     """Scores of P policies in N scenes, in the order of the drives; NaN where there is none.
 
     A drive that failed has the score 0 and no other value.
     """
-    policies, scenes = (
-        list(dict.fromkeys(getattr(one, what) for one in drives))
-        for what in ("policy", "scene")
-    )
+    policies, scenes = _names(drives)
     names = ["score", *(one.name for one in fields(DriveScores))]
     values = {name: np.full((len(policies), len(scenes)), np.nan) for name in names}
     for column, scene in enumerate(scenes):
@@ -252,7 +255,7 @@ def drive_report(
 ) -> Report:
     """The report of all drives, and of what failed, by scene or scene and policy."""
     values = policy_values(drives)
-    policies = list(dict.fromkeys(one.policy for one in drives))
+    policies, _ = _names(drives)
     there = {name: np.isfinite(values[name]) for name, *_ in _SHOWN}
     num_failed = Counter(one.policy for one in drives if one.has_failed)
     weights = scene_weights(there["score"].shape[1], seed)
@@ -300,10 +303,7 @@ def _gallery(
     drives: Sequence[Drive], values: Mapping[str, Float[np.ndarray, "P N"]]
 ) -> ReportTable:
     """All drives, those with the lowest scores first."""
-    policies, scenes = (
-        list(dict.fromkeys(getattr(one, what) for one in drives))
-        for what in ("policy", "scene")
-    )
+    policies, scenes = _names(drives)
     rows = []
     for one in drives:
         at = policies.index(one.policy), scenes.index(one.scene)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -249,14 +249,21 @@ _METADATA_KEY: Final = b"pd_editor"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunResults:
-    """What a run has, besides the file of all rows."""
+    """What a run has."""
 
+    rows_path: Path
+    """File of the rows of all items, in their order."""
     finished: Mapping[str, SceneRows]
     """Items with rows, which are left out here."""
     failures: Mapping[str, str]
     """Reasons of items without rows, by key."""
     num_resumed: int
     """Number of items that an earlier run had finished."""
+
+    @cached_property
+    def rows(self) -> pa.Table:
+        """Rows of all items."""
+        return pq.read_table(self.rows_path)
 
 
 class RowsFolder(ResumableFolder):
@@ -354,7 +361,12 @@ class RowsFolder(ResumableFolder):
                     finished[key] = replace(rows, table=self.schema.empty_table())
         except OSError as error:
             raise unwritable(self.rows_path, error) from error
-        return RunResults(finished=finished, failures=reasons, num_resumed=len(done))
+        return RunResults(
+            rows_path=self.rows_path,
+            finished=finished,
+            failures=reasons,
+            num_resumed=len(done),
+        )
 
     def _name(self, key: str) -> str:
         return f"{FINISHED_NAME}/{key}.parquet"

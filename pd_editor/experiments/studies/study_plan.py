@@ -1,7 +1,7 @@
 """Plan of a perturbation study (scenes, methods, roads, seeds), and rows of variants."""
 
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -10,7 +10,6 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from jaxtyping import Bool
 
 from pd_editor.analysis.metrics.box_overlaps import box_overlap
@@ -39,7 +38,6 @@ from pd_editor.experiments.evaluation.scene_rows import (
     SceneRows,
     is_on_its_way,
 )
-from pd_editor.experiments.work_engine.work_engine import WorkEngine, WorkProgress
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import MAX_SEED, GenerationRequest
 from pd_editor.scene.perturbation.friction import DRY_ROAD_FRICTION
@@ -117,44 +115,9 @@ class StudyItem(TrialItem):
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StudyRecord:
-    """Record of a run."""
-
-    rows: pa.Table
-    """Rows of all variants, in the order of the items."""
-    failures: Mapping[str, str]
-    """Reasons of items without rows, by key."""
-    num_resumed: int
-    """Number of items that an earlier run had finished."""
-
-    @property
-    def num_failed_variants(self) -> int:
-        """Number of variants without values."""
-        failed = len(self.rows) - self.rows["failure"].null_count
-        return failed // len(STUDY_AGENTS)
-
-
-def run_study(
-    items: Mapping[str, StudyItem],
-    folder: RowsFolder,
-    engine: WorkEngine,
-    *,
-    on_progress: Callable[[WorkProgress], None] | None = None,
-    on_rows: Callable[[pa.Table], None] = lambda _: None,
-) -> StudyRecord:
-    """Run the unfinished items, and write ``variants.parquet`` of all items.
-
-    ``on_rows`` is called with the rows of each item that this run finishes.
-
-    Raises:
-        ExportError: the folder cannot be written.
-    """
-    run = folder.run(
-        study_scene, items, engine, on_progress=on_progress, on_rows=on_rows
-    )
-    rows = pq.read_table(folder.rows_path)
-    return StudyRecord(rows=rows, failures=run.failures, num_resumed=run.num_resumed)
+def num_failed_variants(rows: pa.Table) -> int:
+    """Number of variants without values."""
+    return (len(rows) - rows["failure"].null_count) // len(STUDY_AGENTS)
 
 
 def study_scene(item: StudyItem) -> SceneRows:

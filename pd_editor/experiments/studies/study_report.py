@@ -31,6 +31,7 @@ from pd_editor.experiments.evaluation.report.tables import (
     named,
     unit_of,
 )
+from pd_editor.experiments.evaluation.scene_rows import RunResults
 from pd_editor.experiments.report import (
     Figure,
     Report,
@@ -46,7 +47,11 @@ from pd_editor.experiments.studies.outcomes import (
     WorstCase,
     road_title,
 )
-from pd_editor.experiments.studies.study_plan import StudyItem, StudyPlan, StudyRecord
+from pd_editor.experiments.studies.study_plan import (
+    StudyItem,
+    StudyPlan,
+    num_failed_variants,
+)
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.generation import GeneratedTraffic, TrafficSample
 
@@ -192,7 +197,7 @@ class StudyFindings:
 
 def study_report(
     plan: StudyPlan,
-    record: StudyRecord,
+    record: RunResults,
     findings: StudyFindings,
     num_scenes: int,
     command: str,
@@ -285,7 +290,7 @@ def _severity_svg(
 
 
 def _words(
-    plan: StudyPlan, record: StudyRecord, findings: StudyFindings, num_scenes: int
+    plan: StudyPlan, record: RunResults, findings: StudyFindings, num_scenes: int
 ) -> tuple[str, ...]:
     friction = plan.friction_coefficient
     slowed = (
@@ -303,10 +308,9 @@ def _words(
         "rates: the share of steps, and of agents at any step, off the drivable area.",
         slowed,
     ]
-    if record.num_failed_variants:
+    if count := num_failed_variants(record.rows):
         words.append(
-            f"**{record.num_failed_variants} variants failed** and are left out of all "
-            "figures; see below."
+            f"**{count} variants failed** and are left out of all figures; see below."
         )
     return tuple(words)
 
@@ -433,7 +437,7 @@ def _dangers(findings: StudyFindings) -> list[ReportTable]:
     ]
 
 
-def _failures(record: StudyRecord, findings: StudyFindings) -> tuple[ReportTable, ...]:
+def _failures(record: RunResults, findings: StudyFindings) -> tuple[ReportTable, ...]:
     left_out = {**record.failures, **findings.failures}
     rows = [("-", key, str(reason)) for key, reason in left_out.items()]
     failed = record.rows.select(

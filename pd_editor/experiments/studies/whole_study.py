@@ -12,7 +12,7 @@ import pyarrow as pa
 from pd_editor.base.errors import GenerationError, PdEditorError
 from pd_editor.editor.background_job import BackgroundJob
 from pd_editor.experiments.evaluation.evaluation import FoundScenes
-from pd_editor.experiments.evaluation.scene_rows import RowsFolder
+from pd_editor.experiments.evaluation.scene_rows import RowsFolder, RunResults
 from pd_editor.experiments.studies.outcomes import (
     AvoidableDanger,
     SearchItem,
@@ -27,10 +27,10 @@ from pd_editor.experiments.studies.study_plan import (
     VARIANT_SCHEMA,
     StudyItem,
     StudyPlan,
-    StudyRecord,
-    run_study,
+    num_failed_variants,
     study_command,
     study_items,
+    study_scene,
 )
 from pd_editor.experiments.studies.study_report import (
     GALLERY_NAME,
@@ -73,7 +73,7 @@ class Study:
 
     folder: Path
     files: tuple[Path, ...]
-    record: StudyRecord
+    record: RunResults
     findings: StudyFindings
     methods: tuple[str, ...]
 
@@ -85,11 +85,8 @@ class Study:
     def remarks(self) -> tuple[str, ...]:
         """One sentence for each kind of failure."""
         remarks = []
-        if self.record.num_failed_variants:
-            remarks.append(
-                f"{self.record.num_failed_variants} variants failed; the report says "
-                "which and why."
-            )
+        if count := num_failed_variants(self.record.rows):
+            remarks.append(f"{count} variants failed; the report says which and why.")
         if self.record.failures:
             remarks.append(f"{len(self.record.failures)} work items failed altogether.")
         failures = self.findings.failures
@@ -139,8 +136,12 @@ def run_whole_study(
         ExportError: a file cannot be written.
     """
     items = study_items(plan, found.scenes)
-    record = run_study(
-        items, folder, engine, on_progress=progress_of(WORK_ITEMS), on_rows=on_rows
+    record = folder.run(
+        study_scene,
+        items,
+        engine,
+        on_progress=progress_of(WORK_ITEMS),
+        on_rows=on_rows,
     )
     grid = grid_worst_cases(record.rows, extras.search)
     searched, failures = _searched(items, extras.search, engine, progress_of)

@@ -33,21 +33,12 @@ class RunFolder(WorkFolder):
         super().__init__(path)
         self.on_entry: Callable[[Mapping[str, Any]], None] = lambda _: None
         """Called with each entry of the log."""
-
-    @property
-    def state_path(self) -> Path:
-        """Path of the checkpoint."""
-        return self.path / STATE_NAME
-
-    @property
-    def basis_path(self) -> Path:
-        """Path of the trajectory basis of the model that the run started from, if any."""
-        return self.path / BASIS_NAME
-
-    @property
-    def model_path(self) -> Path:
-        """Path of the trained model."""
-        return self.path / MODEL_NAME
+        self.state_path = path / STATE_NAME
+        """The checkpoint."""
+        self.basis_path = path / BASIS_NAME
+        """The trajectory basis of the model that the run started from, if any."""
+        self.model_path = path / MODEL_NAME
+        """The trained model."""
 
     def begin(self, config: RunConfig, data: Mapping[str, Any]) -> None:
         """Create the folder of a new run.

@@ -45,7 +45,8 @@ def onward(points_m: Float[np.ndarray, "N D"]) -> Float[np.ndarray, "M D"]:
 
 
 def point_at(
-    points_m: Float[np.ndarray, "N 2"], distance_m: Float[np.ndarray, "*shape"]
+    points_m: Float[np.ndarray, "N 2"],
+    distance_m: float | Float[np.ndarray, "*shape"],
 ) -> Float[np.ndarray, "*shape 2"]:
     """Points at distances along the line; clamped to its two ends."""
     along = arc_length(points_m)

@@ -23,14 +23,6 @@ class WideLine:
     width_m: Float[np.ndarray, "N"]
     normal: Float[np.ndarray, "N 2"]
 
-    def left_m(self) -> Float[np.ndarray, "L 2"]:
-        """The left boundary."""
-        return _forward_only(self, 0.5)
-
-    def right_m(self) -> Float[np.ndarray, "R 2"]:
-        """The right boundary."""
-        return _forward_only(self, -0.5)
-
 
 def wide_line(
     points_m: Float[np.ndarray, "N 2"], width_m: Float[np.ndarray, "N"]

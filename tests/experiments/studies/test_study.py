@@ -30,8 +30,9 @@ from pd_editor.experiments.studies.study_plan import (
     VARIANTS_NAME,
     StudyPlan,
     grid_conditions,
-    run_study,
+    num_failed_variants,
     study_items,
+    study_scene,
 )
 from pd_editor.experiments.studies.study_report import export_cases, worst_of_scenes
 from pd_editor.experiments.work_engine.local_processes import LocalProcesses
@@ -55,7 +56,7 @@ def plan_for(root: Path, *names: str, **options) -> StudyPlan:
 def run(plan: StudyPlan, out: Path, engine=None, *, resume=False):
     items = study_items(plan, scenes_of(plan.data, plan.limit).scenes)
     folder = plan.folder(out, resume=resume)
-    return run_study(items, folder, engine or OneByOne())
+    return folder.run(study_scene, items, engine or OneByOne())
 
 
 def test_the_grid_is_scene_attacks():
@@ -134,7 +135,7 @@ def test_focal_rows_are_of_one_agent(root, tmp_path):
 
 def test_a_method_that_raises_fails_where_it_raises(root, tmp_path):
     record = run(plan_for(root, "raises-on-bbb", "constant-velocity"), tmp_path / "out")
-    assert (record.num_failed_variants, record.failures) == (3, {})
+    assert (num_failed_variants(record.rows), record.failures) == (3, {})
     failed = {
         (one["method"], one["scenario_id"]): one["failure"]
         for one in record.rows.to_pylist()
@@ -149,7 +150,7 @@ def test_a_method_that_raises_fails_where_it_raises(root, tmp_path):
 @pytest.mark.parametrize("name", ["nan", "short", "others", "few"])
 def test_wrong_answers_fail_with_a_reason(root, tmp_path, name):
     record = run(plan_for(root, name, limit=1), tmp_path / "out")
-    assert record.num_failed_variants == 3
+    assert num_failed_variants(record.rows) == 3
     assert all(record.rows["failure"].to_pylist())
 
 
@@ -250,7 +251,7 @@ def test_worst_cases_are_exported_for_the_editor(root, tmp_path):
     plan = plan_for(root, "constant-velocity")
     items = study_items(plan, scenes_of(plan.data).scenes)
     folder = plan.folder(tmp_path / "out", resume=False)
-    record = run_study(items, folder, OneByOne())
+    record = folder.run(study_scene, items, OneByOne())
     settings = SearchSettings(metric="lateral_deviation_mean", agents="movers")
     cases = worst_of_scenes(grid_worst_cases(record.rows, settings), 2)
     entries, failures = export_cases(cases, list(items.values()), tmp_path / "gallery")
@@ -282,7 +283,7 @@ def test_scenes_of_one_id_are_studied_apart(tmp_path):
     plan = plan_for(root, "constant-velocity")
     items = study_items(plan, scenes_of(plan.data).scenes)
     folder = plan.folder(tmp_path / "out", resume=False)
-    record = run_study(items, folder, OneByOne())
+    record = folder.run(study_scene, items, OneByOne())
     settings = SearchSettings(metric="lateral_deviation_mean", agents="movers")
     cases = worst_of_scenes(grid_worst_cases(record.rows, settings), 10)
     assert {case.folder for case in cases} == {item.folder for item in items.values()}
@@ -299,5 +300,5 @@ def test_an_anchor_that_is_not_there_fails_alone(root, tmp_path):
     )
     record = run(plan, tmp_path / "out")
     reasons = set(record.rows["failure"].to_pylist())
-    assert record.num_failed_variants == 1
+    assert num_failed_variants(record.rows) == 1
     assert any(reason and "ego" in reason for reason in reasons)

@@ -27,7 +27,7 @@ from pd_editor.scene.geometry.polyline import (
     resample,
     without_repeats,
 )
-from pd_editor.scene.geometry.wide_line import WideLine, pieces
+from pd_editor.scene.geometry.wide_line import WideLine, borders_m, pieces
 from pd_editor.scene.road_map import (
     DrivableArea,
     Lane,
@@ -264,7 +264,8 @@ def _lanes_of_chain(
     following = [ids[after][0] for after in chains.next_of[number]]
     lanes = []
     last = len(sections[number].parts) - 1
-    for k, section in enumerate(sections[number].parts):
+    parts = sections[number].parts
+    for k, (section, borders) in enumerate(zip(parts, borders_m(parts), strict=True)):
         marks = markings.marks(chain, at_end=k == last)
         lanes.append(
             Lane(
@@ -272,8 +273,8 @@ def _lanes_of_chain(
                 kind=chain.kind,
                 is_intersection=chain.is_intersection,
                 centerline=at_height_zero(section.points_m),
-                left=at_height_zero(section.left_m()),
-                right=at_height_zero(section.right_m()),
+                left=at_height_zero(borders[0]),
+                right=at_height_zero(borders[1]),
                 left_mark=marks[0],
                 right_mark=marks[1],
                 successors=tuple(following) if k == last else (ids[number][k + 1],),
