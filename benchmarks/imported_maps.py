@@ -36,9 +36,9 @@ from pd_editor.scene.generation import (
     GuidanceSetting,
     run_to_end,
 )
-from pd_editor.scene.map_window import densest_windows
 from pd_editor.scene.road_map import Lane, RoadMap
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_cut import densest_windows
 
 MOST_MAPS = 10
 DEMOS = ("signalised-junction", "roundabout", "merge", "winding-street", "crosswalk")

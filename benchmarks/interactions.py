@@ -39,8 +39,7 @@ from pd_editor.scene.generation import (
     TrafficSample,
     run_to_end,
 )
-from pd_editor.scene.guidance_outcome import Realism
-from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.guidance_terms import GuidanceTerm, Realism
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario
 

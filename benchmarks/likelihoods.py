@@ -22,7 +22,7 @@ from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import DRIVING
 from pd_editor.experiments.evaluation.method import GROUND_TRUTH, Method
 from pd_editor.generation.generators import make_generator
-from pd_editor.scene.time_cut import COMPARED
+from pd_editor.scene.scene_cut import COMPARED
 
 WIDTHS_S = (0.0, 0.1, 0.2, 0.4)
 

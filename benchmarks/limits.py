@@ -24,7 +24,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

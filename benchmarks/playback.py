@@ -24,7 +24,7 @@ from benchmarks.figures import load_in_words, spread
 from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.scenario import Scenario
 
 NUM_AGENTS = 100

@@ -23,8 +23,7 @@ from pd_editor.analysis.threats.encounter import Approach
 from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.generation import GenerationRequest, run_to_end
-from pd_editor.scene.guidance_outcome import TermOutcome
-from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.guidance_terms import GuidanceTerm, TermOutcome
 from pd_editor.scene.locks import TRAJECTORY_LOCK
 from pd_editor.scene.roles.traffic_choice import drivable_agent_ids
 from pd_editor.scene.scenario import Scenario

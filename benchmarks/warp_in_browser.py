@@ -22,7 +22,7 @@ from benchmarks.chromium import opened_chromium
 from benchmarks.figures import load_in_words, spread
 from benchmarks.warp_scenario import busiest_scenario, with_largest_map
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.scene.map_view import MapView
 from pd_editor.viewer.state.events import Inbox

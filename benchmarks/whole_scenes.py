@@ -46,8 +46,8 @@ from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.geometry.angles import wrap_angle
 from pd_editor.scene.junction_phases import junctions
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_cut import FUTURE_S
 from pd_editor.scene.thresholds import MOVING_MPS
-from pd_editor.scene.time_cut import FUTURE_S
 from scene_test import Surroundings, scene_test
 
 loaded_generator = functools.cache(make_generator)

@@ -35,7 +35,7 @@ from pd_editor.editor.unfinished_work import find_unfinished, restore
 from pd_editor.editor.variant import Variant, name_from_text
 from pd_editor.scene.agent_kind import Activity, AgentCategory, AgentKind
 from pd_editor.scene.av2_io.write import check_with_official_loaders
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
 from pd_editor.scene.road_warp import WARP_KINDS, RoadWarp, WarpTerm

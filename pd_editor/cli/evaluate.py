@@ -64,7 +64,7 @@ from pd_editor.scene.generation import (
     ScenarioGenerator,
     supported_by,
 )
-from pd_editor.scene.time_cut import COMPARED
+from pd_editor.scene.scene_cut import COMPARED
 
 DEFAULT_METHODS = (*REFERENCE_METHODS, "lane-follower", DEFAULT_GENERATOR)
 DEFAULT_PLACING_METHODS = (GROUND_TRUTH, DEFAULT_GENERATOR)

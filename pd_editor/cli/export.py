@@ -38,7 +38,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, free_name
 from pd_editor.scene.av2_io.write import check_with_official_loaders
 from pd_editor.scene.base_reference import SceneCut
-from pd_editor.scene.exporters.bundle import zip_folders
+from pd_editor.scene.bundle import zip_folders
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import format_of, writer
 

@@ -40,7 +40,7 @@ from pd_editor.experiments.work_engine.work_engine import (
     run_items,
 )
 from pd_editor.scene.base_reference import SceneCut
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import writer
 

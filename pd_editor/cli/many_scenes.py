@@ -44,7 +44,7 @@ from pd_editor.experiments.work_engine.work_engine import (
 )
 from pd_editor.scene.base_reference import MapWindow
 from pd_editor.scene.formats.registry import is_foreign_scene
-from pd_editor.scene.map_window import densest_windows, window_of
+from pd_editor.scene.scene_cut import densest_windows, window_of
 
 Fields = ParamSpec("Fields")
 Many = TypeVar("Many", bound="ManyOptions")

@@ -185,7 +185,7 @@ class WindowOptions:
     @property
     def window(self) -> "MapWindow | None":
         """The square; None: all of the map."""
-        from pd_editor.scene.map_window import window_of
+        from pd_editor.scene.scene_cut import window_of
 
         return window_of(self.around, self.radius)
 

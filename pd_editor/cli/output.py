@@ -43,7 +43,7 @@ from pd_editor.scene.generation import (
     TrafficSample,
     run_to_end,
 )
-from pd_editor.scene.guidance_outcome import Realism, TermOutcome
+from pd_editor.scene.guidance_terms import Realism, TermOutcome
 from pd_editor.scene.policy import DrivenPlans
 from pd_editor.scene.scenario import Scenario
 

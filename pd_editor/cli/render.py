@@ -27,7 +27,7 @@ from pd_editor.cli.output import (
 )
 from pd_editor.editor.scenario_store import with_original
 from pd_editor.scene.base_reference import SceneCut
-from pd_editor.scene.exporters.bundle import RECIPE_NAME
+from pd_editor.scene.bundle import RECIPE_NAME
 from pd_editor.scene.formats.figure import FigureLook
 from pd_editor.scene.formats.film import FilmLook
 from pd_editor.scene.formats.pictures import LOOKS, picture

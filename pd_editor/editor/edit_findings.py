@@ -20,8 +20,7 @@ from pd_editor.editor.commands.poses import PoseCommand
 from pd_editor.editor.commands.roll_out import BeginAt, begun_like
 from pd_editor.editor.commands.traffic import ReplaceTraffic
 from pd_editor.scene.generation import GuidanceSetting, TrafficSample
-from pd_editor.scene.guidance_outcome import TermOutcome
-from pd_editor.scene.guidance_terms import GuidanceTerm
+from pd_editor.scene.guidance_terms import GuidanceTerm, TermOutcome
 from pd_editor.scene.scenario import Scenario
 
 

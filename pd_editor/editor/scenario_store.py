@@ -38,7 +38,7 @@ from pd_editor.scene.av2_io.upload import (
     scenarios_in_upload,
 )
 from pd_editor.scene.base_reference import BaseReference, SceneCut
-from pd_editor.scene.exporters.bundle import RECIPE_NAME, check_place, write_files
+from pd_editor.scene.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.packed_file import closed_folder
 from pd_editor.scene.formats.registry import (
@@ -53,11 +53,10 @@ from pd_editor.scene.formats.registry import (
     writer,
 )
 from pd_editor.scene.formats.sumo import CONFIGS
-from pd_editor.scene.map_window import window_of
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.roles.focal_agent import with_focal_category
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_cut import cut_scenario, origin_of_cut
+from pd_editor.scene.scene_cut import cut_scenario, origin_of_cut, window_of
 
 LOSSES_NAME: Final = "losses.txt"
 """File of an export that tells what its format cannot say."""

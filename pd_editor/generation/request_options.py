@@ -25,8 +25,8 @@ from pd_editor.generation.trajectory.pipeline import TrajectoryOptions
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS
 from pd_editor.scene.generation import AVOIDANCE, LANE_GUIDANCE, GenerationRequest
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_cut import FUTURE_S, is_long
 from pd_editor.scene.scene_limits import MAX_AGENTS
-from pd_editor.scene.time_cut import FUTURE_S, is_long
 
 MOST_AGENTS: Final = 500
 

@@ -16,8 +16,12 @@ import shapely
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.plain_text import is_plain, nearest_or_all
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.guidance_outcome import GuidanceCost, TermOutcome
-from pd_editor.scene.guidance_terms import MAX_TERMS, GuidanceTerm
+from pd_editor.scene.guidance_terms import (
+    MAX_TERMS,
+    GuidanceCost,
+    GuidanceTerm,
+    TermOutcome,
+)
 from pd_editor.scene.road_map import LaneKind, RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.scene_limits import MAX_AGENTS, MAX_POSITION_M

@@ -22,9 +22,8 @@ from pd_editor.generation.generators import catalogue_with
 from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.formats.dataset import DatasetIndex
-from pd_editor.scene.map_window import densest_windows
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_cut import FUTURE_S
+from pd_editor.scene.scene_cut import FUTURE_S, densest_windows
 from pd_editor.viewer.browser_session import BrowserSession
 from pd_editor.viewer.server.server_guard import (
     TOKEN_FIELD,

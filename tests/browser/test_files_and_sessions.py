@@ -12,7 +12,7 @@ from playwright.sync_api import expect
 
 from pd_editor.editor.commands import SetAgentSpeed
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files, zip_files
+from pd_editor.scene.bundle import write_files, zip_files
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import open_tabs
 

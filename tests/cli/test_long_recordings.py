@@ -7,7 +7,7 @@ import pytest
 
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from tests.cli.shell import Shell
 from tests.scene.test_time_cut import long_recording, recording_of_minutes
 

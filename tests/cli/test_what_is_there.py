@@ -10,7 +10,7 @@ import pytest
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from tests.builders import two_agents_that_pass
 from tests.cli.shell import Shell
 

@@ -19,7 +19,7 @@ from pd_editor.editor.scenario_store import (
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, name_from_text
-from pd_editor.scene.exporters.bundle import zip_files
+from pd_editor.scene.bundle import zip_files
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road

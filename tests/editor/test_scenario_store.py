@@ -23,7 +23,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.agent_kind import AgentCategory
 from pd_editor.scene.av2_io.write import check_with_official_loaders
-from pd_editor.scene.exporters.bundle import write_files, zip_folders
+from pd_editor.scene.bundle import write_files, zip_folders
 from tests.builders import two_agents_that_collide, two_agents_that_pass
 
 JUNCTION = "signalised-junction"

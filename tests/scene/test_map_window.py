@@ -22,7 +22,7 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.scene import scene_limits
 from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.formats.file_scene import FileScene
-from pd_editor.scene.map_window import densest_windows
+from pd_editor.scene.scene_cut import densest_windows
 from tests.builders import straight_lane
 from tests.scene.formats.test_opendrive import LINE, lane, road, section, write
 

@@ -8,13 +8,12 @@ from hypothesis import strategies as st
 
 from pd_editor.scene.base_reference import MapWindow, SceneCut
 from pd_editor.scene.geometry.rigid_motion import RigidMotion
-from pd_editor.scene.map_window import within_window
 from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_cut import cut_scenario, within_window
 from pd_editor.scene.signals import Signal, SignalState, states_at
-from pd_editor.scene.time_cut import cut_scenario
 from tests.builders import straight_lane, two_agents_that_pass
 
 

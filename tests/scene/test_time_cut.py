@@ -17,7 +17,7 @@ from pd_editor.editor.scenario_store import (
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 from tests.builders import straight_drivers, two_agents_that_pass

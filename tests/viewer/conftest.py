@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app
 

@@ -19,7 +19,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.viewer.tab import ui_context as ui_module
 from tests.builders import two_agents_that_pass
 from tests.viewer.agents.drag_by_hand import DragByHand

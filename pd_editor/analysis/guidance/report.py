@@ -30,13 +30,13 @@ from pd_editor.base.plain_text import listed
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, ROAD_USER_KINDS
 from pd_editor.scene.generation import GuidanceReport, TrafficSample
 from pd_editor.scene.geometry.angles import unit_vector
-from pd_editor.scene.guidance_outcome import (
+from pd_editor.scene.guidance_terms import (
     GuidanceCost,
     GuidanceProblem,
+    GuidanceTerm,
     Realism,
     TermOutcome,
 )
-from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVING_MPS
 

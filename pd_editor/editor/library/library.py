@@ -47,7 +47,7 @@ from pd_editor.editor.scenario_store import (
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, fit_name, free_name
 from pd_editor.editor.varied_numbers import varied_values
-from pd_editor.scene.exporters.bundle import (
+from pd_editor.scene.bundle import (
     RECIPE_NAME,
     replace_folder,
     write_files,

@@ -32,8 +32,12 @@ from pd_editor.scene.generation import (
     supported_by,
 )
 from pd_editor.scene.geometry.polyline import arc_length
-from pd_editor.scene.guidance_outcome import TermOutcome
-from pd_editor.scene.guidance_terms import GuidanceTerm, Point, terms_without
+from pd_editor.scene.guidance_terms import (
+    GuidanceTerm,
+    Point,
+    TermOutcome,
+    terms_without,
+)
 from pd_editor.scene.paths.candidate_grid import Role, Start, plan_paths
 from pd_editor.scene.paths.driving_paths import velocity_of
 from pd_editor.scene.paths.lasting_tracks import lasting

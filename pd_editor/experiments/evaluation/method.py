@@ -34,7 +34,7 @@ from pd_editor.scene.generation import (
     run_to_end,
 )
 from pd_editor.scene.paths.motion_primitives import CandidateSet, candidates
-from pd_editor.scene.time_cut import COMPARED
+from pd_editor.scene.scene_cut import COMPARED
 
 GROUND_TRUTH: Final = "ground-truth"
 """Name of the method that all others are compared with."""

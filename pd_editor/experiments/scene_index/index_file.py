@@ -29,7 +29,7 @@ from pd_editor.experiments.work_engine.work_engine import (
     WorkProgress,
     run_items,
 )
-from pd_editor.scene.exporters.bundle import RECIPE_NAME
+from pd_editor.scene.bundle import RECIPE_NAME
 
 INDEX_NAME: Final = "scenes.index.parquet"
 _BESIDE: Final = frozenset({INDEX_NAME, RECIPE_NAME, CARD_NAME, THUMBNAIL_NAME})

@@ -43,7 +43,7 @@ from pd_editor.experiments.work_engine.work_engine import (
 from pd_editor.experiments.work_engine.work_folder import FINISHED_NAME, ResumableFolder
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import replace_folder
+from pd_editor.scene.bundle import replace_folder
 
 MAX_DURATION_S: Final = 160.0
 

@@ -22,10 +22,10 @@ from pd_editor.scene.formats.file_signal import ON_GRID_S, FileSignal, sampled_s
 from pd_editor.scene.geometry.angles import heading_of, wrap_angle
 from pd_editor.scene.geometry.paved_area import paved_rings, valid_area
 from pd_editor.scene.geometry.polyline import arc_length
-from pd_editor.scene.map_window import crosswalks_within, lanes_within
 from pd_editor.scene.road_map import Crosswalk, Lane, RoadMap, areas_of
 from pd_editor.scene.roles.focal_agent import next_focal_row, with_focal_category
 from pd_editor.scene.scenario import EGO_ID, Provenance, Scenario
+from pd_editor.scene.scene_cut import crosswalks_within, lanes_within, steps_of_cut
 from pd_editor.scene.scene_limits import (
     MAX_AGENTS,
     MAX_COORDINATE_M,
@@ -38,7 +38,6 @@ from pd_editor.scene.scene_limits import (
 )
 from pd_editor.scene.thresholds import STANDING_MPS
 from pd_editor.scene.time_axis import TimeAxis
-from pd_editor.scene.time_cut import steps_of_cut
 
 _STEP_S: Final = TimeAxis().step_s
 MOST_ID_CHARACTERS: Final = 100

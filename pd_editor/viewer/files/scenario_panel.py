@@ -14,12 +14,11 @@ from pd_editor.editor.scenario_store import is_foreign
 from pd_editor.scene.av2_io.upload import MAX_UPLOAD_BYTES
 from pd_editor.scene.formats.file_scene import FileScene
 from pd_editor.scene.formats.registry import formats
-from pd_editor.scene.map_window import densest_windows, window_of
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_cut import FUTURE_S, densest_windows, is_long, window_of
 from pd_editor.scene.scene_limits import MAX_STEPS
 from pd_editor.scene.time_axis import TimeAxis
-from pd_editor.scene.time_cut import FUTURE_S, is_long
 from pd_editor.viewer.files.start_page import StartPage
 from pd_editor.viewer.overlay.messages import MapWindowEvent, MapWindowState
 from pd_editor.viewer.server.server_guard import limit_uploads

@@ -8,13 +8,13 @@ from pd_editor.analysis.guidance.report import SLOWED, guidance_problems
 from pd_editor.analysis.threats.encounter import APPROACH_WORDS
 from pd_editor.editor.edit_findings import scene_outcomes, unrun_terms
 from pd_editor.scene.generation import GuidanceReport
-from pd_editor.scene.guidance_outcome import (
+from pd_editor.scene.guidance_terms import (
     GuidanceCost,
     GuidanceProblem,
+    GuidanceTerm,
     Realism,
     TermOutcome,
 )
-from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.tab.ui_context import UiContext
 

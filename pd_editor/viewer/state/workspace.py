@@ -43,7 +43,7 @@ from pd_editor.editor.variant import (
 )
 from pd_editor.experiments.scene_index.query import FoundScene
 from pd_editor.scene.base_reference import MapWindow, SceneCut
-from pd_editor.scene.exporters.bundle import zip_files
+from pd_editor.scene.bundle import zip_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.dataset import (
     EVERY,
@@ -54,7 +54,7 @@ from pd_editor.scene.formats.dataset import (
 from pd_editor.scene.policy import DrivenPlans
 from pd_editor.scene.road_map import Lane
 from pd_editor.scene.scenario import Scenario
-from pd_editor.scene.time_cut import FUTURE_S, is_long
+from pd_editor.scene.scene_cut import FUTURE_S, is_long
 from pd_editor.viewer.state.guided_runs import GuidedRuns
 from pd_editor.viewer.state.index_run import IndexRun
 from pd_editor.viewer.state.playback import Playback

@@ -27,7 +27,7 @@ from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import exported_files, open_scenario
 from pd_editor.editor.session import EditorSession
 from pd_editor.scene.av2_io.write import check_with_official_loaders
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.guidance_terms import LEAST_AT_S
 from pd_editor.scene.locks import TRAJECTORY_LOCK, Lock
 from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor

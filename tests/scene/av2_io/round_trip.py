@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from pd_editor.scene.av2_io.file_names import map_name, tracks_name
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 
 POSITIONS = ("position_x", "position_y")
 DTYPES = {"observed": bool, "timestep": int}

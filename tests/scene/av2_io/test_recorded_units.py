@@ -12,7 +12,7 @@ from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.tracks_file import TracksFile, read_tracks
 from pd_editor.scene.av2_io.write import scenario_files, tracks_bytes
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.geometry.angles import wrap_angle
 from tests.scene.av2_io.small_files import parquet as file_of
 from tests.scene.av2_io.small_files import table as table_of

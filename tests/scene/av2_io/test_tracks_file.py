@@ -19,8 +19,8 @@ from pd_editor.scene.av2_io.tracks_file import (
 from pd_editor.scene.av2_io.write import tracks_bytes
 from pd_editor.scene.base_reference import SceneCut
 from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scene_cut import cut_scenario
 from pd_editor.scene.time_axis import TimeAxis
-from pd_editor.scene.time_cut import cut_scenario
 from tests.scene.av2_io.small_files import (
     OFFICIAL_COLUMNS,
     SCENARIO,

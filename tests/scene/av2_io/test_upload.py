@@ -17,7 +17,7 @@ from pd_editor.scene.av2_io.upload import (
     scenarios_in_upload,
 )
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import zip_files
+from pd_editor.scene.bundle import zip_files
 from tests.scene.av2_io.small_files import MAP, SCENARIO, TRACKS
 
 ID = SCENARIO.scenario_id

@@ -16,7 +16,7 @@ from pd_editor.editor.scenario_store import (
     scenario_and_recipe,
 )
 from pd_editor.scene.agent_kind import AgentKind
-from pd_editor.scene.exporters.bundle import zip_folders
+from pd_editor.scene.bundle import zip_folders
 from pd_editor.scene.formats.packed_file import closed_folder
 from pd_editor.scene.formats.registry import format_of, read_scene
 from pd_editor.scene.road_map import LaneKind

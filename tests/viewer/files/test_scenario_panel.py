@@ -7,7 +7,7 @@ from pd_editor.editor.commands import TransformAgents
 from pd_editor.scene import scene_limits
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.base_reference import MapWindow, SceneCut
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from tests.editor.same_scenario import same_scenario
 from tests.scene.test_time_cut import long_recording, recording_of_minutes
 from tests.viewer.fake_browser import connected_tab, running_app

@@ -19,7 +19,7 @@ from pd_editor.generation import generators
 from pd_editor.generation import generators as registry
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.generation import (
     CAPABILITIES,
     LANE_GUIDANCE,

@@ -17,7 +17,7 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.generation import generators as registry
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.generation import GeneratorSpec
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.locks import TRAJECTORY_LOCK

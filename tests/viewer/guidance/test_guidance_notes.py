@@ -20,14 +20,14 @@ from pd_editor.editor.commands import (
 )
 from pd_editor.generation.generators import SHIPPED_MODEL
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.generation import (
     GeneratedTraffic,
     GenerationRequest,
     GuidanceReport,
     TrafficSample,
 )
-from pd_editor.scene.guidance_outcome import GuidanceCost, Realism, TermOutcome
+from pd_editor.scene.guidance_terms import GuidanceCost, Realism, TermOutcome
 from pd_editor.viewer.generation.generation_run import GenerationInput
 from pd_editor.viewer.guidance.guidance_notes import NOT_RUN, TAKE_UNGUIDED
 from tests.builders import two_agents_that_pass

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.viewer.overlay.messages import (
     CompareState,
     MapWindowState,

@@ -8,7 +8,7 @@ import pytest
 from pd_editor.editor.commands import ContinueScene
 from pd_editor.editor.commands.roll_out import RolledMotion
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.viewer.scene.timeline import marks_of
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import connected_tab, running_app, until

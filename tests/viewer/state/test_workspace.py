@@ -16,7 +16,7 @@ from pd_editor.editor.unfinished_work import find_unfinished
 from pd_editor.editor.variant import Variant
 from pd_editor.scene.av2_io.write import scenario_files
 from pd_editor.scene.base_reference import SceneCut
-from pd_editor.scene.exporters.bundle import write_files
+from pd_editor.scene.bundle import write_files
 from pd_editor.scene.formats.dataset import DatasetIndex
 from pd_editor.scene.generation import GenerationRequest, run_to_end
 from pd_editor.viewer.state import session_shelf

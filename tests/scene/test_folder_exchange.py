@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pd_editor.scene.exporters import bundle
-from pd_editor.scene.exporters.bundle import exchange, write_files
+from pd_editor.scene import bundle
+from pd_editor.scene.bundle import exchange, write_files
 from pd_editor.scene.formats.dataset import DatasetIndex
 
 

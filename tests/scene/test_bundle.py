@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pd_editor.base.errors import ExportError
-from pd_editor.scene.exporters import bundle
-from pd_editor.scene.exporters.bundle import write_files, zip_files
+from pd_editor.scene import bundle
+from pd_editor.scene.bundle import write_files, zip_files
 
 FILES = {"a.json": b"{}", "b.parquet": b"\x00\x01" * 500, "recipe.json": b"{}"}
 BAD_NAMES = ("", "..", ".hidden", "a/b", "a\\b", "/abs", "a\nb", "a" * 300, "ä")

@@ -1,1 +1,0 @@
-"""Writing exported files as a zip or a folder."""
