@@ -46,7 +46,7 @@ def print_table(found: Evaluation) -> None:
                     float(summary.statistics[name].mean.value[m, w, g])
                     for name in SHOWN
                 ]
-                means.append(float(summary.median_final_m[m, w, g]))
+                means.append(float(summary.median_final.value[m, w, g]))
                 print(f"  {method:18s}", *(f"{value:8.3f}" for value in means))
 
 

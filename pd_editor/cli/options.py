@@ -13,7 +13,6 @@ import types
 import typing
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, ParamSpec, TypeVar
 
@@ -21,7 +20,7 @@ import tyro
 
 from pd_editor.analysis.guidance.kinds import KINDS
 from pd_editor.base.errors import GenerationError, InputError, PdEditorError
-from pd_editor.base.plain_text import one_line
+from pd_editor.base.plain_text import nearest_or_all, one_line
 from pd_editor.base.regular_file import read_regular
 from pd_editor.editor.commands import AddGuidance, Command, SampleSignals, SetLocks
 from pd_editor.editor.commands.json_values import from_json
@@ -273,7 +272,7 @@ def _of_text(text: str) -> GuidanceTerm:
     if kind not in KINDS:
         raise InputError(
             f"--guide: there is no kind {one_line(kind)!r}; "
-            f"{_nearest(kind, list(KINDS))}."
+            f"{nearest_or_all(kind, KINDS)}."
         )
     names = field_names(kind)
     hints = typing.get_type_hints(KINDS[kind].value)
@@ -283,7 +282,7 @@ def _of_text(text: str) -> GuidanceTerm:
         if name not in names:
             raise InputError(
                 f"--guide {kind}: there is no field {one_line(name)!r}; "
-                f"{_nearest(name, list(names))}."
+                f"{nearest_or_all(name, names)}."
             )
         field = names[name]
         if not equals or not value:
@@ -346,13 +345,6 @@ def _number(text: str, where: str) -> float:
         raise InputError(
             f"{where} is {one_line(text)!r}; expected a number."
         ) from error
-
-
-def _nearest(name: str, names: list[str]) -> str:
-    close = get_close_matches(name, names, n=1, cutoff=0.5)
-    if close:
-        return f"did you mean {close[0]}"
-    return f"expected one of {', '.join(names)}"
 
 
 def _form(name: str, hint: Any) -> str:

@@ -493,7 +493,7 @@ def _checked_rows(request: GenerationRequest) -> Int[np.ndarray, "G"]:
         )
     locks = request.scenario.locks
     for name in request.agent_ids:
-        if name in locks and locks[name].keeps_beginning:
+        if name in locks and locks[name].keeps == "beginning":
             raise GenerationError(
                 f"The {locks[name].in_words} of agent {name} is locked, which the lane "
                 "follower cannot go on from; lock the whole trajectory, or choose a "

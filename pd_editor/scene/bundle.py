@@ -31,15 +31,6 @@ _EXCHANGE: Final = 2
 _AT_WORKING_FOLDER: Final = -100
 
 
-def zip_files(files: Mapping[str, bytes], folder_name: str) -> bytes:
-    """Pack files into one folder of a zip; equal files give equal bytes.
-
-    Raises:
-        ExportError: a name is not fit for a file.
-    """
-    return zip_folders({folder_name: files})
-
-
 def zip_folders(
     folders: Mapping[str, Mapping[str, bytes]],
     beside: Mapping[str, bytes] | None = None,

@@ -256,7 +256,7 @@ class GenerationRequest:
     def _check_locks(self) -> None:
         locks = self.scenario.locks
         for name in self.agent_ids:
-            if name in locks and locks[name].keeps_trajectory:
+            if name in locks and locks[name].keeps == "trajectory":
                 raise GenerationError(
                     f"The trajectory of agent {name} is locked, so it cannot be "
                     "generated; unlock the agent or leave it out."

@@ -37,20 +37,10 @@ class Lock:
 
     @property
     def keeps(self) -> Kept:
-        """What of the motion is kept."""
+        """What of the motion is kept: all of it, only the first seconds, or nothing."""
         if self.kept_s is None:
             return "trajectory"
         return "beginning" if self.kept_s else "state"
-
-    @property
-    def keeps_trajectory(self) -> bool:
-        """Whether the whole track is kept."""
-        return self.kept_s is None
-
-    @property
-    def keeps_beginning(self) -> bool:
-        """Whether only the first seconds of the trajectory are kept."""
-        return bool(self.kept_s)
 
     def later(self, seconds: float) -> "Lock":
         """The lock as it stands some seconds later."""

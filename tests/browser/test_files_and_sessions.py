@@ -12,7 +12,7 @@ from playwright.sync_api import expect
 
 from pd_editor.editor.commands import SetAgentSpeed
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.bundle import write_files, zip_files
+from pd_editor.scene.bundle import write_files, zip_folders
 from tests.builders import two_agents_that_pass
 from tests.viewer.fake_browser import open_tabs
 
@@ -48,7 +48,9 @@ def test_open_a_folder_by_path_and_upload_a_zip(open_editor, folder):
     editor.until(
         lambda: editor.session.scenario.scenario_id != "two-lane-road", "the demo"
     )
-    upload(editor, "any.zip", zip_files(scenario_files(two_agents_that_pass()), "x"))
+    upload(
+        editor, "any.zip", zip_folders({"x": scenario_files(two_agents_that_pass())})
+    )
     editor.until(
         lambda: editor.session.scenario.scenario_id == "two-lane-road", "the upload"
     )

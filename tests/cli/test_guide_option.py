@@ -76,9 +76,9 @@ def test_files_hold_lists_of_terms(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("goalpoint:agent=1", "did you mean goal-point"),
+        ("goalpoint:agent=1", "the nearest is goal-point"),
         ("xyz", "expected one of goal-point"),
-        ("goal-point:agnt=1", "did you mean agent"),
+        ("goal-point:agnt=1", "the nearest is agent"),
         ("goal-point:agent=1", "give point=X/Y as well"),
         ("goal-point:agent=1,point=3", "expected X/Y"),
         ("goal-point:agent=1,point=a/b", "'a'; expected a number"),

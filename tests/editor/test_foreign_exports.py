@@ -19,7 +19,7 @@ from pd_editor.editor.scenario_store import (
 )
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, name_from_text
-from pd_editor.scene.bundle import zip_files
+from pd_editor.scene.bundle import zip_folders
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road
@@ -57,7 +57,7 @@ def test_an_export_is_opened_with_its_recipe_and_attribution(session, tmp_path, 
         f"{path.parent.name}/{path.name}": path.read_bytes()
         for path in folder.glob("*/*")
     }
-    upload = {"any.zip": zip_files(files, folder.name)}
+    upload = {"any.zip": zip_folders({folder.name: files})}
     scenario, found = scenario_and_recipe(upload)
     assert scenario.scenario_id == folder.name
     assert found is not None

@@ -6,7 +6,7 @@ import pytest
 
 from pd_editor.base.errors import ExportError
 from pd_editor.scene import bundle
-from pd_editor.scene.bundle import write_files, zip_files
+from pd_editor.scene.bundle import write_files, zip_folders
 
 FILES = {"a.json": b"{}", "b.parquet": b"\x00\x01" * 500, "recipe.json": b"{}"}
 BAD_NAMES = ("", "..", ".hidden", "a/b", "a\\b", "/abs", "a\nb", "a" * 300, "ä")
@@ -17,22 +17,22 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_zip_holds_the_files_in_one_folder() -> None:
-    with zipfile.ZipFile(io.BytesIO(zip_files(FILES, "x"))) as archive:
+    with zipfile.ZipFile(io.BytesIO(zip_folders({"x": FILES}))) as archive:
         assert archive.testzip() is None
         found = {name: archive.read(name) for name in archive.namelist()}
     assert found == {f"x/{name}": data for name, data in FILES.items()}
 
 
 def test_equal_files_give_equal_zips() -> None:
-    assert zip_files(FILES, "x") == zip_files(dict(FILES), "x")
+    assert zip_folders({"x": FILES}) == zip_folders({"x": dict(FILES)})
 
 
 @pytest.mark.parametrize("name", BAD_NAMES)
 def test_names_that_are_no_file_names_are_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="cannot be a file's name"):
-        zip_files({name: b""}, "x")
+        zip_folders({"x": {name: b""}})
     with pytest.raises(ExportError, match="cannot be a file's name"):
-        zip_files(FILES, name)
+        zip_folders({name: FILES})
     with pytest.raises(ExportError, match="cannot be a file's name"):
         write_files({name: b""}, tmp_path / "x", forbidden=None)
     assert not list(tmp_path.iterdir())

@@ -100,7 +100,7 @@ def _possible_encounters(
     rows = np.flatnonzero(there & (away < reach + size[:, None]).any(axis=1))
     for one in rows.tolist():
         locked = scenario.locks.get(agents.ids[one])
-        if locked is None or not locked.keeps_trajectory:
+        if locked is None or locked.keeps != "trajectory":
             yield from _threats(scenario, one, row, other)
             yield from _yields(scenario, one, row)
         yield from _yields(scenario, row, one)

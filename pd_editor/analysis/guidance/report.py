@@ -98,7 +98,7 @@ def absences(
         if name not in agents.row_of:
             continue
         lock = scenario.locks.get(name)
-        if lock is not None and lock.keeps_trajectory:
+        if lock is not None and lock.keeps == "trajectory":
             yield Refusal(
                 f"The trajectory of agent {name} is locked, so its {term.name} has no "
                 "effect; unlock it."

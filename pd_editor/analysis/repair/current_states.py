@@ -50,7 +50,7 @@ def repairable(
         agents.rows(
             name
             for name, lock in scenario.locks.items()
-            if lock.keeps_trajectory or not keeps_beginnings
+            if lock.keeps == "trajectory" or not keeps_beginnings
         )
     ] = False
     return asked & agents.kind_mask(kinds) & agents.is_valid[:, scenario.current_step]

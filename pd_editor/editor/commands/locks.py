@@ -42,7 +42,7 @@ class SetLocks(Command):
         """
         ids = tuple(dict.fromkeys(self.agent_ids))
         lock = self.lock
-        if lock is None or lock.keeps_trajectory:
+        if lock is None or lock.keeps == "trajectory":
             rows_of(scenario, ids)
         else:
             present_rows(scenario, ids)

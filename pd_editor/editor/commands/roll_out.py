@@ -191,7 +191,7 @@ class ContinueScene(Command):
         kept = scenario.kept_steps()[:, now:].sum(axis=1)
         for row, name in enumerate(self.motion.ids):
             lock = scenario.locks.get(name)
-            if lock is None or not lock.keeps_beginning:
+            if lock is None or lock.keeps != "beginning":
                 continue
             count = int(kept[agents.row_of[name]])
             was = agents.position_m[agents.row_of[name], now : now + count]

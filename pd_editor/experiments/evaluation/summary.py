@@ -142,8 +142,8 @@ class Summary:
     num_agents: Int[np.ndarray, "M W G"]
     """Number of distinct agents."""
     num_scenes: Int[np.ndarray, "M W G"]
-    median_final_m: Float[np.ndarray, "M W G"]
-    """Median final lateral deviation."""
+    median_final: Estimate
+    """Median final lateral deviations in metres [M W G], without intervals."""
     statistics: Mapping[str, Statistic]
 
 
@@ -187,8 +187,8 @@ class _Cells:
 
     def medians(
         self, values: Float[np.ndarray, "R"], is_valid: Bool[np.ndarray, "R"]
-    ) -> Float[np.ndarray, "M W G"]:
-        """Median of each cell, over all scenes."""
+    ) -> Estimate:
+        """Median of each cell, over all scenes; without intervals."""
         used = np.flatnonzero(is_valid & (self.cell >= 0))
         method, road = self.method[used], self.road[used]
         group, values = self.group[used], values[used]
@@ -199,7 +199,8 @@ class _Cells:
             chosen &= np.isin(group, _HELD[g])
             if chosen.any():
                 found[m, w, g] = np.median(values[chosen])
-        return found
+        unknown = np.full(shape, np.nan)
+        return Estimate(value=found, low=unknown, high=unknown)
 
     def _united(self, flat: Float[np.ndarray, "K"]) -> Float[np.ndarray, "M W G N"]:
         table = flat.reshape(self.shape)
@@ -217,6 +218,12 @@ class _RowFile:
     def read(self, *names: str) -> pa.Table:
         table = self.file.read(columns=list(names))
         return table if self.is_kept is None else table.filter(self.is_kept)
+
+    def metric(self, name: str) -> tuple[Float[np.ndarray, "R"], Bool[np.ndarray, "R"]]:
+        """Values of a metric, and which of them are valid."""
+        column = self.read(name).column(name)
+        is_valid = column.is_valid().to_numpy()
+        return column.fill_null(0.0).to_numpy().astype(float), is_valid
 
 
 def _rows_of(path: Path, splits: Collection[str] | None) -> _RowFile:
@@ -239,16 +246,12 @@ def summarise(
     file = _rows_of(rows, splits)
     cells = _cells(file, methods, conditions)
     weights = scene_weights(cells.shape[3], seed)
-    statistics, median = {}, np.zeros(0)
-    for name in METRIC_COLUMNS:
-        column = file.read(name).column(name)
-        is_valid = column.is_valid().to_numpy()
-        values = column.fill_null(0.0).to_numpy().astype(float)
-        statistics[name] = _statistic(cells, values, is_valid, weights)
-        if name == "lateral_deviation_final":
-            far = (values > FAR_M).astype(float)
-            statistics[FAR_FROM_LANE] = _statistic(cells, far, is_valid, weights)
-            median = cells.medians(values, is_valid)
+    statistics = {
+        name: _statistic(cells, *file.metric(name), weights) for name in METRIC_COLUMNS
+    }
+    final_m, is_valid = file.metric("lateral_deviation_final")
+    far = (final_m > FAR_M).astype(float)
+    statistics[FAR_FROM_LANE] = _statistic(cells, far, is_valid, weights)
     first = np.zeros(len(cells.cell), bool)
     whose = cells.agent * len(methods) + cells.method
     first[np.unique(whose, return_index=True)[1]] = True
@@ -260,7 +263,7 @@ def summarise(
         groups=SUMMARY_GROUPS,
         num_agents=agents.sum(axis=-1).astype(int),
         num_scenes=(agents > 0).sum(axis=-1),
-        median_final_m=median,
+        median_final=cells.medians(final_m, is_valid),
         statistics=statistics,
     )
 

@@ -78,6 +78,8 @@ class PreparedData:
     basis: TrajectoryBasis
     num_left_out: int
     """Number of unusable scenarios of the roots and of damaged shards."""
+    validation: FeatureStore | None = None
+    """Scenes to validate on; None: some of the store are held out."""
 
 
 def default_cache() -> Path:

@@ -68,7 +68,6 @@ from pd_editor.experiments.work_engine.work_engine import WorkProgress
 from pd_editor.generation.checkpoints.model_folder import TrainedStage, save_model
 from pd_editor.generation.checkpoints.tensor_file import config_from_json
 from pd_editor.generation.defaults import DeviceName
-from pd_editor.generation.features.feature_store import FeatureStore
 from pd_editor.generation.generators import saw_warps
 from pd_editor.generation.inputs import TrajectoryBasis
 
@@ -206,14 +205,14 @@ def run_asked_for(
 def _begun(
     config: RunConfig,
     run: RunFolder,
-    prepared: "_Prepared",
+    prepared: PreparedData,
     fabric: Fabric,
     watch: SampleWatch | None,
 ) -> tuple[TrainLoop, Callable[[], None]]:
     """The loop of a run, new or where an earlier one was, and what writes its results."""
-    stage, data = STAGES[config.stage], prepared.data
+    stage = STAGES[config.stage]
     model_config = config_from_json(stage.kind.config_type, config.model, run.path)
-    model = stage.fresh_model(model_config, data.basis, config.seed)
+    model = stage.fresh_model(model_config, prepared.basis, config.seed)
     sampling: Mapping[str, Any] = stage.kind.default_sampling()
     sees_warps = config.augmentation["warp_share"] > 0
     if config.start:
@@ -222,12 +221,12 @@ def _begun(
         sees_warps |= saw_warps(earlier.about)
         if not os.path.exists(run.state_path):
             start_from(model, earlier.model.state_dict(), config.start)
-    stage.fit_statistics(model, data.store)
+    stage.fit_statistics(model, prepared.store)
     loop = TrainLoop(
         config if watch is None else _with_checkpoints(config, watch.minutes),
         model,
         stage.loss(config.loss, config.own_samples),
-        training_data(data.store, config.budget, config.seed, prepared.validation),
+        training_data(prepared.store, config.budget, config.seed, prepared.validation),
         run,
         fabric,
     )
@@ -236,7 +235,7 @@ def _begun(
     own = _sampling_of_data(config)
 
     def write_results() -> None:
-        stage.measure(loop.averaged_model, data.store)
+        stage.measure(loop.averaged_model, prepared.store)
         trained = TrainedStage(
             kind=stage.kind,
             config=model_config,
@@ -247,7 +246,7 @@ def _begun(
                 )
                 for part, value in sampling.items()
             },
-            about={**_about(config, data, loop), "saw_warps": bool(sees_warps)},
+            about={**_about(config, prepared, loop), "saw_warps": bool(sees_warps)},
         )
         save_model(run.model_path, {stage.kind.name: trained})
         write_curves(run, config)
@@ -258,7 +257,7 @@ def _begun(
 def _train(
     config: RunConfig,
     run: RunFolder,
-    prepared: "_Prepared",
+    prepared: PreparedData,
     fabric: Fabric,
     watch: SampleWatch | None,
     monitoring: Monitoring,
@@ -290,8 +289,8 @@ def _train(
             steps=loop.train_state.step,
             minutes=loop.train_state.trained_s / 60,
             held_out_loss=loop.held_out_loss,
-            num_scenes=len(prepared.data.store),
-            num_left_out=prepared.data.num_left_out,
+            num_scenes=len(prepared.store),
+            num_left_out=prepared.num_left_out,
             is_stopped=fabric.broadcast(is_stopped()),
             is_first=fabric.is_global_zero,
         )
@@ -333,7 +332,7 @@ def _begin(
     basis = _kept_basis(run)
     if config.start and not resume:
         basis = basis_of(starting_model(Path(config.start)))
-    prepared = _prepared(config, cache, basis, on_preparation).data
+    prepared = _prepared(config, cache, basis, on_preparation)
     data = {
         "fingerprint": prepared.store.fingerprint,
         "scenes": len(prepared.store),
@@ -374,18 +373,12 @@ def measured(
     return replace(stage, model=model)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Prepared:
-    data: PreparedData
-    validation: FeatureStore | None
-
-
 def _prepared(
     config: RunConfig,
     cache: Path,
     basis: TrajectoryBasis | None,
     on_progress: Callable[[WorkProgress], None] | None = None,
-) -> _Prepared:
+) -> PreparedData:
     """Training and validation data on one basis."""
     data = prepared_data(
         _roots(config.data),
@@ -397,12 +390,12 @@ def _prepared(
         on_progress=on_progress,
     )
     if not config.validate:
-        return _Prepared(data=data, validation=None)
+        return data
     # Validation scenes are not augmented, and used at their own current step.
     held_out = prepared_data(
         _roots(config.validate), cache, basis=data.basis, augmentation=None
     )
-    return _Prepared(data=data, validation=held_out.store)
+    return replace(data, validation=held_out.store)
 
 
 def _kept_basis(run: RunFolder) -> TrajectoryBasis | None:

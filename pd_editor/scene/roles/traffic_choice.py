@@ -84,7 +84,7 @@ def steered_agent_ids(
 def trajectory_locked_ids(scenario: Scenario) -> frozenset[str]:
     """Ids of the agents whose whole trajectory is locked."""
     locks = scenario.locks.items()
-    return frozenset(name for name, lock in locks if lock.keeps_trajectory)
+    return frozenset(name for name, lock in locks if lock.keeps == "trajectory")
 
 
 def resamplable_agent_ids(

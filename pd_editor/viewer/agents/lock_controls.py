@@ -143,6 +143,6 @@ def _options(*more: str) -> tuple[str, ...]:
 def _option(lock: Lock | None) -> str:
     if lock is None:
         return NOT_LOCKED
-    if lock.keeps_trajectory:
+    if lock.keeps == "trajectory":
         return TRAJECTORY
-    return BEGINNING if lock.keeps_beginning else STATE
+    return BEGINNING if lock.keeps == "beginning" else STATE

@@ -148,7 +148,7 @@ def offered_goal(
         isinstance(term, GoalPoint) and term.agent_id == agent_id
         for term in scenario.guidance
     )
-    if row is None or has_goal or (lock is not None and lock.keeps_trajectory):
+    if row is None or has_goal or (lock is not None and lock.keeps == "trajectory"):
         return None
     step = scenario.current_step
     is_valid = scenario.agents.is_valid[row, step:]

@@ -99,7 +99,7 @@ class LocksView:
             locks.append(
                 LockMark(
                     keeps=lock.keeps,
-                    seconds=f"{lock.kept_s:g} s" if lock.keeps_beginning else "",
+                    seconds=f"{lock.kept_s:g} s" if lock.keeps == "beginning" else "",
                     label=f"Locked: {lock.in_words} of agent {agent_id}",
                     point=rounded_place(point),
                     radius=round(float(sizes[row, 1]) / 2, 2),

@@ -43,7 +43,7 @@ from pd_editor.editor.variant import (
 )
 from pd_editor.experiments.scene_index.query import FoundScene
 from pd_editor.scene.base_reference import MapWindow, SceneCut
-from pd_editor.scene.bundle import zip_files
+from pd_editor.scene.bundle import zip_folders
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.dataset import (
     EVERY,
@@ -510,7 +510,7 @@ class Workspace:
             self.session.scenario, recipe, self.session.base, format_name
         )
         self._exported_as(recipe.result_id)
-        return f"{recipe.result_id}.zip", zip_files(files, recipe.result_id)
+        return f"{recipe.result_id}.zip", zip_folders({recipe.result_id: files})
 
     def recipe_text(self) -> tuple[str, bytes]:
         """Name and bytes of the edits alone."""

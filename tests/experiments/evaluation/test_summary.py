@@ -139,11 +139,11 @@ def test_perturbed_roads_together(tmp_path):
     final = summary.statistics["lateral_deviation_final"]
     found = at(summary, "other", "perturbed", "movers")
     assert final.mean.value[found] == 3.0
-    assert summary.median_final_m[found] == 3.0
+    assert summary.median_final.value[found] == 3.0
     assert summary.statistics[FAR_FROM_LANE].mean.value[found] == pytest.approx(2 / 3)
     assert (summary.num_agents[found], summary.num_scenes[found]) == (3, 2)
     one = at(summary, "other", "smooth-turn:3", "movers")
-    assert (final.mean.value[one], summary.median_final_m[one]) == (2.0, 2.0)
+    assert (final.mean.value[one], summary.median_final.value[one]) == (2.0, 2.0)
 
 
 def test_no_rows_at_all(tmp_path):

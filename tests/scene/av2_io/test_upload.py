@@ -17,13 +17,13 @@ from pd_editor.scene.av2_io.upload import (
     scenarios_in_upload,
 )
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.bundle import zip_files
+from pd_editor.scene.bundle import zip_folders
 from tests.scene.av2_io.small_files import MAP, SCENARIO, TRACKS
 
 ID = SCENARIO.scenario_id
 TRACKS_NAME, MAP_NAME = f"scenario_{ID}.parquet", f"log_map_archive_{ID}.json"
 FILES = scenario_files(SCENARIO)
-ZIP = zip_files({**FILES, "recipe.json": b"{}"}, ID)
+ZIP = zip_folders({ID: {**FILES, "recipe.json": b"{}"}})
 
 
 def zipped(files: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:

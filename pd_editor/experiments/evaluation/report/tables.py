@@ -86,7 +86,7 @@ def headline_tables(
                 summary.statistics[name].mean.cell((m, w, g), unit_of(name))
                 for name, _ in headlines
             ]
-            cells.insert(of_median, _number(summary.median_final_m[m, w, g]))
+            cells.insert(of_median, summary.median_final.cell((m, w, g), "m"))
             counts = f"{summary.num_agents[m, w, g]} / {summary.num_scenes[m, w, g]}"
             if summary.num_agents[:, w, g].any():
                 yield (method, counts, *cells)
@@ -165,22 +165,20 @@ def road_tables(summary: Summary) -> list[ReportTable]:
 def _road_table(summary: Summary, group: str, name: str) -> ReportTable:
     g, roads = summary.groups.index(group), range(len(summary.roads))
     if name == MEDIAN:
-        texts = [
-            [_number(summary.median_final_m[m, w, g]) for w in roads]
-            for m in range(len(summary.methods))
-        ]
+        shown, unit = summary.median_final, "m"
+        title = "median of lateral_deviation_final, m"
     else:
-        mean, unit = summary.statistics[name].mean, unit_of(name)
-        texts = [
-            [mean.cell((m, w, g), unit, with_interval=False) for w in roads]
-            for m in range(len(summary.methods))
-        ]
-    title = "median of lateral_deviation_final, m" if name == MEDIAN else named(name)
+        shown, unit = summary.statistics[name].mean, unit_of(name)
+        title = named(name)
     return ReportTable(
         title=f"{group.capitalize()}, by road: {title}",
         header=("method", *summary.roads),
         rows=tuple(
-            (method, *row) for method, row in zip(summary.methods, texts, strict=True)
+            (
+                method,
+                *(shown.cell((m, w, g), unit, with_interval=False) for w in roads),
+            )
+            for m, method in enumerate(summary.methods)
         ),
     )
 
@@ -205,10 +203,6 @@ def definition_table() -> ReportTable:
         header=("metric", "source", "unit", "better", "definition"),
         rows=tuple(rows),
     )
-
-
-def _number(value: float) -> str:
-    return NONE if np.isnan(value) else f"{value:.2f}"
 
 
 def unit_of(name: str) -> str:
@@ -329,7 +323,7 @@ def _intervals_svg(summary: Summary, shown: Sequence[str]) -> bytes:
 def _powers_svg(summary: Summary, by_kind: dict[str, list[RoadCondition]]) -> bytes:
     """Panels by kind of warp, with a line for each method."""
     panels = Panels(len(by_kind), 2.4)
-    median = summary.median_final_m[:, :, summary.groups.index(_GROUP)]
+    median = summary.median_final.value[:, :, summary.groups.index(_GROUP)]
     for axes, (kind, roads) in zip(panels.axes, by_kind.items(), strict=True):
         columns = [summary.roads.index(one.label) for one in roads]
         for row, method in enumerate(summary.methods):
