@@ -106,10 +106,10 @@ def drive_scores(
     is_off = off.any(axis=1)
     last = is_off.argmax() if is_off.any() else -1
     ends = shapely.points(agents.position_m[row, steps[[0, last]]])
-    place = shapely.line_locate_point(shapely.LineString(route_m), ends).tolist()
+    along = np.asarray(shapely.line_locate_point(shapely.LineString(route_m), ends))
     return DriveScores(
         driven_s=float((steps[-1] - now) * rolled.time_axis.step_s),
-        ego_progress_along_route_m=place[1] - place[0],
+        ego_progress_along_route_m=float(along[1] - along[0]),
         no_ego_at_fault_collisions=not fault,
         num_collisions=hit,
         time_to_collision_within_bound=bool(least >= LEAST_TTC_S),
