@@ -10,7 +10,7 @@ import tyro
 
 from pd_editor.analysis.manoeuvres import EVENT_KINDS
 from pd_editor.base.plain_text import number_of, one_line
-from pd_editor.cli.options import Switch
+from pd_editor.cli.options import Switch, shown
 from pd_editor.experiments.scene_index.index_file import SceneIndex
 from pd_editor.experiments.scene_index.query import (
     FoundScene,
@@ -60,8 +60,8 @@ def found_in(
 
 
 def find(
-    index: Annotated[str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="INDEX")],
-    query: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="QUERY")],
+    index: Annotated[str | Path, tyro.conf.Positional, shown("INDEX")],
+    query: Annotated[str, tyro.conf.Positional, shown("QUERY")],
     /,
     *,
     json: Switch = False,

@@ -25,6 +25,7 @@ from pd_editor.cli.options import (
     Switch,
     TagsOption,
     several,
+    shown,
 )
 from pd_editor.cli.output import Outcome, described, refuse_existing, work_shown
 from pd_editor.editor.library.index_table import INDEX_NAME
@@ -44,17 +45,15 @@ from pd_editor.scene.bundle import write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.registry import writer
 
-_Folder = Annotated[str | Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
+_Folder = Annotated[str | Path, tyro.conf.Positional, shown("FOLDER")]
 _Names = Annotated[
     str | tuple[str, ...],
     tyro.conf.Positional,
-    tyro.conf.arg(metavar="NAME [...]", help_behavior_hint="(required)"),
+    shown("NAME [...]", "(required)"),
 ]
-_Author = Annotated[str, tyro.conf.arg(metavar="NAME", help_behavior_hint="")]
-_Note = Annotated[
-    str | None, tyro.conf.arg(metavar="TEXT", help_behavior_hint="(optional)")
-]
-_Sort = Annotated[str, tyro.conf.arg(metavar="ORDER")]
+_Author = Annotated[str, shown("NAME", "")]
+_Note = Annotated[str | None, shown("TEXT", "(optional)")]
+_Sort = Annotated[str, shown("ORDER")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +125,7 @@ def add(
 
 def find(
     folder: _Folder,
-    query: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="QUERY")],
+    query: Annotated[str, tyro.conf.Positional, shown("QUERY")],
     /,
     *,
     workers: OptionalWorkers = None,
@@ -272,7 +271,7 @@ def list(
     words: Annotated[
         tuple[str, ...],
         tyro.conf.Positional,
-        tyro.conf.arg(metavar="[WORD ...]", help_behavior_hint=""),
+        shown("[WORD ...]", ""),
     ] = (),
     /,
     *,

@@ -1,9 +1,9 @@
 """Roads (SUMO edges) from a lane graph, links between them through junctions, and the junctions."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 import shapely
@@ -29,11 +29,8 @@ class LaneInterval:
     end_m: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class Road:
-    """Group of adjacent lane intervals, from right to left: an edge of SUMO."""
-
-    lanes: tuple[LaneInterval, ...]
+Road = tuple[LaneInterval, ...]
+"""Adjacent lane intervals, from right to left: an edge of SUMO."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,11 +108,10 @@ def roads_of(lines: LaneLines, crossing: frozenset[int]) -> tuple[Road, ...]:
         stub = min(8.0, MAX_CUT_SHARE * length)
         begins, ends = not lines.predecessors[lane_id], not lines.successors[lane_id]
         if begins:
-            part = LaneInterval(lane_id=lane_id, start_m=0.0, end_m=stub)
-            roads.append(Road(lanes=(part,)))
+            roads.append((LaneInterval(lane_id=lane_id, start_m=0.0, end_m=stub),))
         if ends:
             part = LaneInterval(lane_id=lane_id, start_m=length - stub, end_m=length)
-            roads.append(Road(lanes=(part,)))
+            roads.append((part,))
     return tuple(roads)
 
 
@@ -133,38 +129,30 @@ def _without(group: tuple[int, ...], crossing: frozenset[int]) -> list[list[int]
 def _shortened(lines: LaneLines, group: list[int]) -> Road:
     """Road of a lane group, shortened by the same lengths for all lanes."""
     shortest = min(lines.length_m[lane_id] for lane_id in group)
-    begin = max(_start_cut(lines, lane_id, group) for lane_id in group)
-    end = max(_end_cut(lines, lane_id, group) for lane_id in group)
+    begin = max(_cut(lines, lane_id, group, 1) for lane_id in group)
+    end = max(_cut(lines, lane_id, group, -1) for lane_id in group)
     limit = min(MAX_CUT_M, MAX_CUT_SHARE * shortest)
     begin, end = min(begin, limit), min(end, limit)
-    return Road(
-        lanes=tuple(
-            LaneInterval(
-                lane_id=lane_id, start_m=begin, end_m=lines.length_m[lane_id] - end
-            )
-            for lane_id in group
+    return tuple(
+        LaneInterval(
+            lane_id=lane_id, start_m=begin, end_m=lines.length_m[lane_id] - end
         )
+        for lane_id in group
     )
 
 
-def _start_cut(lines: LaneLines, lane_id: int, group: list[int]) -> float:
-    """Length over which a lane overlaps others with the same predecessor."""
-    before = lines.predecessors[lane_id]
-    if not before:
+def _cut(
+    lines: LaneLines, lane_id: int, group: list[int], way: Literal[1, -1]
+) -> float:
+    """Length over which a lane overlaps others that begin (1) or end (-1) as it does."""
+    linked, back = lines.predecessors, lines.successors
+    if way == -1:
+        linked, back = back, linked
+    if not linked[lane_id]:
         return 0.0
-    rivals = {n for lane in before for n in lines.successors[lane]} - set(group)
-    others = [lines.lane(n).centerline_m for n in sorted(rivals)]
-    return _shared(lines.lane(lane_id).centerline_m, others)
-
-
-def _end_cut(lines: LaneLines, lane_id: int, group: list[int]) -> float:
-    """Length over which a lane overlaps others with the same successor."""
-    after = lines.successors[lane_id]
-    if not after:
-        return 0.0
-    rivals = {n for lane in after for n in lines.predecessors[lane]} - set(group)
-    others = [lines.lane(n).centerline_m[::-1] for n in sorted(rivals)]
-    return _shared(lines.lane(lane_id).centerline_m[::-1], others)
+    rivals = {n for lane in linked[lane_id] for n in back[lane]} - set(group)
+    others = [lines.lane(n).centerline_m[::way] for n in sorted(rivals)]
+    return _shared(lines.lane(lane_id).centerline_m[::way], others)
 
 
 def _shared(
@@ -187,18 +175,18 @@ def _shared(
 
 def middle_split(road: Road) -> tuple[Road, Road]:
     """Split a road into two, with a short gap for the link between them."""
-    halves = []
-    for first, second in ((0.0, 0.45), (0.55, 1.0)):
-        parts = tuple(
+
+    def part(first: float, second: float) -> Road:
+        return tuple(
             LaneInterval(
                 lane_id=s.lane_id,
                 start_m=s.start_m + first * (s.end_m - s.start_m),
                 end_m=s.start_m + second * (s.end_m - s.start_m),
             )
-            for s in road.lanes
+            for s in road
         )
-        halves.append(Road(lanes=parts))
-    return halves[0], halves[1]
+
+    return part(0.0, 0.45), part(0.55, 1.0)
 
 
 _MAX_CHAIN = 6
@@ -248,7 +236,7 @@ def _links(
     """All links through junctions, and the junction lanes that must become roads."""
     begins: dict[int, tuple[int, int]] = {}
     ends: dict[int, tuple[int, int]] = {}
-    for road, lanes in enumerate(road.lanes for road in roads):
+    for road, lanes in enumerate(roads):
         for index, interval in enumerate(lanes):
             if interval.lane_id not in crossing or not interval.start_m:
                 ends[interval.lane_id] = (road, index)
@@ -296,8 +284,8 @@ def _along(
     start: tuple[int, int],
     end: tuple[int, int],
 ) -> tuple[LaneInterval, ...]:
-    first = roads[start[0]].lanes[start[1]].end_m
-    last = roads[end[0]].lanes[end[1]].start_m
+    first = roads[start[0]][start[1]].end_m
+    last = roads[end[0]][end[1]].start_m
     lane_intervals = []
     for place, lane_id in enumerate(chain):
         lane_intervals.append(
@@ -354,16 +342,12 @@ def _without_loops(network: LaneRoads) -> LaneRoads:
         ends[index] = junctions
         junctions += 1
         links = [
-            Link(
-                start=(new, link.start[1]),
-                end=link.end,
-                lane_intervals=link.lane_intervals,
-            )
+            replace(link, start=(new, link.start[1]))
             if link.start[0] == index
             else link
             for link in links
         ]
-        for place, (one, two) in enumerate(zip(first.lanes, second.lanes, strict=True)):
+        for place, (one, two) in enumerate(zip(first, second, strict=True)):
             gap = LaneInterval(
                 lane_id=one.lane_id, start_m=one.end_m, end_m=two.start_m
             )
@@ -383,7 +367,7 @@ def junction_points(lines: LaneLines, network: LaneRoads) -> np.ndarray:
     """Centre of the ends of roads at each junction, shape [J 2]."""
     total = np.zeros((network.num_junctions, 3))
     for index, road in enumerate(network.roads):
-        for interval in road.lanes:
+        for interval in road:
             line = lines.line((interval,))
             total[network.start_junction[index]] += (*line[0], 1)
             total[network.end_junction[index]] += (*line[-1], 1)

@@ -64,7 +64,7 @@ def _node_kinds(lines: LaneLines, network: LaneRoads) -> list[NodeKind]:
     }
     for junction in crossed:
         arriving = [
-            sum(lines.lane(s.lane_id).kind is not LaneKind.BIKE for s in road.lanes)
+            sum(lines.lane(s.lane_id).kind is not LaneKind.BIKE for s in road)
             for road, end in zip(network.roads, network.end_junction, strict=True)
             if end == junction
         ]
@@ -77,22 +77,20 @@ def _node_kinds(lines: LaneLines, network: LaneRoads) -> list[NodeKind]:
 
 def _edges(lines: LaneLines, network: LaneRoads) -> Iterator[ElementTree.Element]:
     for index, road in enumerate(network.roads):
-        middle = lines.line((road.lanes[len(road.lanes) // 2],))
-        num_wide = sum(
-            lines.lane(s.lane_id).kind is LaneKind.VEHICLE for s in road.lanes
-        )
+        middle = lines.line((road[len(road) // 2],))
+        num_wide = sum(lines.lane(s.lane_id).kind is LaneKind.VEHICLE for s in road)
         attributes = {
             "id": f"r{index}",
             "from": f"n{network.start_junction[index]}",
             "to": f"n{network.end_junction[index]}",
-            "numLanes": str(len(road.lanes)),
+            "numLanes": str(len(road)),
             "spreadType": "center",
             "speed": f"{_SPEED_MPS[min(max(num_wide, 1), 3) - 1]:.2f}",
             "priority": str(1 + num_wide),
             "shape": shape_text(middle, 4),
         }
         edge = ElementTree.Element("edge", attributes)
-        for place, interval in enumerate(road.lanes):
+        for place, interval in enumerate(road):
             ElementTree.SubElement(
                 edge,
                 "lane",
@@ -137,7 +135,7 @@ def _with_own_lines(
     lane_intervals: dict[str, tuple[LaneInterval, ...]] = {}
     for index, road in enumerate(network.roads):
         length = _mean_length_m(road)
-        for place, interval in enumerate(road.lanes):
+        for place, interval in enumerate(road):
             name = f"r{index}_{place}"
             if name not in lane_of:
                 raise SynthesisError(
@@ -172,7 +170,7 @@ def _with_own_lines(
 
 
 def _mean_length_m(road: Road) -> float:
-    return float(np.mean([s.end_m - s.start_m for s in road.lanes]))
+    return float(np.mean([s.end_m - s.start_m for s in road]))
 
 
 def _set_line(
