@@ -23,7 +23,7 @@ from pd_editor.analysis.metrics.box_overlaps import (
     nearest_distance,
 )
 from pd_editor.analysis.metrics.distribution_distance import HISTOGRAMS, noise_floor
-from pd_editor.analysis.metrics.lanes import nearest_edge, off_lane
+from pd_editor.analysis.metrics.lanes import nearest_edge, off_lane_values
 from pd_editor.analysis.metrics.motion import motion_values
 from pd_editor.analysis.metrics.traffic_view import (
     TrafficView,
@@ -246,7 +246,7 @@ def state_values(view: TrafficView) -> Values:
     values = (
         init_collision_2m(view),
         box_overlap(view).at_state(),
-        off_lane(view).values()["init_off_road_4m"],
+        off_lane_values(view)["init_off_road_4m"],
         *nearest_edge(view),
         nearest_distance(view),
         local_density(view),

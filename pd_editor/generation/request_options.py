@@ -120,14 +120,13 @@ def trajectory_options(
     sampler, guidance = stage.sampling["sampler"], stage.sampling["guidance"]
     if request.num_denoising_steps is not None:
         sampler = replace(sampler, num_steps=request.num_denoising_steps)
-    lanes = [term for term in request.settings if term.name == LANE_GUIDANCE]
+    lanes = request.setting(LANE_GUIDANCE)
     if lanes:
-        strength = lanes[-1].weight
-        guidance = replace(guidance, weight=strength, warped_weight=strength)
+        guidance = replace(guidance, weight=lanes.weight, warped_weight=lanes.weight)
     return TrajectoryOptions(
         sampler=sampler,
         guidance=guidance,
-        lane_agent_ids=lanes[-1].agent_ids if lanes else (),
+        lane_agent_ids=lanes.agent_ids if lanes else (),
         terms=request.terms,
         term_guidance=stage.sampling["terms"],
         avoids=all(one.weight > 0 for one in request.settings if one.name == AVOIDANCE),
@@ -140,8 +139,8 @@ def trajectory_options(
 
 def yields(request: GenerationRequest) -> bool:
     """Whether agents that would collide yield."""
-    avoids = [term for term in request.settings if term.name == AVOIDANCE]
-    wanted = avoids[-1].parameters.get("yields", 1.0) if avoids else 1.0
+    avoids = request.setting(AVOIDANCE)
+    wanted = avoids.parameters.get("yields", 1.0) if avoids else 1.0
     return bool(_num_tries(request)) and wanted > 0
 
 
@@ -189,8 +188,8 @@ def requested_placings(
 
 def _num_tries(request: GenerationRequest) -> int:
     """Number of tries per trajectory; 0 if collisions are not avoided."""
-    avoids = [term for term in request.settings if term.name == AVOIDANCE]
+    avoids = request.setting(AVOIDANCE)
     if not avoids:
         return NUM_TRIES
-    wanted = int(avoids[-1].parameters.get("tries", NUM_TRIES))
-    return max(wanted, 0) if avoids[-1].weight > 0 else 0
+    wanted = int(avoids.parameters.get("tries", NUM_TRIES))
+    return max(wanted, 0) if avoids.weight > 0 else 0

@@ -278,6 +278,10 @@ class GenerationRequest:
         """Settings of the generator's own guidance."""
         return tuple(one for one in self.guidance if isinstance(one, GuidanceSetting))
 
+    def setting(self, name: str) -> GuidanceSetting | None:
+        """The last setting of a name; None if there is none."""
+        return next((one for one in self.settings[::-1] if one.name == name), None)
+
     @property
     def terms(self) -> tuple[GuidanceTerm, ...]:
         """Guidance terms in force: those of the scenario, then those of this run."""

@@ -16,14 +16,7 @@ from pd_editor.analysis.metrics.motion import (
 )
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS
 from pd_editor.scene.agent_tracks import AgentTracks
-from pd_editor.scene.paths.retiming import (
-    fill_gaps,
-    fill_heading_gaps,
-    highest_speed,
-    retime,
-    slowed_distance,
-    travelled_m,
-)
+from pd_editor.scene.paths.retiming import fill_gaps, slowed_to_limits
 from pd_editor.scene.perturbation.friction import (
     BRAKING_MPS2,
     DRY_ROAD_FRICTION,
@@ -179,11 +172,6 @@ def _one_pass(
 ) -> AgentTracks:
     agents, now = scenario.agents, scenario.current_step
     step_s, rows = scenario.time_axis.step_s, motion.rows[some]
-    is_valid = agents.is_valid[rows, now:]
-    curve = fill_gaps(agents.position_m[rows, now:], is_valid)
-    heading = fill_heading_gaps(agents.heading_rad[rows, now:], is_valid)
-    along = travelled_m(curve)
-    speed = np.gradient(along, step_s, axis=1)
     lateral = motion.lateral_mps2[some]
     # The sharpest point between two steps may be assigned to either of them.
     lateral[:, 1:] = np.maximum(lateral[:, 1:], lateral[:, :-1])
@@ -193,16 +181,17 @@ def _one_pass(
         * np.sqrt(0.97 * limit_mps2 / np.where(lateral > 0, lateral, 1.0)),
         np.inf,
     )
-    drivable = highest_speed(
-        along,
+    later, _ = slowed_to_limits(
+        agents.position_m[rows, now:],
+        agents.heading_rad[rows, now:],
+        agents.is_valid[rows, now:],
         # Ratio of new speed to limit: retiming moves the points at which curvature is
         # measured.
         0.98 * allowed,
+        step_s,
         braking_mps2=BRAKING_MPS2,
         acceleration_mps2=FIRM_ACCELERATION_MPS2,
     )
-    distance, slowed = slowed_distance(along, speed, drivable, step_s)
-    later = retime(curve, heading, is_valid, distance, step_s, slowed)
     return agents.with_motion(rows, now, later)
 
 

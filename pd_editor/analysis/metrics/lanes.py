@@ -18,6 +18,7 @@ from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.analysis.metrics.values import (
     MetricValues,
     any_step,
+    by_name,
     mean_over_steps,
     measured,
 )
@@ -147,38 +148,6 @@ BEYOND_ROADS_M: Final = 20.0
 of ``val``, 9 % of ``train``."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OffLane:
-    """Off-road tests of A evaluated agents at H steps, the current one first.
-
-    They are not valid for pedestrians.
-    """
-
-    is_valid: Bool[np.ndarray, "A H"]
-    is_far: Bool[np.ndarray, "A H"]
-    """Whether no centre-line point is within 4 m."""
-    is_outside: Bool[np.ndarray, "A H"]
-    """Whether the centre is outside the drivable area."""
-
-    def values(self) -> dict[str, MetricValues]:
-        """Off-road metrics by name, each [A]."""
-        valid, far, outside = self.is_valid, self.is_far, self.is_outside
-        whole = np.all(far | ~valid, axis=1)
-        return {
-            "init_off_road_4m": measured("init_off_road_4m", far[:, 0], valid[:, 0]),
-            "off_road_4m_whole_path": measured(
-                "off_road_4m_whole_path", whole, np.any(valid, axis=1)
-            ),
-            "off_road_4m": any_step("off_road_4m", far, valid),
-            "off_road_4m_steps": mean_over_steps("off_road_4m_steps", far, valid),
-            "init_off_drivable": measured(
-                "init_off_drivable", outside[:, 0], valid[:, 0]
-            ),
-            "off_drivable": any_step("off_drivable", outside, valid),
-            "off_drivable_steps": mean_over_steps("off_drivable_steps", outside, valid),
-        }
-
-
 def ids_near_lanes(scenario: Scenario, ids: Sequence[str]) -> tuple[str, ...]:
     """Ids of those agents that are within ``BEYOND_ROADS_M`` of a lane's centre line now.
 
@@ -194,15 +163,24 @@ def ids_near_lanes(scenario: Scenario, ids: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name, near in zip(ids, is_near, strict=True) if near)
 
 
-def off_lane(view: TrafficView) -> OffLane:
-    """Off-road tests of the evaluated agents that follow lanes."""
-    is_valid = evaluated_steps(view)
+def off_lane_values(view: TrafficView) -> dict[str, MetricValues]:
+    """Off-road metrics of the evaluated agents that follow lanes by name, each [A]."""
+    valid = evaluated_steps(view)
     position = view.agents.position_m
     center = map_points(view.scenario.road_map).center_m
-    is_outside = np.zeros(is_valid.shape, bool)
-    is_outside[is_valid] = is_off_road(view.scenario, position[is_valid])
-    is_near = paths_within(position, is_valid, center, OFF_LANE_M)
-    return OffLane(is_valid=is_valid, is_far=is_valid & ~is_near, is_outside=is_outside)
+    outside = np.zeros(valid.shape, bool)
+    outside[valid] = is_off_road(view.scenario, position[valid])
+    far = valid & ~paths_within(position, valid, center, OFF_LANE_M)
+    whole, exists = np.all(far | ~valid, axis=1), np.any(valid, axis=1)
+    return by_name(
+        measured("init_off_road_4m", far[:, 0], valid[:, 0]),
+        measured("off_road_4m_whole_path", whole, exists),
+        any_step("off_road_4m", far, valid),
+        mean_over_steps("off_road_4m_steps", far, valid),
+        measured("init_off_drivable", outside[:, 0], valid[:, 0]),
+        any_step("off_drivable", outside, valid),
+        mean_over_steps("off_drivable_steps", outside, valid),
+    )
 
 
 def nearest_edge(view: TrafficView) -> tuple[MetricValues, MetricValues]:
@@ -251,20 +229,14 @@ class LaneDeviation:
         later = self.is_valid[:, 1:]
         last = later.shape[1] - later[:, ::-1].argmax(axis=1) if later.size else 0
         final = self.lateral_m[np.arange(len(later)), last]
-        return {
-            "lateral_deviation_mean": mean_over_steps(
-                "lateral_deviation_mean", self.lateral_m[:, 1:], later
-            ),
-            "lateral_deviation_final": measured(
-                "lateral_deviation_final", final, np.any(later, axis=1)
-            ),
-            "angular_deviation_mean": mean_over_steps(
-                "angular_deviation_mean", self.angle_deg[:, 1:], later
-            ),
-            "wrong_way": mean_over_steps(
+        return by_name(
+            mean_over_steps("lateral_deviation_mean", self.lateral_m[:, 1:], later),
+            measured("lateral_deviation_final", final, np.any(later, axis=1)),
+            mean_over_steps("angular_deviation_mean", self.angle_deg[:, 1:], later),
+            mean_over_steps(
                 "wrong_way", self.is_wrong_way[:, 1:], self.can_be_wrong_way[:, 1:]
             ),
-        }
+        )
 
 
 @lru_cache(maxsize=2)

@@ -22,6 +22,7 @@ from pd_editor.analysis.metrics.traffic_view import TrafficView
 from pd_editor.analysis.metrics.values import (
     MetricValues,
     any_step,
+    by_name,
     mean_over_steps,
     measured,
 )
@@ -60,14 +61,12 @@ def best_of_samples(views: Sequence[TrafficView]) -> dict[str, MetricValues]:
     """``min_ade``, ``min_fde`` and ``min_missed`` [A] over samples of the same agents."""
     assert all(view.agents.ids == views[0].agents.ids for view in views)
     mean, final = [ade(view) for view in views], [fde(view) for view in views]
-    least = {"min_ade": _least(mean), "min_fde": _least(final)}
-    is_valid = final[0].is_valid
-    least_final = least["min_fde"]
-    return {
-        "min_ade": measured("min_ade", least["min_ade"], mean[0].is_valid),
-        "min_fde": measured("min_fde", least_final, is_valid),
-        "min_missed": measured("min_missed", least_final > MISS_M, is_valid),
-    }
+    least_final, is_valid = _least(final), final[0].is_valid
+    return by_name(
+        measured("min_ade", _least(mean), mean[0].is_valid),
+        measured("min_fde", least_final, is_valid),
+        measured("min_missed", least_final > MISS_M, is_valid),
+    )
 
 
 def _least(samples: Sequence[MetricValues]) -> Float[np.ndarray, "A"]:
@@ -96,11 +95,11 @@ def diversity_values(views: Sequence[TrafficView]) -> dict[str, MetricValues]:
     has_spread = (count > 0) & (len(views) > 1)
     last = is_valid.shape[1] - 1 - is_valid[:, ::-1].argmax(axis=1)
     end = apart[np.arange(len(apart)), last]
-    return {
-        "pairwise_ade": measured("pairwise_ade", mean, has_spread),
-        "end_spread": measured("end_spread", end, has_spread),
-        "lane_coverage": _lane_coverage(views),
-    }
+    return by_name(
+        measured("pairwise_ade", mean, has_spread),
+        measured("end_spread", end, has_spread),
+        _lane_coverage(views),
+    )
 
 
 def _distances_m(
@@ -200,26 +199,24 @@ class Kinematics:
 
     def per_step(self) -> dict[str, MetricValues]:
         """Derivatives by name, each [A H]."""
-        return {
-            name: measured(name, value, self.is_valid)
-            for name, value in (
-                ("longitudinal_acceleration", self.longitudinal_mps2),
-                ("lateral_acceleration", self.lateral_mps2),
-                ("jerk", self.jerk_mps3),
-                ("yaw_rate", self.yaw_rate_radps),
-            )
-        }
+        valid = self.is_valid
+        return by_name(
+            measured("longitudinal_acceleration", self.longitudinal_mps2, valid),
+            measured("lateral_acceleration", self.lateral_mps2, valid),
+            measured("jerk", self.jerk_mps3, valid),
+            measured("yaw_rate", self.yaw_rate_radps, valid),
+        )
 
     def values(self) -> dict[str, MetricValues]:
         """Violations of limits by name, each [A]."""
-        valid, result = self.is_valid, {}
-        for name, broken in (
-            ("uncomfortable", self.is_uncomfortable()),
-            ("impossible", self.is_impossible()),
-        ):
-            result[name] = any_step(name, broken, valid)
-            result[f"{name}_steps"] = mean_over_steps(f"{name}_steps", broken, valid)
-        return result
+        valid = self.is_valid
+        harsh, impossible = self.is_uncomfortable(), self.is_impossible()
+        return by_name(
+            any_step("uncomfortable", harsh, valid),
+            mean_over_steps("uncomfortable_steps", harsh, valid),
+            any_step("impossible", impossible, valid),
+            mean_over_steps("impossible_steps", impossible, valid),
+        )
 
 
 def kinematics(view: TrafficView, window: int = WINDOW_STEPS) -> Kinematics:
@@ -263,14 +260,14 @@ def motion_values(view: TrafficView) -> dict[str, MetricValues]:
     has_future = here & np.any(agents.is_valid[:, 1:], axis=1)
     starts = np.any(away & agents.is_valid, axis=1)
     length = path_length_m(agents.position_m, agents.is_valid)
-    return {
-        "length": measured("length", agents.size_m[:, 0], here),
-        "width": measured("width", agents.size_m[:, 1], here),
-        "speed": measured("speed", speed, here),
-        "standing": measured("standing", stands, here),
-        "starts": measured("starts", starts, stands & has_future),
-        "path_length": measured("path_length", length, has_future),
-    }
+    return by_name(
+        measured("length", agents.size_m[:, 0], here),
+        measured("width", agents.size_m[:, 1], here),
+        measured("speed", speed, here),
+        measured("standing", stands, here),
+        measured("starts", starts, stands & has_future),
+        measured("path_length", length, has_future),
+    )
 
 
 @lru_cache(maxsize=8)

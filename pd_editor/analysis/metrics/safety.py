@@ -13,7 +13,7 @@ from pd_editor.analysis.metrics.box_overlaps import (
     pairs_that_meet,
 )
 from pd_editor.analysis.metrics.traffic_view import TrafficView
-from pd_editor.analysis.metrics.values import MetricValues, measured
+from pd_editor.analysis.metrics.values import MetricValues, by_name, measured
 from pd_editor.scene.agent_states import AgentStates
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.oriented_box import Boxes, box_corners
@@ -44,16 +44,12 @@ def safety_values(view: TrafficView) -> dict[str, MetricValues]:
     gap = pairs.least(*_gaps_m(pairs))
     exists = view.agents.is_valid[:, 0]
     has_course, has_conflict = np.isfinite(to_collision), np.isfinite(encroachment)
-    return {
-        "time_to_collision": _finite("time_to_collision", to_collision, has_course),
-        "critical_time_to_collision": measured(
-            "critical_time_to_collision", to_collision < CRITICAL_S, exists
-        ),
-        "post_encroachment_time": _finite(
-            "post_encroachment_time", encroachment, has_conflict
-        ),
-        "minimum_gap": _finite("minimum_gap", gap, np.isfinite(gap)),
-    }
+    return by_name(
+        _finite("time_to_collision", to_collision, has_course),
+        measured("critical_time_to_collision", to_collision < CRITICAL_S, exists),
+        _finite("post_encroachment_time", encroachment, has_conflict),
+        _finite("minimum_gap", gap, np.isfinite(gap)),
+    )
 
 
 def least_times_s(

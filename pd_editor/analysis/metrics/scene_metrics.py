@@ -19,7 +19,11 @@ from pd_editor.analysis.metrics.box_overlaps import (
     local_density,
     nearest_distance,
 )
-from pd_editor.analysis.metrics.lanes import lane_deviation, nearest_edge, off_lane
+from pd_editor.analysis.metrics.lanes import (
+    lane_deviation,
+    nearest_edge,
+    off_lane_values,
+)
 from pd_editor.analysis.metrics.likelihoods import likelihood_values
 from pd_editor.analysis.metrics.motion import (
     DEGREE,
@@ -70,7 +74,7 @@ def agent_values(view: TrafficView) -> dict[str, MetricValues]:
     )
     return {
         **{values.name: values for values in singles},
-        **off_lane(view).values(),
+        **off_lane_values(view),
         **lane_deviation(view).values(),
         **motion_values(view),
         **motion.per_step(),

@@ -100,6 +100,11 @@ def measured(
     )
 
 
+def by_name(*values: MetricValues) -> dict[str, MetricValues]:
+    """Values of metrics by their names."""
+    return {one.name: one for one in values}
+
+
 def mean_over_steps(
     name: str,
     value: Float[np.ndarray, "A S"] | Bool[np.ndarray, "A S"],

@@ -23,10 +23,7 @@ from pd_editor.scene.agent_tracks import AgentTracks
 from pd_editor.scene.paths.retiming import (
     fill_gaps,
     fill_heading_gaps,
-    highest_speed,
-    retime,
-    slowed_distance,
-    travelled_m,
+    slowed_to_limits,
 )
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.thresholds import MOVED_M
@@ -58,45 +55,6 @@ class Trajectories:
         )
         extent = np.linalg.norm(curve - curve[:, :1], axis=-1).max(axis=1, initial=0)
         return rows[extent > MOVED_M]
-
-    def paths(
-        self, rows: Int[np.ndarray, "G"]
-    ) -> tuple[
-        Float[np.ndarray, "G H 2"], Float[np.ndarray, "G H"], Float[np.ndarray, "G H"]
-    ]:
-        """Positions, headings and travelled distance of rows, with gaps filled."""
-        step = self.scenario.current_step
-        is_valid = self.agents.is_valid[rows, step:]
-        curve = fill_gaps(self.agents.position_m[rows, step:], is_valid)
-        heading = fill_heading_gaps(self.agents.heading_rad[rows, step:], is_valid)
-        return curve, heading, travelled_m(curve)
-
-    def retimed(
-        self,
-        rows: Int[np.ndarray, "G"],
-        distance_m: Float[np.ndarray, "G H"],
-        speed_mps: Float[np.ndarray, "G H"],
-    ) -> "Trajectories":
-        """Move some agents to other distances along their own paths."""
-        step = self.scenario.current_step
-        agents = self.agents
-        old = agents.position_m[rows], agents.heading_rad[rows]
-        is_valid = agents.is_valid[rows, step:]
-        position, heading, velocity = retime(
-            old[0][:, step:],
-            old[1][:, step:],
-            is_valid,
-            distance_m,
-            self.scenario.time_axis.step_s,
-            speed_mps,
-        )
-        position[:, 0], heading[:, 0] = old[0][:, step], old[1][:, step]
-        now = agents.velocity_mps[rows, step]
-        length = np.hypot(now[:, 0], now[:, 1])
-        factor = np.minimum(speed_mps[:, 0] / np.maximum(length, 1e-9), 1.0)
-        velocity[:, 0] = factor[:, None] * now
-        retimed = agents.with_motion(rows, step, (position, heading, velocity))
-        return self.with_agents(retimed, rows)
 
     def with_yielding(
         self,
@@ -241,26 +199,34 @@ def _slowed(
     trajectories: Trajectories, rows: Int[np.ndarray, "G"], share: float
 ) -> Trajectories:
     """Slow agents to a share of the limits; their paths stay."""
+    agents, now = trajectories.agents, trajectories.scenario.current_step
     step_s = trajectories.scenario.time_axis.step_s
-    curve, heading, along = trajectories.paths(rows)
-    num_steps = along.shape[1]
+    is_valid = agents.is_valid[rows, now:]
+    position, heading = agents.position_m[rows, now:], agents.heading_rad[rows, now:]
+    num_steps = is_valid.shape[1]
     window = min(WINDOW_STEPS, num_steps)
     if window <= DEGREE:
         return trajectories
     first, _, _ = derivative_operators(num_steps, window, step_s)
-    velocity = first @ curve
+    velocity = first @ fill_gaps(position, is_valid)
     fitted = np.hypot(velocity[..., 0], velocity[..., 1])
-    yaw_rate = np.abs((first @ heading[..., None])[..., 0])
-    limit = np.minimum(fitted, _turning_limit(fitted, yaw_rate, share))
-    allowed = highest_speed(
-        along,
-        limit,
+    unwrapped = fill_heading_gaps(heading, is_valid)
+    yaw_rate = np.abs((first @ unwrapped[..., None])[..., 0])
+    later, slowed_mps = slowed_to_limits(
+        position,
+        heading,
+        is_valid,
+        np.minimum(fitted, _turning_limit(fitted, yaw_rate, share)),
+        step_s,
         braking_mps2=-share * COMFORT.braking_mps2,
         acceleration_mps2=share * COMFORT.acceleration_mps2,
     )
-    speed = np.gradient(along, step_s, axis=1)
-    distance, slowed = slowed_distance(along, speed, allowed, step_s)
-    return trajectories.retimed(rows, distance, slowed)
+    later[0][:, 0], later[1][:, 0] = position[:, 0], heading[:, 0]
+    own = agents.velocity_mps[rows, now]
+    length = np.hypot(own[:, 0], own[:, 1])
+    factor = np.minimum(slowed_mps[:, 0] / np.maximum(length, 1e-9), 1.0)
+    later[2][:, 0] = factor[:, None] * own
+    return trajectories.with_agents(agents.with_motion(rows, now, later), rows)
 
 
 def _turning_limit(

@@ -13,7 +13,7 @@ import pyarrow as pa
 from jaxtyping import Bool
 
 from pd_editor.analysis.metrics.box_overlaps import box_overlap
-from pd_editor.analysis.metrics.lanes import lane_deviation, off_lane
+from pd_editor.analysis.metrics.lanes import lane_deviation, off_lane_values
 from pd_editor.analysis.metrics.motion import ade, best_of_samples, kinematics
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import MetricValues
@@ -218,7 +218,7 @@ def _metric_sums(
 
 def _values(view: TrafficView) -> Mapping[str, MetricValues]:
     return {
-        **off_lane(view).values(),
+        **off_lane_values(view),
         **lane_deviation(view).values(),
         "new_overlap": box_overlap(view).newly(),
         **kinematics(view).values(),

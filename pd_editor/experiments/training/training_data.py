@@ -182,9 +182,9 @@ def training_data(
     held_out = held_out_scenes(store.group, share, seed)
     rows = np.arange(len(store))
     training = tuple(
-        rows[(store.root == root) & ~held_out] for root in range(len(store.roots))
+        rows[(store.root == root) & ~held_out] for root in range(len(store.index.roots))
     )
-    for name, part in zip(store.roots, training, strict=True):
+    for name, part in zip(store.index.roots, training, strict=True):
         if len(part) < _LEAST_SCENES:
             raise TrainingError(
                 f"{name}: has {len(part)} scenarios to train on that can be used; "

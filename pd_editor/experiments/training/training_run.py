@@ -334,7 +334,7 @@ def _begin(
         basis = basis_of(starting_model(Path(config.start)))
     prepared = _prepared(config, cache, basis, on_preparation)
     data = {
-        "fingerprint": prepared.store.fingerprint,
+        "fingerprint": prepared.store.index.fingerprint,
         "scenes": len(prepared.store),
         "left_out": prepared.num_left_out,
         "networks": len(set(prepared.store.group.tolist())),
@@ -438,7 +438,7 @@ def _about(
         "validate": [Path(root).name for root in config.validate],
         "windows": config.windows,
         "is_recorded": any(map(is_recorded, _roots(config.data))),
-        "data_fingerprint": prepared.store.fingerprint,
+        "data_fingerprint": prepared.store.index.fingerprint,
         "batch_size": config.optimisation.batch_size,
         "loss": dict(config.loss),
         "own_samples": dict(config.own_samples),

@@ -25,8 +25,6 @@ _Config = TypeVar("_Config")
 class TensorFile:
     """Contents of a file of tensors."""
 
-    kind: str
-    """Kind of the tensors, such as ``traj``; a reader expects a certain kind."""
     about: Mapping[str, Any]
     """Plain JSON values."""
     tensors: Mapping[str, Tensor]
@@ -37,6 +35,8 @@ def write_tensors(
     path: Path, kind: str, tensors: Mapping[str, Tensor], about: Mapping[str, Any]
 ) -> str:
     """Write tensors with their metadata; equal input gives equal bytes.
+
+    A reader expects a certain kind, such as ``traj``.
 
     Returns:
         The file's SHA-256.
@@ -87,12 +87,7 @@ def read_tensors(path: Path, kind: str) -> TensorFile:
     about = metadata_values.get("about")
     if not isinstance(about, dict):
         raise ModelError(f"{path}: does not say what its tensors are about.")
-    return TensorFile(
-        kind=kind,
-        about=about,
-        tensors=tensors,
-        sha256=sha256,
-    )
+    return TensorFile(about=about, tensors=tensors, sha256=sha256)
 
 
 def load_into(

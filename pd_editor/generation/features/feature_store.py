@@ -125,16 +125,6 @@ class FeatureStore:
         return int(self._first[-1])
 
     @property
-    def fingerprint(self) -> str:
-        """Hash of data and settings."""
-        return self.index.fingerprint
-
-    @property
-    def roots(self) -> tuple[str, ...]:
-        """Data roots, as given to the preparation."""
-        return self.index.roots
-
-    @property
     def root(self) -> Int[np.ndarray, "N"]:
         """Index of the root of each scene."""
         return self._column("root").astype(np.int64)

@@ -165,6 +165,32 @@ def slowed_distance(
     return reached[..., 0], reached[..., 1]
 
 
+def slowed_to_limits(
+    position_m: Float[np.ndarray, "G H 2"],
+    heading_rad: Float[np.ndarray, "G H"],
+    is_valid: Bool[np.ndarray, "G H"],
+    limit_mps: Float[np.ndarray, "G H"],
+    step_s: float,
+    *,
+    braking_mps2: float,
+    acceleration_mps2: float,
+) -> tuple[Motion, Float[np.ndarray, "G H"]]:
+    """Motion along each agent's own path that keeps limits of speed at its points.
+
+    Also returns its speeds. Agents brake ahead of a limit and accelerate after it.
+    """
+    along = travelled_m(fill_gaps(position_m, is_valid))
+    allowed = highest_speed(
+        along,
+        limit_mps,
+        braking_mps2=braking_mps2,
+        acceleration_mps2=acceleration_mps2,
+    )
+    speed = np.gradient(along, step_s, axis=1)
+    distance, slowed = slowed_distance(along, speed, allowed, step_s)
+    return retime(position_m, heading_rad, is_valid, distance, step_s, slowed), slowed
+
+
 def with_new_speed(
     position_m: Float[np.ndarray, "G H 2"],
     heading_rad: Float[np.ndarray, "G H"],

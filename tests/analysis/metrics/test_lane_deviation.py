@@ -4,7 +4,7 @@ import shapely
 from pd_editor.analysis.metrics.lanes import (
     lane_deviation,
     nearest_edge,
-    off_lane,
+    off_lane_values,
     path_length_m,
     reachable_lanes,
     start_to_start_m,
@@ -79,12 +79,12 @@ def test_pedestrians_have_no_lane():
     view = recorded([(0, 0, 0, 1)], (AgentKind.PEDESTRIAN,))
     for values in (*lane_deviation(view).values().values(), *nearest_edge(view)):
         assert not values.is_valid.any()
-    assert not any(v.is_valid.any() for v in off_lane(view).values().values())
+    assert not any(v.is_valid.any() for v in off_lane_values(view).values())
 
 
 def test_one_point_on_the_road_saves_a_path_in_the_papers_rule_only():
     # Leaves the road to the right at 10 m/s; within 4 m of a centre point at first.
-    values = off_lane(recorded([(0, 0, -np.pi / 2, 10), (0, -30, 0, 10)])).values()
+    values = off_lane_values(recorded([(0, 0, -np.pi / 2, 10), (0, -30, 0, 10)]))
     assert values["off_road_4m_whole_path"].value.tolist() == [0, 1]
     assert values["off_road_4m"].value.tolist() == [1, 1]
     np.testing.assert_allclose(values["off_road_4m_steps"].value, [56 / 61, 1])

@@ -36,7 +36,7 @@ def test_a_second_run_finds_what_the_first_has_prepared(shards, tmp_path):
     first = prepared_data([shards], tmp_path, workers=1)
     calls = []
     second = prepared_data([shards], tmp_path, workers=1, on_progress=calls.append)
-    assert second.store.fingerprint == first.store.fingerprint
+    assert second.store.index.fingerprint == first.store.index.fingerprint
     assert np.array_equal(second.basis.along, first.basis.along)
     assert len(list(tmp_path.iterdir())) == 1
     assert all(one.num_done == one.num_items for one in calls)

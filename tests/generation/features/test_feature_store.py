@@ -105,8 +105,7 @@ def test_what_is_written_is_read(tmp_path_factory, sizes, per_part):
     assert store.num_agents.tolist() == [len(one.agent_pose) for one in scenes]
     assert store.num_pieces.tolist() == [len(one.piece_pose) for one in scenes]
     assert (store.root == 1).all()
-    assert store.fingerprint == INDEX.fingerprint
-    assert store.roots == INDEX.roots
+    assert store.index == INDEX
     with pytest.raises(IndexError):
         store[len(scenes)]
 

@@ -152,9 +152,6 @@ class TermContext:
     like: Tensor
     """A tensor of the motion's type, on its device."""
     duration_s: float
-    _planned: dict[
-        tuple[int, ...], tuple[Float[Tensor, "G P M 2"], Bool[Tensor, "G P"]]
-    ] = field(default_factory=dict, init=False)
 
     def index_of(self, agent_id: str) -> int | None:
         """Index of an agent; None if it is not there at the current step."""
@@ -175,21 +172,9 @@ class TermContext:
     def planned(
         self, agents: Int[Tensor, "G"]
     ) -> tuple[Float[Tensor, "G P M 2"], Bool[Tensor, "G P"]]:
-        """Paths that agents could take, one point every ``SPACING_M``; computed once."""
-        key = tuple(agents.tolist())
-        if key not in self._planned:
-            self._planned[key] = self._paths_of(key)
-        return self._planned[key]
-
-    def tensor(self, values: np.ndarray) -> Float[Tensor, "..."]:
-        """Values as a tensor of the motion's type, on its device."""
-        return torch.as_tensor(values).to(self.like)
-
-    def _paths_of(
-        self, agents: tuple[int, ...]
-    ) -> tuple[Float[Tensor, "G P M 2"], Bool[Tensor, "G P"]]:
+        """Paths that agents could take, one point every ``SPACING_M``."""
         scenario = self.scenario
-        rows = scenario.agents.rows(self.ids[one] for one in agents)
+        rows = scenario.agents.rows(self.ids[one] for one in agents.tolist())
         plans = current_paths(
             scenario.road_map,
             scenario.agents,
@@ -206,6 +191,10 @@ class TermContext:
         points[agent, slot] = plans.paths.points_m[order]
         exists[agent, slot] = True
         return self.tensor(points), torch.from_numpy(exists).to(self.like.device)
+
+    def tensor(self, values: np.ndarray) -> Float[Tensor, "..."]:
+        """Values as a tensor of the motion's type, on its device."""
+        return torch.as_tensor(values).to(self.like)
 
 
 TermMaker = Callable[[Sequence[Any], TermContext], Sequence[TrajectoryTerm]]
