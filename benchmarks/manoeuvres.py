@@ -29,7 +29,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pd_editor.analysis.manoeuvres import SceneEvent, scene_content
+from pd_editor.analysis.manoeuvres.events import SceneEvent
+from pd_editor.analysis.manoeuvres.scene_facts import scene_content
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.geometry.angles import left_of, unit_vector

@@ -20,7 +20,7 @@ import shapely.ops
 
 from benchmarks.roll_outs import run
 from benchmarks.speeds_over_time import WORDS, placed
-from pd_editor.analysis.manoeuvres import scene_content
+from pd_editor.analysis.manoeuvres.scene_facts import scene_content
 from pd_editor.editor.commands import SampleSignals
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.experiments.closed_loop.roll_out import RollOutRequest

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from pd_editor.analysis.manoeuvres import EVENT_KINDS
+from pd_editor.analysis.manoeuvres.events import EVENT_KINDS
 from pd_editor.base.plain_text import number_of, one_line
 from pd_editor.cli.options import Switch, shown
 from pd_editor.experiments.scene_index.index_file import SceneIndex

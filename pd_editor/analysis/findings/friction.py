@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float, Int
 
 from pd_editor.analysis.findings.finding import Finding, at_time, finding_of_agent
 from pd_editor.analysis.metrics.motion import (
-    DEGREE,
     WINDOW_STEPS,
     derivative_operators,
     whole_windows,
@@ -203,13 +202,8 @@ def _derivatives(
     Float[np.ndarray, "G S 2"], Float[np.ndarray, "G S 2"], Bool[np.ndarray, "G S"]
 ]:
     """Velocity and acceleration of fitted cubics, and whether they are known."""
-    num_steps = position_m.shape[1]
-    window = min(WINDOW_STEPS, num_steps)
-    if window <= DEGREE:
-        nothing = np.zeros_like(position_m)
-        return nothing, nothing, np.zeros(is_valid.shape, bool)
-    first, second, _ = derivative_operators(num_steps, window, step_s)
-    known = whole_windows(is_valid, window)
+    first, second, _ = derivative_operators(position_m.shape[1], WINDOW_STEPS, step_s)
+    known = whole_windows(is_valid, WINDOW_STEPS)
     return first @ position_m, second @ position_m, known
 
 

@@ -222,19 +222,7 @@ class Kinematics:
 def kinematics(view: TrafficView, window: int = WINDOW_STEPS) -> Kinematics:
     """Derivatives of the evaluated agents' paths, from fits over ``window`` steps."""
     agents = view.agents
-    num_steps, degree = view.num_steps, DEGREE
-    window = min(window, num_steps)
-    if window <= degree:
-        nothing = np.zeros(agents.is_valid.shape)
-        return Kinematics(
-            is_valid=nothing > 0,
-            speed_mps=nothing,
-            longitudinal_mps2=nothing,
-            lateral_mps2=nothing,
-            jerk_mps3=nothing,
-            yaw_rate_radps=nothing,
-        )
-    first, second, third = derivative_operators(num_steps, window, view.step_s)
+    first, second, third = derivative_operators(view.num_steps, window, view.step_s)
     acceleration = second @ agents.position_m
     forward = unit_vector(agents.heading_rad)
     # Headings of steps without a track are unwrapped too; their fits are not valid.
@@ -276,9 +264,13 @@ def derivative_operators(
 ) -> Float[np.ndarray, "3 H H"]:
     """Matrices that map H values to derivatives of cubics fitted around each step.
 
-    Windows are centred, except at the first and the last steps.
+    Windows are centred, except at the first and the last steps, and no longer than the
+    values. Fewer values than a cubic needs have no derivatives: all are 0.
     """
     operators = np.zeros((3, num_steps, num_steps))
+    window = min(window, num_steps)
+    if window <= DEGREE:
+        return operators
     for row, start in enumerate(_window_starts(num_steps, window)):
         time = (np.arange(start, start + window) - row) * step_s
         fit = np.linalg.pinv(np.vander(time, DEGREE + 1, increasing=True))
@@ -296,7 +288,13 @@ def _window_starts(num_steps: int, window: int) -> np.ndarray:
 def whole_windows(
     is_valid: Bool[np.ndarray, "A H"], window: int
 ) -> Bool[np.ndarray, "A H"]:
-    """Whether each agent exists throughout the fitted window of each step."""
+    """Whether each agent exists throughout the fitted window of each step.
+
+    It has no derivatives otherwise, nor where ``derivative_operators`` have none.
+    """
+    window = min(window, is_valid.shape[1])
+    if window <= DEGREE:
+        return np.zeros_like(is_valid)
     before = np.pad(np.cumsum(is_valid, axis=1), ((0, 0), (1, 0)))
     start = _window_starts(is_valid.shape[1], window)
     return before[:, start + window] - before[:, start] == window

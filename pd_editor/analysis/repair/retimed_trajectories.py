@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float, Int
 from pd_editor.analysis.metrics.box_overlaps import first_overlap, overlapping_pairs
 from pd_editor.analysis.metrics.motion import (
     COMFORT,
-    DEGREE,
     WINDOW_STEPS,
     derivative_operators,
     kinematics,
@@ -203,11 +202,7 @@ def _slowed(
     step_s = trajectories.scenario.time_axis.step_s
     is_valid = agents.is_valid[rows, now:]
     position, heading = agents.position_m[rows, now:], agents.heading_rad[rows, now:]
-    num_steps = is_valid.shape[1]
-    window = min(WINDOW_STEPS, num_steps)
-    if window <= DEGREE:
-        return trajectories
-    first, _, _ = derivative_operators(num_steps, window, step_s)
+    first, _, _ = derivative_operators(is_valid.shape[1], WINDOW_STEPS, step_s)
     velocity = first @ fill_gaps(position, is_valid)
     fitted = np.hypot(velocity[..., 0], velocity[..., 1])
     unwrapped = fill_heading_gaps(heading, is_valid)

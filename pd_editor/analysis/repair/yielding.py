@@ -312,9 +312,7 @@ class _Scene(BoxStates):
         along = np.pad(way.cumsum(), (1, 0))
         step = self.clocks.step[np.append(0, clock), :count]
         driven = np.interp(step, np.arange(len(along)), along)
-        _, second, _ = derivative_operators(
-            count, min(WINDOW_STEPS, count), self.step_s
-        )
+        _, second, _ = derivative_operators(count, WINDOW_STEPS, self.step_s)
         fitted = driven @ second.T
         hardest = np.stack([fitted.max(axis=1), -fitted.min(axis=1)], axis=-1)
         allowed = np.maximum(hardest[0], self.asked_mps2[row])

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from pd_editor.analysis.manoeuvres import scene_content
+from pd_editor.analysis.manoeuvres.scene_facts import scene_content
 from pd_editor.analysis.metrics.road import (
     is_off_road,
     is_past_lanes,

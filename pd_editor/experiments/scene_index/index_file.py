@@ -16,7 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Int
 
-from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, scene_content
+from pd_editor.analysis.manoeuvres.events import EVENT_KINDS
+from pd_editor.analysis.manoeuvres.scene_facts import FACTS, scene_content
 from pd_editor.analysis.manoeuvres.tracks import LIMITS
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import listed, one_line

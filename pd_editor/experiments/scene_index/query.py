@@ -12,8 +12,8 @@ import pyarrow as pa
 from jaxtyping import Bool
 
 from pd_editor.analysis.findings.scorecard import ROWS
-from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS, SceneEvent
-from pd_editor.analysis.manoeuvres.scene_facts import FACT_VALUES
+from pd_editor.analysis.manoeuvres.events import EVENT_KINDS, SceneEvent
+from pd_editor.analysis.manoeuvres.scene_facts import FACT_VALUES, FACTS
 from pd_editor.base.errors import InputError
 from pd_editor.base.plain_text import (
     MAX_TEXT_CHARACTERS,

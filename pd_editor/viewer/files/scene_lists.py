@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, Generic, Literal, TypeVar
 
 from pd_editor.analysis.findings.scorecard import MEANS, ROWS, TOTALS
-from pd_editor.analysis.manoeuvres import SceneEvent
+from pd_editor.analysis.manoeuvres.events import SceneEvent
 from pd_editor.analysis.metrics.values import METRICS
 from pd_editor.base.errors import InputError
 from pd_editor.base.installed_files import DEMO_PREFIX, demo_names, demo_sentence

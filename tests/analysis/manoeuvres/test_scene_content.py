@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pd_editor.analysis.manoeuvres import SceneEvent, scene_content
+from pd_editor.analysis.manoeuvres.events import SceneEvent
+from pd_editor.analysis.manoeuvres.scene_facts import scene_content
 from pd_editor.editor.scenario_store import open_scenario
 from pd_editor.scene.agent_kind import DEFAULT_SIZE_M, AgentKind
 from pd_editor.scene.agent_tracks import AgentTracks

@@ -8,7 +8,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pd_editor.analysis.manoeuvres import EVENT_KINDS, FACTS
+from pd_editor.analysis.manoeuvres.events import EVENT_KINDS
+from pd_editor.analysis.manoeuvres.scene_facts import FACTS
 from pd_editor.base.errors import InputError
 from pd_editor.experiments.scene_index.index_file import SCHEMA, SceneIndex
 from pd_editor.experiments.scene_index.query import find_scenes

@@ -137,10 +137,7 @@ class AvoidTerm:
         now = (0.8 * apart_m).clamp_min(_LEAST_MARGIN_M)
         # Of boxes that touch now, none comes closer.
         now = torch.where(apart_m > 0, now, apart_m - _LEAST_MARGIN_M)
-        return (
-            now.clamp_max(SIDE_GAP_M),
-            now.clamp_max(2 * SIDE_GAP_M),
-        )
+        return now.clamp_max(SIDE_GAP_M), now.clamp_max(2 * SIDE_GAP_M)
 
     def _resolved(
         self, tracks: BoxTracks, conflicts: "_Conflicts"
@@ -175,6 +172,7 @@ class AvoidTerm:
             moves = swerves.repeat(2) & turns
             share = torch.where(turns.roll(half), 0.5, 1.0)
         rows: list[ResidualRows] = []
+        accepted_m = self.context.config.box_m
         if bool(slows.any()):
             rows.append(
                 held_rows(
@@ -182,7 +180,7 @@ class AvoidTerm:
                     conflicts.sample[slows],
                     conflicts.own[slows],
                     slowed.last[slows],
-                    self._accepted(),
+                    accepted_m,
                     self.weight,
                 )
             )
@@ -194,14 +192,11 @@ class AvoidTerm:
                     conflicts.sample[moves],
                     conflicts.own[moves],
                     shift[moves],
-                    self._accepted(),
+                    accepted_m,
                     self.weight,
                 )
             )
         return [_at_all_steps(one, tracks, self.context) for one in rows]
-
-    def _accepted(self) -> float:
-        return self.context.config.box_m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

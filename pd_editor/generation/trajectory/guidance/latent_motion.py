@@ -207,7 +207,7 @@ def _derivatives(
     rate[:, 0] = first_rate
     rate[:, 1:-1] = (values[:, 2:] - values[:, :-2]) / (2 * step_s)
     rate[:, -1] = (values[:, -1] - values[:, -2]) / step_s
-    _, second, _ = derivative_operators(num_steps, min(WINDOW_STEPS, num_steps), step_s)
+    _, second, _ = derivative_operators(num_steps, WINDOW_STEPS, step_s)
     fits = torch.from_numpy(second.copy()).to(values)
     return torch.stack([values, rate, values @ fits.mT])
 

@@ -42,7 +42,7 @@ from pd_editor.generation.trajectory.guidance.trajectory_term import (
 )
 from pd_editor.generation.trajectory.network.decoding import Motion, motion_of
 from pd_editor.generation.trajectory.task import SAME_STEP_S
-from pd_editor.scene.geometry.angles import unit_vector
+from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.guidance_terms import GuidanceTerm
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
@@ -108,8 +108,7 @@ class ThreatScene:
         self, agent: int, position_m: Float[np.ndarray, "N T 2"]
     ) -> Float[np.ndarray, "N 10"]:
         """Latents of trajectories of an agent, the current step first."""
-        origin, forward, speed = self._pose(agent)
-        turn = np.stack([forward, [-forward[1], forward[0]]], axis=-1)
+        origin, turn, speed = self._pose(agent)
         return self.basis.encode((position_m[:, 1:] - origin) @ turn, speed)
 
     def fitted(
@@ -118,19 +117,22 @@ class ThreatScene:
         """The nearest trajectories that latents can represent."""
         if not len(position_m):
             return position_m
-        origin, forward, speed = self._pose(agent)
-        turn = np.stack([forward, [-forward[1], forward[0]]], axis=-1)
+        origin, turn, speed = self._pose(agent)
         local = self.basis.decode(self.encoded(agent, position_m), speed)
         return np.concatenate([position_m[:, :1], local @ turn.T + origin], axis=1)
 
     def _pose(
         self, agent: int
-    ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], Float[np.ndarray, "1"]]:
+    ) -> tuple[
+        Float[np.ndarray, "2"], Float[np.ndarray, "2 2"], Float[np.ndarray, "1"]
+    ]:
+        """Position, axes of the own frame as columns, and speed, now."""
         agents, now = self.scenario.agents, self.scenario.current_step
         row = self.rows[agent]
         velocity = agents.velocity_mps[[row], now]
         forward = unit_vector(agents.heading_rad[[row], now])[0]
-        return agents.position_m[row, now], forward, np.linalg.norm(velocity, axis=1)
+        turn = np.stack([forward, left_of(forward)], axis=-1)
+        return agents.position_m[row, now], turn, np.linalg.norm(velocity, axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
