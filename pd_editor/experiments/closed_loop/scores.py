@@ -47,7 +47,7 @@ class DriveScores:
     driven_s: float
     """Time until it left the map, or the roll-out ended."""
     ego_progress_along_route_m: float
-    """Until it left the drivable area, for who drives on beside it gets nowhere."""
+    """While it is on the drivable area, for who drives beside it gets nowhere."""
     no_ego_at_fault_collisions: bool
     num_collisions: int
     """Agents that it collided with, whoever is at fault."""
@@ -103,13 +103,12 @@ def drive_scores(
         unit_vector(agents.heading_rad[row, steps])[:, None], corners.shape
     )
     off[off] = ~is_past_lanes(rolled.road_map, corners[off], way[off], least_m=0.0)
-    is_off = off.any(axis=1)
-    last = is_off.argmax() if is_off.any() else -1
-    ends = shapely.points(agents.position_m[row, steps[[0, last]]])
-    along = np.asarray(shapely.line_locate_point(shapely.LineString(route_m), ends))
+    is_off = np.asarray(off.any(axis=1))
+    centers = shapely.points(agents.position_m[row, steps])
+    along = np.asarray(shapely.line_locate_point(shapely.LineString(route_m), centers))
     return DriveScores(
         driven_s=float((steps[-1] - now) * rolled.time_axis.step_s),
-        ego_progress_along_route_m=float(along[1] - along[0]),
+        ego_progress_along_route_m=float(np.diff(along)[~is_off[1:]].sum()),
         no_ego_at_fault_collisions=not fault,
         num_collisions=hit,
         time_to_collision_within_bound=bool(least >= LEAST_TTC_S),
