@@ -92,7 +92,7 @@ def test_back_to_the_recording_and_another_edit_keeps_the_first(editor):
     editor.press("Make family")
     library, count = editor.workspace.library, len(demo_names())
     editor.until(lambda: len(library.cards()) == count, "a variant of each demo", 120)
-    page.get_by_text(f"{count} of {count} variants saved to the library").wait_for()
+    page.get_by_text(f"{count} of {count} variants saved to the library (N)").wait_for()
     editor.screenshot("branches_on_other_scenes")
     page.mouse.move(300, 60)
     editor.key("Escape")

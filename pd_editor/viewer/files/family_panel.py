@@ -186,11 +186,7 @@ class FamilyPanel:
             self._cover()
 
     def end(self, words: str) -> None:
-        """Show how a run ended, and list what it made where all scenarios are opened next."""
-        workspace = self._ui.workspace
-        if any(one.name for one in self._made) and not workspace.start.is_open:
-            workspace.start = replace(workspace.start, source="library")
-            words += " All scenarios (N) lists them."
+        """Show how a run ended."""
         self.tell(words, self._made)
         self._job = None
         self._set_running(False)
@@ -321,7 +317,7 @@ class _FamilyJob(BackgroundJob[int]):
         return len(self._plans) - len(self._failures)
 
     def _done(self, count: int) -> None:
-        words = f"{count} of {len(self._plans)} variants saved to the library, "
+        words = f"{count} of {len(self._plans)} variants saved to the library (N), "
         num_clean = sum(bool(one.name) and not one.has_problems for one in self._made)
         words += f"{num_clean} without problems."
         if self._failures:

@@ -38,7 +38,7 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         tab.type("Vary", "power=2..8, speed=1..2")
         tab.type("Variants", 3)
         tab.press("Make family")
-        until(lambda: "3 of 3 variants saved to the library" in tab.text())
+        until(lambda: "3 of 3 variants saved to the library (N)" in tab.text())
         cards = library.cards()
         assert len(cards) == 3
         found = {card.name: library.files(card.name) for card in cards}
@@ -48,10 +48,7 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         powers = np.array([card.row.values["power"] for card in cards])
         assert ((powers > 2) & (powers < 8)).all()
         assert (np.diff(np.sort(powers)) > 0).all()
-        assert "without problems. All scenarios (N) lists them." in tab.text()
-        tab.run(tab.elements.start.toggle)
-        assert tab.shown("startPage")["source"] == "library"
-        until(lambda: len(tab.tiles("library")) == 3)
+        assert len(tab.tiles("library")) == 3
         # Which values are there is drawn, and what is removed is dropped.
         clean = [not card.row.num_problems for card in cards]
         assert "power 2 to 8" in tab.text()
@@ -87,7 +84,7 @@ def test_what_cannot_be_varied_is_told_and_nothing_is_saved(tmp_path: Path):
         tab.press("Make family")
         until(
             lambda: (
-                "0 of 10 variants saved to the library, 0 without problems. 10 failed"
+                "0 of 10 variants saved to the library (N), 0 without problems. 10 failed"
                 in tab.text()
             )
         )
@@ -113,7 +110,7 @@ def test_a_run_that_is_cancelled_keeps_what_is_saved(tmp_path: Path):
         # Another run begins at once.
         tab.type("Variants", 1)
         tab.press("Make family")
-        until(lambda: "1 of 1 variants saved to the library" in tab.text())
+        until(lambda: "1 of 1 variants saved to the library (N)" in tab.text())
 
 
 def test_the_edits_at_hand_are_made_in_other_scenes(tmp_path: Path):
@@ -132,7 +129,7 @@ def test_the_edits_at_hand_are_made_in_other_scenes(tmp_path: Path):
         tab.type("Make in", "All demos")
         tab.press("Make family")
         count = len(demo_names())
-        done = f"{count} of {count} variants saved to the library"
+        done = f"{count} of {count} variants saved to the library (N)"
         until(lambda: done in tab.text(), 120)
         assert f"Left out of {count} variants" in tab.text()
         recipes = {
