@@ -110,7 +110,7 @@ def test_an_uploaded_file_of_another_format_opens(foreign: Path):
 
 
 def test_errors_of_an_upload_name_the_file_as_it_came(foreign: Path):
-    content = commonroad_text(version="2017a").encode()
+    content = commonroad_text(version="2016a").encode()
     with pytest.raises(
         Exception, match=r"^mine\.xml, line 1: <commonRoad> is of version"
     ):
