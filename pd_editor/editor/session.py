@@ -261,6 +261,11 @@ class EditorSession:
             if self._journal is not None:
                 self._journal.described(variant, self._clock())
 
+    def take_name_back(self) -> None:
+        """Forget under which name the state was written, for the user's was taken."""
+        now = self.committed_scenario
+        self._numbered = tuple(one for one in self._numbered if one[0] is not now)
+
     @property
     def exports(self) -> tuple[tuple[Scenario, ExportMark], ...]:
         """All states that were exported or saved to the library."""

@@ -159,6 +159,10 @@ def test_an_export_is_never_replaced_silently_and_opens_again(open_editor, tmp_p
     editor.press(f"Write as {name}-2")
     editor.until(lambda: (out / f"{name}-2").is_dir(), "another export")
     assert {path.name: path.read_bytes() for path in (out / name).iterdir()} == first
+    # The field tells what was written, and takes the other name back.
+    editor.until(lambda: value(editor, "Name") == f"{name}-2", "the name that was free")
+    editor.fill("Name", name)
+    editor.until(lambda: value(editor, "Name") == name, "the name")
     editor.press("Write to folder")
     editor.page.get_by_role("button", name="Replace the export of").click()
     notice(editor, "Replaced the earlier export")

@@ -351,6 +351,7 @@ class ExportPanel:
 
     def _name_typed(self, text: str) -> None:
         self._typed = text
+        self._ui.session.take_name_back()
         self._describe()
 
     def _refuse_empty_name(self) -> None:
