@@ -162,7 +162,7 @@ def test_damaged_shards_are_left_out_and_counted(shards, basis, tmp_path):
     (source,) = open_roots([root])
     assert source.num_damaged == 2
     assert 0 < len(source) < len(whole)
-    assert prepare_features([root], tmp_path / "store", basis, workers=1).roots
+    assert prepare_features([root], tmp_path / "store", basis, workers=1).index.roots
     for file in root.glob("*.shard"):
         file.write_bytes(b"")
     with pytest.raises(InputError, match="damaged or not a shard"):
