@@ -258,8 +258,8 @@ def _raised_in_this_thread(limit_s: float, stop: Callable[[], None]) -> Iterator
 
     timer = threading.Timer(limit_s, interrupt)
     timer.daemon = True
-    timer.start()
     try:
+        timer.start()  # A busy machine may be at the limit before the block begins.
         yield
     except _Interrupted:
         stop()
