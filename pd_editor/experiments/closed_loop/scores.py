@@ -275,9 +275,9 @@ def drive_report(
             for row, policy in enumerate(policies)
         ),
         note="Means over scenes with 95 % intervals by resampling scenes; bounds: share of scenes "
-        "in which each is kept. The score is nuPlan's aggregate, where progress counts "
-        "beside that of the policy which comes furthest in the scene; a drive that failed has "
-        "the score 0 and counts nowhere else. Scenes carry no speed limits, so none is scored.",
+        "in which each is kept. The score is nuPlan's aggregate, where progress, made on the "
+        "drivable area alone, counts beside that of the policy which comes furthest; a failed "
+        "drive has the score 0 and counts nowhere else. Scenes carry no speed limits to score.",
     )
     return Report(
         title="Closed loop",
