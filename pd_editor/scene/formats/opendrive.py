@@ -74,8 +74,10 @@ _USERS: Final = {
     "bicycle": LaneKind.BIKE,
 }  # fmt: skip
 """Kinds of lanes that only these may use, by words of access rules in lower case; cars first."""
-_PAVED: Final = frozenset({"shoulder", "parking", "stop", "restricted", "border"})
-"""Types of lanes that are drivable, but lead nowhere."""
+_PAVED: Final = {
+    **dict.fromkeys(("shoulder", "parking", "stop", "restricted"), np.inf), "border": 3.0
+}  # fmt: skip
+"""Types of lanes that are drivable, but lead nowhere, if narrower: wide borders are verges."""
 _MARKS: Final = {kind: mark for mark, kind in ROAD_MARKS.items()}
 _SOURCES: Final = ("vendor", "name", "license", "copyright")
 _STOP_LINE: Final = "294"
@@ -406,7 +408,7 @@ class _Road:
         """Areas of asphalt, and of lanes that are drivable, but lead nowhere."""
         for section in self.sections:
             for number, place in section.lanes.items():
-                if _type(place) in _PAVED:
+                if section.width_m(number) < _PAVED.get(_type(place), 0.0):
                     inner = section.points(section.border_m[section.inner(number)])
                     outer = section.points(section.border_m[number])
                     yield valid_area(np.concatenate([inner, outer[::-1]])[:, :2])

@@ -369,6 +369,15 @@ def test_virtual_junctions_join_nothing_and_say_so(tmp_path: Path):
     assert "1 virtual junctions join nothing." in scene.provenance.notes
 
 
+def test_borders_are_drivable_unless_they_are_as_wide_as_a_verge(tmp_path: Path):
+    verge = '<width sOffset="0" a="6" b="0" c="0" d="0"/>'
+    edge = verge.replace('"6"', '"1.5"')
+    border, beyond = lane(-2, "border", width=edge), lane(-3, "border", width=verge)
+    scene = opened(tmp_path, road(section(lane(-1), border, beyond)))
+    ring = at(scene, scene.road_map.drivable_areas[0].boundary)
+    assert (ring[:, 1].min(), ring[:, 1].max()) == pytest.approx((-5.0, 0.0), abs=0.01)
+
+
 def test_shoulders_are_drivable_and_crosswalks_are_crossings(tmp_path: Path):
     walk = (
         '<objects><object id="1" type="crosswalk" s="25" t="0" hdg="0" length="4" '
