@@ -19,6 +19,7 @@ from pd_editor.editor.family import (
     Member,
     MemberPlan,
     adds_traffic,
+    family_name,
     left_out_in_words,
     members,
     planned,
@@ -74,7 +75,7 @@ def family(options: FamilyOptions) -> Outcome:
     whole = Path(options.out) / f"{recipe.result_id}-family"
     table, page = (whole.with_name(f"{whole.name}.{one}") for one in ("csv", "html"))
     refuse_existing(table, overwrite=options.overwrite)
-    plans = planned(recipe.result_id, values, on)
+    plans = planned(family_name(recipe, numbers), values, on)
     count = len(plans)
     for plan in plans:
         check_free(options.out, plan.name, opened, overwrite=options.overwrite)

@@ -4,6 +4,7 @@ A recipe that generates no traffic, or none since guidance was set, gets traffic
 everybody at its end, so that each variant shows what its numbers do.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,12 +22,14 @@ from pd_editor.editor.commands import (
     Command,
     ContinueScene,
     ReplaceTraffic,
+    SetRoadWarp,
     traffic_command,
 )
+from pd_editor.editor.commands.command import parts_of
 from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.recipe import Recipe, applied, regenerated, replay
 from pd_editor.editor.scenario_store import exported_files, open_scenario
-from pd_editor.editor.variant import fit_name, free_name, short_id
+from pd_editor.editor.variant import fit_name, free_name, power_name, short_id
 from pd_editor.editor.varied_numbers import (
     VariedNumber,
     added_seed,
@@ -206,6 +209,17 @@ def planned(
             said = free_name(said, lambda one: one in plans or is_taken(one))
             plans[said] = MemberPlan(name=said, values=own, on=scene)
     return tuple(plans.values())
+
+
+def family_name(recipe: Recipe, numbers: Iterable[VariedNumber]) -> str:
+    """Name of a recipe without what it tells of numbers that vary."""
+    name, varied = recipe.result_id, {one.path[-1] for one in numbers}
+    for edit in parts_of(recipe.commands, SetRoadWarp):
+        for term in edit.warp.terms if edit.warp and "power" in varied else ():
+            name = name.replace(f"{term.kind}-{power_name(term.power)}", term.kind)
+    for run in parts_of(recipe.commands, ReplaceTraffic) if "seed" in varied else ():
+        name = re.sub(rf"-s{run.seed}(?=-|$)", "", name)
+    return name
 
 
 def left_out_in_words(made: Iterable[tuple[str, ...]]) -> tuple[str, ...]:

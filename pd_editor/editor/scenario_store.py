@@ -41,6 +41,7 @@ from pd_editor.scene.base_reference import BaseReference, SceneCut
 from pd_editor.scene.bundle import RECIPE_NAME, check_place, write_files
 from pd_editor.scene.formats.argoverse2 import ARGOVERSE2
 from pd_editor.scene.formats.packed_file import closed_folder
+from pd_editor.scene.formats.player import PLAYER
 from pd_editor.scene.formats.registry import (
     foreign_scenes_among,
     format_of,
@@ -561,13 +562,20 @@ def exported_files(
     )
     kind = writer(format_name)
     assert kind.write is not None, "it can be written"
+    lacks: tuple[str, ...] = ()
+    if kind is PLAYER:
+        try:
+            scenario = with_original(scenario)
+        except ExportError as error:
+            lacks = (str(error),)
     written = kind.write(scenario)
+    losses = (*written.losses, *lacks)
     files = {**written.files, RECIPE_NAME: recipe.to_text().encode()}
     if told := scenario.provenance.attribution:
         files[ATTRIBUTION_NAME] = f"{told}\n".encode()
-    if written.losses:
+    if losses:
         head = f"What {kind.title} cannot say of {scenario.scenario_id}:\n"
-        lines = "".join(f"- {one}\n" for one in written.losses)
+        lines = "".join(f"- {one}\n" for one in losses)
         files[LOSSES_NAME] = (head + lines).encode()
     return files
 

@@ -263,8 +263,11 @@ class EditorSession:
 
     def take_name_back(self) -> None:
         """Forget under which name the state was written, for the user's was taken."""
-        now = self.committed_scenario
-        self._numbered = tuple(one for one in self._numbered if one[0] is not now)
+        now, former = self.committed_scenario, self._numbered
+        self._numbered = tuple(one for one in former if one[0] is not now)
+        if self._journal is not None and self._numbered != former:
+            # The same once more, which is told for no other reason.
+            self._journal.described(self._variant, self._clock())
 
     @property
     def exports(self) -> tuple[tuple[Scenario, ExportMark], ...]:

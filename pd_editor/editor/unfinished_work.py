@@ -275,6 +275,8 @@ def _redo(
         if entry.problem is not None:
             raise entry.problem
         if entry.variant is not None:
+            if entry.variant == session.variant:
+                session.take_name_back()
             session.describe(entry.variant)
             return
         if entry.mark is not None:

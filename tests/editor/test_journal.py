@@ -450,3 +450,8 @@ def test_names_that_states_were_written_under_are_restored(tmp_path: Path):
     assert again.name == "slow"
     again.redo()
     assert again.recipe().variant == Variant(name="slow-2")
+    # So is that such a name was taken back.
+    again.take_name_back()
+    again.close()
+    (work,) = find_unfinished(tmp_path)
+    assert restored(work).name == "slow"

@@ -45,7 +45,7 @@ from pd_editor.editor.scenario_store import (
     recipe_of_export,
 )
 from pd_editor.editor.session import EditorSession
-from pd_editor.editor.variant import Variant, fit_name, free_name
+from pd_editor.editor.variant import ExportMark, Variant, fit_name, free_name
 from pd_editor.editor.varied_numbers import varied_values
 from pd_editor.scene.bundle import (
     RECIPE_NAME,
@@ -213,6 +213,17 @@ class Library:
                 card = None
             known = self._known[name] = stamp, card
         return known[1]
+
+    def marked(self, mark: ExportMark) -> LibraryCard | None:
+        """Card of what was saved then, which may have been put back under another name."""
+        if mark.saved_at is None:
+            return None
+        named = self.card(mark.name)
+        if named is not None and named.saved_at == mark.saved_at:
+            return named
+        return next(
+            (one for one in self.cards() if one.saved_at == mark.saved_at), None
+        )
 
     def thumbnail(self, name: str) -> str:
         """Small picture of a scenario as SVG; empty without one."""

@@ -18,6 +18,7 @@ from pd_editor.editor.family import (
     Member,
     MemberPlan,
     adds_traffic,
+    family_name,
     left_out_in_words,
     members,
     planned,
@@ -208,7 +209,7 @@ class FamilyPanel:
         count = int(self._num.value) if texts else 1
         values = list(members(numbers, count, int(time.time())))
         is_taken = self._ui.workspace.library.has
-        plans = planned(recipe.result_id, values, scenes, is_taken)
+        plans = planned(family_name(recipe, numbers), values, scenes, is_taken)
 
         def make(plan: MemberPlan) -> Member:
             return plan.made(recipe, session.base, self._generator, adds=adds)

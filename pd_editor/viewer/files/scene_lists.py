@@ -21,6 +21,7 @@ from pd_editor.editor.scenario_store import open_scenario, scenario_and_recipe
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork
 from pd_editor.editor.variant import short_id
+from pd_editor.editor.varied_numbers import values_in_words
 from pd_editor.experiments.scene_index.index_file import SceneIndex
 from pd_editor.experiments.scene_index.query import FoundScene, find_places, find_scenes
 from pd_editor.scene.formats.dataset import CardFilter, ScenarioCard
@@ -576,10 +577,13 @@ class LibraryList(TickedList[LibraryCard]):
         metric = self._metric(item)
         about = " · ".join(filter(None, [metric, problems, *row.tags]))
         edits = "; ".join(row.edits) or "without edits"
+        of = (f"variant of {row.parent}",) * bool(row.values)
         return SceneTile(
             key=item.name,
             title=item.name,
-            lines=tuple(filter(None, [about, row.lineage, row.note, edits])),
+            lines=tuple(
+                filter(None, [values_in_words(row.values), about, *of, row.note, edits])
+            ),
             picture=f"{item.name} {item.saved_at} {edits}",
             is_open=self._workspace.saved_card() == item,
             is_saved=True,

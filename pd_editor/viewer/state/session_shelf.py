@@ -16,7 +16,6 @@ from pd_editor.editor.journal import Journal
 from pd_editor.editor.library.library import KEPT_S, LIBRARY_NAME, Library
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.unfinished_work import UnfinishedWork, find_unfinished, restore
-from pd_editor.editor.variant import ExportMark
 from pd_editor.experiments.scene_index.index_file import index_place
 from pd_editor.scene.scenario import Scenario
 from pd_editor.viewer.state.index_run import IndexRun
@@ -84,11 +83,7 @@ class SessionShelf:
         """Whether the last state was exported, or is in the library."""
         is_open = isinstance(work, EditorSession)
         marks = work.exports_of_state if is_open else work.exports
-        return any(one.saved_at is None or self._has(one) for one in marks)
-
-    def _has(self, mark: ExportMark) -> bool:
-        entry = self.library.card(mark.name)
-        return entry is not None and entry.saved_at == mark.saved_at
+        return any(one.saved_at is None or self.library.marked(one) for one in marks)
 
     def put(self, left: EditorSession) -> None:
         """Store a session; one without edits is closed."""

@@ -614,8 +614,7 @@ class Workspace:
     def saved_card(self) -> LibraryCard | None:
         """Entry of the current state in the library; None if it is not there."""
         for mark in self.session.exports_of_state:
-            entry = self.library.card(mark.name)
-            if entry is not None and entry.saved_at == mark.saved_at:
+            if entry := self.library.marked(mark):
                 return entry
         return self._opened_card()
 

@@ -48,6 +48,8 @@ def test_variants_are_saved_to_the_library(tmp_path: Path):
         powers = np.array([card.row.values["power"] for card in cards])
         assert ((powers > 2) & (powers < 8)).all()
         assert (np.diff(np.sort(powers)) > 0).all()
+        # The power of the edits at hand is none of theirs.
+        assert not any("p5" in card.name for card in cards)
         assert len(tab.tiles("library")) == 3
         # Which values are there is drawn, and what is removed is dropped.
         clean = [not card.row.num_problems for card in cards]

@@ -12,7 +12,9 @@ from unittest import mock
 import pytest
 
 import pd_editor
-from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.scene.formats.embedded_scenes import scenes_in
 from tests.viewer.fake_browser import FakeTab, connected_tab, running_app, until
 
@@ -204,6 +206,18 @@ def test_the_library_is_downloaded_in_the_chosen_format(tabs):
     assert not any(name.endswith(".parquet") for name in names)
 
 
+def test_players_of_the_library_compare_with_the_original(tabs):
+    """Those that the editor downloads did, those of its library did not."""
+    tab, _ = tabs
+    term = WarpTerm(kind="smooth-turn", power=5.0, length_m=30.0)
+    bend = RoadWarp(anchor=pose_of_anchor(tab.session.scenario, "focal"), terms=(term,))
+    tab.run(lambda: tab.ui.apply(SetRoadWarp(warp=bend)))
+    star(tab, name="bent")
+    tab.type("Format", "Player (HTML)")
+    (scene,) = scenes_in(downloaded(tab).read("bent/bent.html"))
+    assert scene["original"]["agents"]
+
+
 def test_one_line_finds_words_and_what_happens(tabs):
     tab, _ = tabs
     star(tab, name="quiet", tags=("calm",))
@@ -333,9 +347,9 @@ def test_members_of_a_family_are_found_by_their_values(tmp_path: Path):
         large = [name for name, power in powers.items() if power > 4]
         # Nothing needs to be read for that.
         until(lambda: listed(tab) == large)
-        told = f"power {powers[large[0]]:.4g}, variant of bend"
-        assert told in lines(tab, large[0])
-        assert "kept" in lines(tab, large[0])
+        told = [f"power {powers[large[0]]:.4g}", "variant of bend", "kept"]
+        shown = lines(tab, large[0])
+        assert [one for one in shown if one in told] == told
 
 
 def test_a_zip_of_several_is_a_source_of_the_start_page(tabs):
@@ -582,6 +596,10 @@ def test_what_is_put_back_gets_a_free_name_where_its_own_is_taken(tabs):
     )
     assert sorted(listed(tab)) == ["kept", "kept-2"]
     assert "put-back" not in bar(tab)
+    # It is the state at hand under its new name.
+    tab.press("Save to library")
+    assert tab.notices[-1] == IS_KEPT
+    assert sorted(listed(tab)) == ["kept", "kept-2"]
 
 
 def test_what_the_disk_refuses_is_told_with_what_where_and_why(tabs, monkeypatch):
