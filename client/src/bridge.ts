@@ -202,11 +202,20 @@ export const SCROLLED = "[data-scrollarea-viewport]";
 export const LIST = "input.mantine-Select-input";
 export const SLIDER = "[class*=Slider-root]";
 export const FIELD = ".mantine-NumberInput-root, .mantine-TextInput-root";
-export const NUMBER = "input.mantine-NumberInput-input";
+export const NUMBER = "input:is(.mantine-NumberInput-input, [type=number])";
 /** What opens and closes a folder. */
 export const FOLD = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root";
 export const DIALOG = ".mantine-Modal-content";
 export const BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
+
+/** Take away that a file has come: what became of it is told, or seen. */
+export function hideUploaded(): void {
+  for (const notice of document.querySelectorAll<HTMLElement>(".mantine-Notification-root")) {
+    if (!notice.textContent?.endsWith("File uploaded successfully.")) continue;
+    notice.style.display = "none";
+    notice.querySelector<HTMLElement>(".mantine-Notification-closeButton")?.click();
+  }
+}
 
 const ICON_NAMES: readonly [selector: string, name: string][] = [
   [".mantine-Notification-closeButton", "Close the notice"],
@@ -240,9 +249,25 @@ export function openTab(tab: HTMLElement): void {
   if (tab.getAttribute("aria-selected") !== "true") tab.click();
 }
 
+/** Whether a field drops points and letters, which React alone knows; native ones have a step of 1. */
+export function isWhole(field: HTMLInputElement): boolean {
+  if (field.type === "number") return !field.step;
+  interface Fiber {
+    memoizedProps?: { decimalScale?: number } | null;
+    return?: Fiber | null;
+  }
+  const known = field as unknown as Record<string, Fiber | undefined>;
+  let fiber: Fiber | null | undefined = known[Object.keys(field).find((key) => key.startsWith("__reactFiber")) ?? ""];
+  while (fiber && fiber.memoizedProps?.decimalScale === undefined) fiber = fiber.return;
+  return fiber?.memoizedProps?.decimalScale === 0;
+}
+
 /** Set a field as if its text were typed, for React keeps what it knows. */
 export function typeInto(field: HTMLInputElement, text: string): void {
   const property = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value");
+  // A field of numbers notes at a key what is typed over.
+  field.select();
+  field.dispatchEvent(new KeyboardEvent("keydown", { bubbles: true }));
   property?.set?.call(field, text);
   field.dispatchEvent(new Event("input", { bubbles: true }));
 }

@@ -39,6 +39,7 @@ declare global {
 }
 
 const TIP_GAP_PX = 14;
+const SLIM_PX = 380; // Less holds neither timeline nor run bar in one line.
 const former = window.pdOverlay;
 former?.dispose();
 
@@ -296,6 +297,7 @@ function mount(name: Name, build: Mount<Name>): void {
 function fitToCanvas(): void {
   const box = canvas()?.getBoundingClientRect();
   if (!box) return;
+  root.classList.toggle("pd-slim", box.width < SLIM_PX);
   // Beside a panel that stands at the right, what is told of its controls is over the picture.
   markBody("pd-beside", box.right < innerWidth);
   document.body.style.setProperty("--pd-beside", `${innerWidth - box.right + 8}px`);

@@ -40,8 +40,11 @@ export interface PanelState {
 }
 
 export interface PanelEvent {
-  readonly kind: "hold" | "narrow" | "release" | "tab";
+  readonly kind: "hold" | "narrow" | "refused" | "release" | "tab";
   readonly title?: string;
+  readonly typed?: string;
+  readonly kept?: string;
+  readonly isWhole?: boolean;
 }
 
 export interface ViewState {

@@ -77,6 +77,9 @@ def test_a_bad_upload_says_so_and_changes_nothing(open_editor, name, content):
     opened = editor.session.scenario
     upload(editor, name, content)
     notice(editor, f"Not opened: {name}")
+    # viser's own notice would say the contrary beside it.
+    editor.page.wait_for_timeout(300)
+    expect(editor.page.get_by_text("File uploaded successfully")).to_be_hidden()
     assert editor.session.scenario is opened
 
 

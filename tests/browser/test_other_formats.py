@@ -80,7 +80,16 @@ def test_a_part_of_a_large_map_is_chosen_on_its_outline(
     editor.page.keyboard.press("Shift+ArrowRight")
     half = float(square.get_attribute("width") or "nan") / 2
     assert float(square.get_attribute("x") or "nan") == pytest.approx(corner + half)
-    card.get_by_label("Half side (m)").fill("40")
+    # Tab goes round in it, both ways.
+    size = card.get_by_label("Half side (m)")
+    names = [size, card.get_by_text("Cancel"), card.get_by_text("Open this part")]
+    for one in (*names, card.locator("svg"), size):
+        editor.page.keyboard.press("Tab")
+        expect(one).to_be_focused()
+    for one in (card.locator("svg"), names[-1]):
+        editor.page.keyboard.press("Shift+Tab")
+        expect(one).to_be_focused()
+    size.fill("40")
     mouse.click(x, y)
     card.get_by_text("80 \u00d7 80 m").wait_for()
     card.get_by_role("button", name="Open this part").click()

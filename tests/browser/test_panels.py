@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Locator, expect
 
 from pd_editor.viewer.agents.agent_panel import MORE
 from tests.analysis.findings.builders import finding
@@ -217,6 +217,43 @@ def test_a_field_that_is_emptied_shows_its_number_again(editor):
             page.keyboard.press("Tab")
             expect(field).to_have_value(shown)
     assert not session.entries
+
+
+def test_a_number_is_taken_as_it_was_typed_or_refused(editor):
+    """Whole numbers dropped what they did not take: 15 for 1.5, 13 for 1e3."""
+    page = editor.page
+    editor.open_tab("Road")
+    bend = editor.row("Bend").locator("input:not([type=hidden])").first
+    bar = editor.run_bar.get_by_role("spinbutton", name="Seed")
+    editor.open_tab("Generate")
+    editor.open_folder("How many")
+    cars = editor.row("Vehicles").locator("input").first
+    editor.fill("Vehicles", 12)
+    editor.set_number("Seed", 12)
+
+    def typed(field: Locator, text: str, shown: str, told: str = "") -> None:
+        field.click()
+        page.keyboard.press("Control+a")
+        page.keyboard.type(text)
+        page.keyboard.press("Tab")
+        expect(field).to_have_value(shown)
+        if told:
+            expect(page.get_by_text(told)).to_be_visible()
+            editor.close_notifications()
+            expect(page.get_by_text(told)).to_be_hidden()
+
+    for text in ("1.5", "2,5", "3 cars"):
+        typed(cars, text, "12", f"Vehicles: {text} is no whole number; 12 stays.")
+    typed(cars, "1e1", "10")
+    typed(bar, "1.5", "12", "Seed: 1.5 is no whole number; 12 stays.")
+    typed(bar, "2,5", "12", "Seed: 2.5 is no whole number; 12 stays.")
+    editor.open_tab("Road")
+    typed(bend, "2,5", "2.5")
+    typed(bend, "\u22124", "-4")
+    typed(bend, "3m", "-4", "Bend: 3m is no number; -4 stays.")
+    session = editor.session
+    editor.until(lambda: not session.state.is_previewing, "the end of the edits")
+    assert session.scenario.applied_warp.warp.terms[0].power == -4
 
 
 def test_shape_and_anchors_of_the_road_panel(editor):

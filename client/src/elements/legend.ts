@@ -1,8 +1,9 @@
 // The legend: a chip that unfolds upwards; the page remembers whether it is folded.
 import { button, make, recall, remember } from "../dom.ts";
-import { define } from "../frame.ts";
+import { define, listen } from "../frame.ts";
 import { padlock } from "../shared.ts";
 
+const LOW_PX = 520; // Unfolded it would be under the tools.
 const KEPT = "pd-legend-folded";
 // Drawn, and listed, while it is asked what could happen.
 const ARCS = [
@@ -24,7 +25,8 @@ define("legend", (api) => {
     chip.setAttribute("aria-expanded", String(!isFolded));
     return isFolded;
   }
-  fold((recall(KEPT) ?? innerHeight < 520) === true);
+  fold((recall(KEPT) ?? innerHeight < LOW_PX) === true);
+  listen(window, "resize", () => innerHeight < LOW_PX && fold(true));
 
   return ({ entries }) => {
     const lines = [...entries.map((entry) => ({ ...entry, isArc: false })), ...ARCS];

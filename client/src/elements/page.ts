@@ -23,6 +23,15 @@ define("page", (api) => {
     (event.target as HTMLElement).blur();
     openCommands(event);
   });
+  // Behind an open dialog nothing can be used: Tab goes round within it.
+  hearFirst("keydown", (event) => {
+    const dialog = event.key === "Tab" && root.querySelector(".pd-veil:not([hidden]) > [role=dialog]");
+    if (!dialog) return;
+    const all = [...dialog.querySelectorAll<HTMLElement>("button, input, select, [tabindex='0']")];
+    const at = all.indexOf(document.activeElement as HTMLElement) + (event.shiftKey ? -1 : 1);
+    take(event);
+    all.at(event.shiftKey && at < -1 ? -1 : at % all.length)?.focus();
+  });
   // viser calls preventDefault for a press on an agent in a passive listener, where it has
   // no effect but an error in the console.
   listen(

@@ -116,35 +116,64 @@ define("panel", (api) => {
     if (field.closest(`${viser.FIELD}, .pd-guidance-inputs, .pd-run`)) field.blur();
   });
 
-  // viser sends no number of a field that is emptied, so that the number before it stays
-  // in force: the field shows it again once it is left.
-  const numbers = new WeakMap<HTMLInputElement, string>();
-  const isNumber = (text: string) => text.trim() !== "" && Number.isFinite(Number(text));
+  // Fields of numbers drop characters that they do not take and read the rest: 15 for "1.5"
+  // where numbers are whole. So what is typed stays until the field is left; it is taken
+  // then if it is a number of the field's kind, and otherwise the number before it stays.
+  // viser sends no number of a field that is emptied: the last one is in force.
+  const numbers = new WeakMap<HTMLInputElement, { first: string; last: string }>();
+  const held = new WeakSet<HTMLInputElement>();
   const numberField = (event: Event) => within(event, viser.NUMBER) as HTMLInputElement | null;
-  listen(
-    document,
-    "beforeinput",
-    (event) => {
-      const field = numberField(event);
-      if (field && isNumber(field.value)) numbers.set(field, field.value);
-    },
-    { capture: true },
-  );
-  listen(
-    document,
-    "focusout",
-    (event) => {
-      const field = numberField(event);
-      // After viser's own handling, which clears what is no number.
-      if (field) setTimeout(() => restoreNumber(field));
-    },
-    { capture: true },
-  );
-  // The server has this number already, so that nothing is edited.
-  function restoreNumber(field: HTMLInputElement) {
-    const number = numbers.get(field);
-    if (number !== undefined && !isNumber(field.value)) viser.typeInto(field, number);
+  const numberIn = (text: string) => {
+    const plain = text.trim().replace(",", ".").replace("\u2212", "-");
+    return plain ? Number(plain) : Number.NaN;
+  };
+  function settle(field: HTMLInputElement) {
+    const { value: text, validity } = field;
+    const [number, { first, last }] = [numberIn(text), numbers.get(field) ?? { first: "", last: "" }];
+    const [isHeld, isWhole] = [held.delete(field), viser.isWhole(field)];
+    if (Number.isFinite(number) && (Number.isInteger(number) || !isWhole)) {
+      if (isHeld) viser.typeInto(field, String(number));
+    } else if (text || validity.badInput) {
+      viser.typeInto(field, first);
+      const title = field.ariaLabel ?? field.labels?.[0]?.textContent ?? "";
+      api.send({ kind: "refused", title, typed: text, kept: first, isWhole });
+    } else if (field.type !== "number") viser.typeInto(field, last);
   }
+  hearFirst("beforeinput", (event) => {
+    const field = numberField(event);
+    if (field?.type === "number" && event.data?.includes(",")) {
+      event.preventDefault();
+      document.execCommand("insertText", false, event.data.replaceAll(",", "."));
+    }
+    if (!field || held.has(field) || !Number.isFinite(numberIn(field.value))) return;
+    // The server may have given it another one.
+    if (field.value !== numbers.get(field)?.last) numbers.set(field, { first: field.value, last: field.value });
+  });
+  hearFirst("input", (event) => {
+    const field = numberField(event);
+    if (!field || !event.isTrusted) return;
+    const text = field.value;
+    held.delete(field);
+    const isRead = field.type === "number" || (viser.isWhole(field) ? /^-?\d*$/ : /^-?\d*\.?\d*$/).test(text);
+    if (!isRead) {
+      held.add(field);
+      event.stopImmediatePropagation();
+    } else if (Number.isFinite(numberIn(text))) numbers.set(field, { first: "", ...numbers.get(field), last: text });
+  });
+  hearFirst("keydown", (event) => {
+    const field = numberField(event);
+    if (field && held.has(field) && ["ArrowUp", "ArrowDown"].includes(event.key)) settle(field);
+  });
+  hearFirst("change", (event) => {
+    const field = numberField(event);
+    if (field) settle(field);
+  });
+  hearFirst("focusout", (event) => {
+    const field = numberField(event);
+    if (!field) return;
+    if (field.type !== "number") settle(field);
+    numbers.delete(field);
+  });
 
   // Escape and a press beside a dialog choose its last button, which changes nothing;
   // viser leaves both without an effect.
@@ -175,6 +204,7 @@ define("panel", (api) => {
   let naming: ReturnType<typeof setTimeout> | undefined;
   const observer = new MutationObserver(() => {
     tell();
+    viser.hideUploaded();
     naming ??= setTimeout(() => {
       naming = undefined;
       viser.nameControls();

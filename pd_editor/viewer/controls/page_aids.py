@@ -7,6 +7,8 @@ from typing import Final
 
 import msgspec
 
+from pd_editor.base.errors import InputError
+from pd_editor.base.plain_text import one_line
 from pd_editor.editor.commands import ReplaceTraffic, TransformAgents
 from pd_editor.editor.commands.command import Command, parts_of
 from pd_editor.viewer.overlay.messages import (
@@ -229,6 +231,11 @@ class SidePanel:
             self._ui.hold_slider()
         elif kind == "release":
             self._ui.release_slider()
+        elif kind == "refused":
+            typed, what = one_line(event.typed, 40), "whole " * event.is_whole
+            told = f"{one_line(title, 60)}: {typed or 'this'} is no {what}number"
+            kept = f"; {one_line(event.kept, 40)} stays" if event.kept else ""
+            self._ui.report(InputError(f"{told}{kept}."))
         elif kind == "narrow":
             self._ui.client.gui.main_panel.minimize()
         else:

@@ -74,8 +74,11 @@ class PanelState(Message, frozen=True):
 
 
 class PanelEvent(Message, frozen=True):
-    kind: Literal["hold", "narrow", "release", "tab"]
+    kind: Literal["hold", "narrow", "refused", "release", "tab"]
     title: str = ""
+    typed: str = ""
+    kept: str = ""
+    is_whole: bool = False
 
 
 class ViewState(Message, frozen=True):

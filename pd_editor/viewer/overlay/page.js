@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (f8a25f0062c9f390); not to be edited. */
+/* Built by .ci/client.py from client/ (45657a630e3396a9); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -104,10 +104,17 @@
   var LIST = "input.mantine-Select-input";
   var SLIDER = "[class*=Slider-root]";
   var FIELD = ".mantine-NumberInput-root, .mantine-TextInput-root";
-  var NUMBER = "input.mantine-NumberInput-input";
+  var NUMBER = "input:is(.mantine-NumberInput-input, [type=number])";
   var FOLD = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root";
   var DIALOG = ".mantine-Modal-content";
   var BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
+  function hideUploaded() {
+    for (const notice of document.querySelectorAll(".mantine-Notification-root")) {
+      if (!notice.textContent?.endsWith("File uploaded successfully.")) continue;
+      notice.style.display = "none";
+      notice.querySelector(".mantine-Notification-closeButton")?.click();
+    }
+  }
   var ICON_NAMES = [
     [".mantine-Notification-closeButton", "Close the notice"],
     ["button:has(> * > .tabler-icon-list-search)", "All commands"],
@@ -136,8 +143,17 @@
     tab.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
     if (tab.getAttribute("aria-selected") !== "true") tab.click();
   }
+  function isWhole(field) {
+    if (field.type === "number") return !field.step;
+    const known = field;
+    let fiber = known[Object.keys(field).find((key) => key.startsWith("__reactFiber")) ?? ""];
+    while (fiber && fiber.memoizedProps?.decimalScale === void 0) fiber = fiber.return;
+    return fiber?.memoizedProps?.decimalScale === 0;
+  }
   function typeInto(field, text) {
     const property = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value");
+    field.select();
+    field.dispatchEvent(new KeyboardEvent("keydown", { bubbles: true }));
     property?.set?.call(field, text);
     field.dispatchEvent(new Event("input", { bubbles: true }));
   }
@@ -216,6 +232,7 @@
 
   // src/frame.ts
   var TIP_GAP_PX = 14;
+  var SLIM_PX = 380;
   var former = window.pdOverlay;
   former?.dispose();
   var definitions = /* @__PURE__ */ new Map();
@@ -404,6 +421,7 @@
   function fitToCanvas() {
     const box = canvas()?.getBoundingClientRect();
     if (!box) return;
+    root.classList.toggle("pd-slim", box.width < SLIM_PX);
     markBody("pd-beside", box.right < innerWidth);
     document.body.style.setProperty("--pd-beside", `${innerWidth - box.right + 8}px`);
     for (const side of ["left", "top", "width", "height"]) {
@@ -1946,11 +1964,11 @@
         finish(mode);
         return;
       }
-      const isWhole = !isClick && !line.length;
+      const isWhole2 = !isClick && !line.length;
       isClicked = isClick && !isFree && (isClicked || !line.length);
       if (isClick && !line.length) line.push([mode.start[0], mode.start[1]]);
       line.push(...isClick ? [points[0]] : points);
-      if (isWhole) finish(mode);
+      if (isWhole2) finish(mode);
     }
     hearFirst("keydown", (event) => {
       if (!state?.isActive || !line.length || press.held) return;
@@ -2142,6 +2160,7 @@
   });
 
   // src/elements/legend.ts
+  var LOW_PX = 520;
   var KEPT2 = "pd-legend-folded";
   var ARCS = [
     ["Could threaten it", "var(--pd-bad)"],
@@ -2160,7 +2179,8 @@
       chip.setAttribute("aria-expanded", String(!isFolded));
       return isFolded;
     }
-    fold((recall(KEPT2) ?? innerHeight < 520) === true);
+    fold((recall(KEPT2) ?? innerHeight < LOW_PX) === true);
+    listen(window, "resize", () => innerHeight < LOW_PX && fold(true));
     return ({ entries }) => {
       const lines = [...entries.map((entry) => ({ ...entry, isArc: false })), ...ARCS];
       list.replaceChildren(
@@ -2516,6 +2536,14 @@
       event.target.blur();
       openCommands(event);
     });
+    hearFirst("keydown", (event) => {
+      const dialog = event.key === "Tab" && root.querySelector(".pd-veil:not([hidden]) > [role=dialog]");
+      if (!dialog) return;
+      const all = [...dialog.querySelectorAll("button, input, select, [tabindex='0']")];
+      const at = all.indexOf(document.activeElement) + (event.shiftKey ? -1 : 1);
+      take(event);
+      all.at(event.shiftKey && at < -1 ? -1 : at % all.length)?.focus();
+    });
     listen(
       document,
       "pointerdown",
@@ -2652,30 +2680,58 @@
       if (field.closest(`${FIELD}, .pd-guidance-inputs, .pd-run`)) field.blur();
     });
     const numbers = /* @__PURE__ */ new WeakMap();
-    const isNumber = (text) => text.trim() !== "" && Number.isFinite(Number(text));
+    const held = /* @__PURE__ */ new WeakSet();
     const numberField = (event) => within(event, NUMBER);
-    listen(
-      document,
-      "beforeinput",
-      (event) => {
-        const field = numberField(event);
-        if (field && isNumber(field.value)) numbers.set(field, field.value);
-      },
-      { capture: true }
-    );
-    listen(
-      document,
-      "focusout",
-      (event) => {
-        const field = numberField(event);
-        if (field) setTimeout(() => restoreNumber(field));
-      },
-      { capture: true }
-    );
-    function restoreNumber(field) {
-      const number2 = numbers.get(field);
-      if (number2 !== void 0 && !isNumber(field.value)) typeInto(field, number2);
+    const numberIn = (text) => {
+      const plain = text.trim().replace(",", ".").replace("−", "-");
+      return plain ? Number(plain) : Number.NaN;
+    };
+    function settle(field) {
+      const { value: text, validity } = field;
+      const [number2, { first, last }] = [numberIn(text), numbers.get(field) ?? { first: "", last: "" }];
+      const [isHeld2, isWhole2] = [held.delete(field), isWhole(field)];
+      if (Number.isFinite(number2) && (Number.isInteger(number2) || !isWhole2)) {
+        if (isHeld2) typeInto(field, String(number2));
+      } else if (text || validity.badInput) {
+        typeInto(field, first);
+        const title2 = field.ariaLabel ?? field.labels?.[0]?.textContent ?? "";
+        api.send({ kind: "refused", title: title2, typed: text, kept: first, isWhole: isWhole2 });
+      } else if (field.type !== "number") typeInto(field, last);
     }
+    hearFirst("beforeinput", (event) => {
+      const field = numberField(event);
+      if (field?.type === "number" && event.data?.includes(",")) {
+        event.preventDefault();
+        document.execCommand("insertText", false, event.data.replaceAll(",", "."));
+      }
+      if (!field || held.has(field) || !Number.isFinite(numberIn(field.value))) return;
+      if (field.value !== numbers.get(field)?.last) numbers.set(field, { first: field.value, last: field.value });
+    });
+    hearFirst("input", (event) => {
+      const field = numberField(event);
+      if (!field || !event.isTrusted) return;
+      const text = field.value;
+      held.delete(field);
+      const isRead = field.type === "number" || (isWhole(field) ? /^-?\d*$/ : /^-?\d*\.?\d*$/).test(text);
+      if (!isRead) {
+        held.add(field);
+        event.stopImmediatePropagation();
+      } else if (Number.isFinite(numberIn(text))) numbers.set(field, { first: "", ...numbers.get(field), last: text });
+    });
+    hearFirst("keydown", (event) => {
+      const field = numberField(event);
+      if (field && held.has(field) && ["ArrowUp", "ArrowDown"].includes(event.key)) settle(field);
+    });
+    hearFirst("change", (event) => {
+      const field = numberField(event);
+      if (field) settle(field);
+    });
+    hearFirst("focusout", (event) => {
+      const field = numberField(event);
+      if (!field) return;
+      if (field.type !== "number") settle(field);
+      numbers.delete(field);
+    });
     function leaveDialog() {
       const dialog = [...document.querySelectorAll(DIALOG)].at(-1);
       const last = [...dialog?.querySelectorAll("button") ?? []].at(-1);
@@ -2698,6 +2754,7 @@
     let naming;
     const observer = new MutationObserver(() => {
       tell();
+      hideUploaded();
       naming ??= setTimeout(() => {
         naming = void 0;
         nameControls();

@@ -1,10 +1,13 @@
 """Modes in which presses on the picture mean something else; at most one is active."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from pd_editor.viewer.overlay.overlay import MODE
 from pd_editor.viewer.state.events import Signal
 from pd_editor.viewer.tab.ui_context import UiContext
+
+BY_KEYS: Final = "Arrows and Enter press, too."
+"""What the page's cross does in every mode (``aim.ts``)."""
 
 
 class Mode:
@@ -50,7 +53,7 @@ class Mode:
         if self.is_active:
             banner.show(
                 self.name,
-                self._sentence(),
+                f"{self._sentence()} {BY_KEYS}",
                 buttons={self.button: self.stop},
                 priority=MODE,
             )
