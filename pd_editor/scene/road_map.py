@@ -167,6 +167,20 @@ class RoadMap:
         return {lane.lane_id: lane for lane in self.lanes}
 
     @cached_property
+    def oncoming(self) -> frozenset[tuple[int, int]]:
+        """Ids of lanes and of neighbours of theirs that lead the other way."""
+        way = {
+            number: one.centerline_m[-1] - one.centerline_m[0]
+            for number, one in self.lane_of.items()
+        }
+        return frozenset(
+            (one.lane_id, number)
+            for one in self.lanes
+            for number in (one.left_neighbor, one.right_neighbor)
+            if number in way and way[one.lane_id] @ way[number] < 0
+        )
+
+    @cached_property
     def lane_groups(self) -> tuple[tuple[int, ...], ...]:
         """Ids of adjacent lanes in one direction, each group from right to left."""
         left_of = {

@@ -6,7 +6,12 @@ from typing import Final
 from pd_editor.scene.av2_io.file_names import is_tracks_name
 from pd_editor.scene.av2_io.read import read_scenario
 from pd_editor.scene.av2_io.write import scenario_files
-from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene, losses_of
+from pd_editor.scene.formats.scene_format import (
+    SceneFormat,
+    WrittenScene,
+    losses_of,
+    parts_of,
+)
 from pd_editor.scene.scenario import Scenario
 
 
@@ -18,7 +23,8 @@ def _recognises(path: Path) -> bool:
 
 
 def _write(scenario: Scenario) -> WrittenScene:
-    return WrittenScene(files=scenario_files(scenario), losses=losses_of(scenario))
+    losses = losses_of(scenario, keeps=parts_of(scenario).keys() - {"signals"})
+    return WrittenScene(files=scenario_files(scenario), losses=losses)
 
 
 ARGOVERSE2: Final = SceneFormat(

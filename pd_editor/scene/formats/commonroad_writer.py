@@ -1,5 +1,6 @@
 """Writes scenes as CommonRoad 2020a scenarios."""
 
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -10,11 +11,11 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
-from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, losses_of
 from pd_editor.scene.formats.xml_file import as_file
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
-from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark
+from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark, RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import SignalState
 
@@ -44,10 +45,11 @@ _LEAST_STEP_M: Final = 0.01
 _LOSSES: Final[tuple[str, ...]] = (
     "Bounds of bent lanes, moved up to 0.4 m: the centre line has to be midway.",
     "Colours of lane markings and double lines: CommonRoad knows solid and dashed ones.",
-    "Drivable areas beside the lanes: CommonRoad has lanelets only.",
-    "The ego's trajectory: the planning problem has its start and its goal.",
     "Velocities to the side: a state has one speed along its heading.",
-    "Benchmark categories, made-up pasts, and which agent is the focal one.",
+)
+_KEEPS: Final = frozenset(
+    {"signals", "links", "neighbors", "lane kinds", "junctions"}
+    | {"marks", "crosswalks"}
 )
 
 
@@ -60,9 +62,9 @@ def write(scenario: Scenario) -> WrittenScene:
     """
     agents, origin = scenario.agents, scenario.origin_city_m
     ego, root = _ego_row(scenario), _root(scenario)
-    known = set(scenario.road_map.lane_of)
+    known = scenario.road_map.lane_of
     for lane in scenario.road_map.lanes:
-        _lanelet(root, lane, origin, known)
+        _lanelet(root, lane, origin, scenario.road_map)
     next_id = 1 + max((*known, *(c.crosswalk_id for c in scenario.road_map.crosswalks)))
     for walk in scenario.road_map.crosswalks:
         next_id = _crosswalk(root, walk, origin, known, next_id)
@@ -82,7 +84,12 @@ def write(scenario: Scenario) -> WrittenScene:
             "A planning problem, which the schema demands and readers do not."
         )
     else:
-        rows.append((agents.ids[ego], next_id))
+        name = agents.ids[ego]
+        losses.append(
+            f"Trajectory, size and kind of {name}: the planning problem has its start "
+            "and its goal."
+        )
+        rows.append((name, next_id))
         _problem(root, scenario, ego, place, next_id)
     split = len(rows) - len(agents)
     if scenario.signals:
@@ -94,7 +101,9 @@ def write(scenario: Scenario) -> WrittenScene:
             f"{scenario.scenario_id}.xml": as_file(root),
             IDS_NAME: csv_file([("agent", "obstacle"), *rows]),
         },
-        losses=tuple(losses),
+        losses=losses_of(
+            scenario, *losses, keeps=_KEEPS if ego is None else _KEEPS | {"now"}
+        ),
     )
 
 
@@ -131,8 +140,12 @@ def _root(scenario: Scenario) -> etree._Element:
 
 
 def _lanelet(
-    root: etree._Element, lane: Lane, origin: Float[np.ndarray, "2"], known: set[int]
+    root: etree._Element,
+    lane: Lane,
+    origin: Float[np.ndarray, "2"],
+    road_map: RoadMap,
 ) -> None:
+    known = road_map.lane_of
     found = _child(root, "lanelet", id=str(lane.lane_id))
     left, right = _bounds_around(lane)
     left, right = left + origin, right + origin
@@ -150,7 +163,8 @@ def _lanelet(
         ("adjacentRight", lane.right_neighbor),
     ):
         if one in known:
-            _child(found, tag, ref=str(one), drivingDir="same")
+            way = "opposite" if (lane.lane_id, one) in road_map.oncoming else "same"
+            _child(found, tag, ref=str(one), drivingDir=way)
     _child(found, "laneletType", LANE_TYPES.get(lane.kind, "urban"))
     if lane.is_intersection:
         _child(found, "laneletType", "intersection")
@@ -160,7 +174,7 @@ def _crosswalk(
     root: etree._Element,
     walk: Crosswalk,
     origin: Float[np.ndarray, "2"],
-    known: set[int],
+    known: Collection[int],
     next_id: int,
 ) -> int:
     """Add a crosswalk, with another id where a lane has its own; the next free id."""

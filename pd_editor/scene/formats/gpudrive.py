@@ -25,6 +25,7 @@ from pd_editor.scene.formats.recorded_map import (
     TYPES,
     CenterLane,
     distinct_points,
+    ego_losses,
     ego_of,
     lane_numbers,
     lights_of,
@@ -32,7 +33,12 @@ from pd_editor.scene.formats.recorded_map import (
     map_of,
     read_as,
 )
-from pd_editor.scene.formats.scene_format import IDS_NAME, SceneFormat, WrittenScene
+from pd_editor.scene.formats.scene_format import (
+    IDS_NAME,
+    SceneFormat,
+    WrittenScene,
+    losses_of,
+)
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
@@ -43,6 +49,15 @@ UNKNOWN_M: Final = -10_000.0
 """Waymo's place of agents that are not there."""
 _ELEMENTS: Final = {"lane": 2, "road_line": 6, "road_edge": 15, "crosswalk": 18}
 """Waymo's numbers of the types of map elements."""
+_LOSSES: Final = (
+    "Steps: all but 10 before the current one and 80 after it.",
+    "Kinds of agents: vehicles, pedestrians, cyclists and others.",
+    "Boundaries of lanes; drivable areas are edges of the road.",
+    "Ids: objects are numbered; ids.csv has both.",
+)
+_KEEPS: Final = frozenset(
+    {"signals", "oncoming", "crosswalks", "paved", "now", "focal"}
+)
 
 
 class _Asked(msgspec.Struct):
@@ -290,13 +305,7 @@ def write(scenario: Scenario) -> WrittenScene:
             f"{scenario.scenario_id}.json": msgspec.json.encode(content),
             IDS_NAME: csv_file([("agent", "object"), *index.items()]),
         },
-        losses=(
-            f"Steps: {WAYMO_CURRENT_STEP} before the current one and "
-            f"{WAYMO_STEPS - WAYMO_CURRENT_STEP - 1} after it.",
-            "Kinds: vehicles, pedestrians, cyclists and others.",
-            "Links, neighbours, kinds and markings of lanes.",
-            "Ids: objects are numbered; ids.csv has both.",
-        ),
+        losses=losses_of(scenario, *_LOSSES, *ego_losses(ego), keeps=_KEEPS),
     )
 
 

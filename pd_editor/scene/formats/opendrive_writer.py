@@ -23,7 +23,7 @@ from pd_editor.scene.formats.openscenario import (
     light_ids,
     openscenario_file,
 )
-from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, losses_of
 from pd_editor.scene.formats.xml_file import added, as_file
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, without_repeats
@@ -115,12 +115,15 @@ class _Road:
 
 _LOSSES: Final[tuple[str, ...]] = (
     "Boundaries: a lane lies evenly on both sides of its centre line, which may move a "
-    "boundary by some centimetres; neighbours have one marking between them.",
+    "boundary by some centimetres, and its ends are square; neighbours have one marking "
+    "between them.",
     "Markings whose kind is unknown, and heights of crosswalks, drivable areas, and of "
     "lanes beside the middle one of a road.",
     "Velocities: they follow from the places and times of a trajectory.",
-    "Kinds of static objects, benchmark categories, made-up pasts, the current step, "
-    "and which agent is the focal one.",
+)
+_KEEPS: Final = frozenset(
+    {"signals", "links", "neighbors", "oncoming", "lane kinds", "junctions", "marks"}
+    | {"heights", "crosswalks", "paved"}
 )
 
 
@@ -155,9 +158,8 @@ def write(scenario: Scenario) -> WrittenScene:
     own = f"Which lanes are in an intersection: {only}"
     askew = f"{len(untold)} of {count} neighbours end askew or go the other way: {only}"
     unsaid = ("States of signals.",) if scenario.signals and not names else ()
-    return WrittenScene(
-        files=files, losses=(*[askew] * bool(untold), own, *_LOSSES, *unsaid)
-    )
+    told = (*[askew] * bool(untold), own, *_LOSSES, *unsaid)
+    return WrittenScene(files=files, losses=losses_of(scenario, *told, keeps=_KEEPS))
 
 
 def _untold(

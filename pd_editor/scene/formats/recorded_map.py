@@ -65,6 +65,7 @@ class CenterLane:
     polygon: Float[np.ndarray, "M 2"] | None = None
     successors: Sequence[str] | None = None
     """None: the map does not tell."""
+    is_intersection: bool = False
     left_neighbor: str | None = None
     right_neighbor: str | None = None
 
@@ -99,7 +100,7 @@ def lanes_of(found: Sequence[CenterLane]) -> tuple[Lane, ...]:
             Lane(
                 lane_id=own,
                 kind=one.kind,
-                is_intersection=False,
+                is_intersection=one.is_intersection,
                 centerline=at_height_zero(line),
                 left=at_height_zero(offset_line(line, left)),
                 right=at_height_zero(offset_line(line, -right)),
@@ -351,6 +352,13 @@ def ego_of(scenario: Scenario) -> str:
         "current step; the format needs one as the car that drives itself (place agents, "
         "or fill it by pd-editor generate --num-agents fit)."
     )
+
+
+def ego_losses(ego: str) -> tuple[str, ...]:
+    """What a format that needs one says of a scene without an ego."""
+    if ego == EGO_ID:
+        return ()
+    return (f"There is no ego: {ego} is the car that drives itself.",)
 
 
 def lights_of(

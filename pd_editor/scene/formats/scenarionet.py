@@ -24,6 +24,7 @@ from pd_editor.scene.formats.recorded_map import (
     KINDS,
     TYPES,
     CenterLane,
+    ego_losses,
     ego_of,
     lane_numbers,
     lights_of,
@@ -33,9 +34,13 @@ from pd_editor.scene.formats.recorded_map import (
     points_of,
     read_as,
 )
-from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene
+from pd_editor.scene.formats.scene_format import (
+    SceneFormat,
+    WrittenScene,
+    losses_of,
+)
 from pd_editor.scene.geometry.polyline import at_height_zero
-from pd_editor.scene.road_map import Lane, LaneKind, LaneMark
+from pd_editor.scene.road_map import LaneKind, LaneMark, RoadMap
 from pd_editor.scene.scenario import Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
@@ -54,6 +59,11 @@ _LINES: Final = {
     LaneMark.DASHED_YELLOW: "ROAD_LINE_BROKEN_SINGLE_YELLOW",
     LaneMark.DOUBLE_SOLID_YELLOW: "ROAD_LINE_SOLID_DOUBLE_YELLOW",
 }
+_OWN_KINDS: Final = {one.value: one for one in AgentKind}
+_KEEPS: Final = frozenset(
+    {"signals", "links", "neighbors", "lane kinds", "junctions", "marks", "crosswalks"}
+    | {"paved", "city", "now", "focal", "static kinds"}
+)
 _SUMMARIES: Final = frozenset({"dataset_summary.pkl", "dataset_mapping.pkl"})
 
 
@@ -173,11 +183,14 @@ def _track(name: str, found: Mapping[str, Any], time_s: np.ndarray) -> FileTrack
         if state.get("heading") is not None
         else np.full(is_valid.sum(), np.nan)
     )
-    finer = str((found.get("metadata") or {}).get("type", "")).lower()
+    about = found.get("metadata") or {}
+    finer = str(about.get("type", "")).lower()
     kind = next(
         (kind for part, kind in _FINER_KINDS.items() if part in finer),
         KINDS.get(str(found["type"]), AgentKind.UNKNOWN),
     )
+    if about.get("dataset") == DATASET:
+        kind = _OWN_KINDS.get(str(about.get("original_type")), kind)
     if kind in (AgentKind.VEHICLE, AgentKind.BUS):
         # That of nuScenes's own car is the other way round.
         sizes.sort(reverse=True)
@@ -239,6 +252,7 @@ def _lane(key: str, found: Mapping[str, Any]) -> CenterLane:
         if found.get("polygon") is not None
         else None,
         successors=None if exits is None else [str(one) for one in exits],
+        is_intersection=bool(found.get("interpolating")),
         left_neighbor=_neighbor(found.get("left_neighbor"), -1),
         right_neighbor=_neighbor(found.get("right_neighbor"), 0),
     )
@@ -302,16 +316,19 @@ def write(scenario: Scenario) -> WrittenScene:
     }
     return WrittenScene(
         files={name: pickle.dumps(one, protocol=4) for name, one in files.items()},
-        losses=(
-            "Kinds: buses are vehicles, motorcyclists are cyclists.",
-            "Bus lanes are lanes of streets; markings of two kinds in one have none.",
-            "Boundaries of lanes: a lane has its polygon and half widths.",
-            "Benchmark categories and made-up pasts.",
+        losses=losses_of(
+            scenario,
+            "Kinds: buses are vehicles, motorcyclists cyclists, bus lanes those of streets; "
+            "only this editor reads the others.",
+            "Boundaries of lanes: a lane has its polygon and half widths; drivable areas "
+            "and markings, but for those of two kinds in one, are lines of no lane.",
+            *ego_losses(ego),
             *(
                 f"The first {n} steps, when the ego is not there."
                 for n in (first,)
                 if n
             ),
+            keeps=_KEEPS,
         ),
     )
 
@@ -417,7 +434,7 @@ def _summary(track: dict[str, Any]) -> dict[str, Any]:
 
 def _map_features(scenario: Scenario) -> dict[str, dict[str, Any]]:
     origin, road_map = scenario.origin_city_m, scenario.road_map
-    found = {str(lane.lane_id): _lane_feature(lane, origin) for lane in road_map.lanes}
+    found = {str(n): _lane_feature(road_map, n, origin) for n in road_map.lane_of}
     for lane in road_map.lanes:
         for side, mark, line in (
             ("left", lane.left_mark, lane.left_m),
@@ -442,7 +459,10 @@ def _map_features(scenario: Scenario) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _lane_feature(lane: Lane, origin: Float[np.ndarray, "2"]) -> dict[str, Any]:
+def _lane_feature(
+    road_map: RoadMap, number: int, origin: Float[np.ndarray, "2"]
+) -> dict[str, Any]:
+    lane = road_map.lane_of[number]
     line = lane.centerline_m
     sides = [
         np.linalg.norm(line[:, None] - side[None], axis=-1).min(axis=1)
@@ -456,13 +476,17 @@ def _lane_feature(lane: Lane, origin: Float[np.ndarray, "2"]) -> dict[str, Any]:
         "interpolating": lane.is_intersection,
         "entry_lanes": [str(one) for one in lane.predecessors],
         "exit_lanes": [str(one) for one in lane.successors],
-        "left_neighbor": _written_neighbor(lane.left_neighbor),
-        "right_neighbor": _written_neighbor(lane.right_neighbor),
+        "left_neighbor": _neighbors(road_map, number, lane.left_neighbor),
+        "right_neighbor": _neighbors(road_map, number, lane.right_neighbor),
     }
 
 
-def _written_neighbor(number: int | None) -> list[dict[str, str]]:
-    return [] if number is None else [{"feature_id": str(number)}]
+def _neighbors(
+    road_map: RoadMap, number: int, beside: int | None
+) -> list[dict[str, str]]:
+    """That beside a lane if it leads the same way; Waymo has no others."""
+    is_one = beside is not None and (number, beside) not in road_map.oncoming
+    return [{"feature_id": str(beside)}] if is_one else []
 
 
 def _fine(line: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "M 2"]:

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.agent_kind import LANE_FOLLOWER_KINDS, AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
-from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene
+from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, losses_of
 from pd_editor.scene.formats.sumo_net import ALLOWED_ON, CROSSWALK, JUNCTION, PAVED
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, resample
@@ -130,14 +130,16 @@ _MAX_UNSEEN: Final = 2
 _REFUSED: Final = re.compile(r"[^A-Za-z0-9_.-]")
 _LOSSES: Final = (
     "Boundaries of lanes: SUMO has one width a lane.",
-    "Lane markings, elevations.",
     "Right of way of signs: straight on goes before turns, wider roads before narrower "
     "ones, right before left. Lanes through a junction that fork, merge or end in it "
     "have none.",
     "Speed limits: all lanes have the same, since scenes have none.",
     "Motion of routes: they begin as recorded, and SUMO drives them its own way; the "
     "floating-car data have the recorded motion.",
-    "Benchmark categories, made-up pasts, and which agent is the focal one.",
+)
+_KEEPS: Final = frozenset(
+    {"signals", "links", "neighbors", "lane kinds", "junctions", "crosswalks"}
+    | {"paved", "static kinds"}
 )
 
 
@@ -155,6 +157,8 @@ def write(scenario: Scenario) -> WrittenScene:
     losses: list[str] = list(_LOSSES)
     if left_out:
         losses.append(f"Routes of {left_out} vehicles that do not follow lanes.")
+    if apart := network.num_apart:
+        losses.append(f"{apart} neighbours of lanes, which are no part of one edge.")
     if scenario.signals:
         lights = {light for light, _ in network.light_of.values()}
         nowhere = len(scenario.signals) - len(lights)
@@ -188,7 +192,8 @@ def write(scenario: Scenario) -> WrittenScene:
     }  # fmt: skip
     encoded = {name: text.encode() for name, text in files.items()}
     encoded[IDS_NAME] = csv_file([("ours", "sumo"), *table])
-    return WrittenScene(files=encoded, losses=tuple(losses))
+    told = losses_of(scenario, *losses, keeps=_KEEPS)
+    return WrittenScene(files=encoded, losses=told)
 
 
 class _Network:
@@ -199,7 +204,8 @@ class _Network:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        known, self._origin = scenario.road_map.lane_of, scenario.origin_city_m
+        self._road_map, self._origin = scenario.road_map, scenario.origin_city_m
+        known = self._road_map.lane_of
         self.after = {
             n: [known[m] for m in dict.fromkeys(lane.successors) if m in known]
             for n, lane in known.items()
@@ -230,6 +236,17 @@ class _Network:
         self.name_of = {
             n: f"{self.edge_name(one)}_{two}" for n, (one, two) in self.place_of.items()
         }
+
+    @property
+    def num_apart(self) -> int:
+        """Number of neighbours that lead the same way on another edge."""
+        road_map, place_of = self._road_map, self.place_of
+        return sum(
+            place_of[other][0] != place_of[one.lane_id][0]
+            for one in road_map.lanes
+            for other in (one.left_neighbor, one.right_neighbor)
+            if other in place_of and (one.lane_id, other) not in road_map.oncoming
+        )
 
     def _lanes_beside(self, road_map: RoadMap) -> dict[int, tuple[int, int]]:
         """Lanes before and after those that are to be internal."""

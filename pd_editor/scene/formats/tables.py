@@ -13,6 +13,10 @@ from pd_editor.scene.formats.scene_format import SceneFormat, WrittenScene, loss
 from pd_editor.scene.scenario import Scenario
 
 _SIDES: Final = (("center", "centerline"), ("left", "left"), ("right", "right"))
+_KEEPS: Final = frozenset(
+    {"oncoming", "lane kinds", "junctions", "heights", "paved"}
+    | {"now", "static kinds", "made up"}
+)
 
 
 def write(scenario: Scenario) -> WrittenScene:
@@ -62,9 +66,7 @@ def write(scenario: Scenario) -> WrittenScene:
     files = [_both(name, columns) for name, columns in tables.items()]
     return WrittenScene(
         files={name: data for one in files for name, data in one.items()},
-        losses=losses_of(
-            scenario, "Which lanes follow which, crosswalks, and the focal agent."
-        ),
+        losses=losses_of(scenario, keeps=_KEEPS),
     )
 
 
