@@ -208,12 +208,13 @@ def _read(text: str) -> Scenario:
     folder = os.path.expanduser(text)
     if os.path.isfile(folder) and folder.lower().endswith(".zip"):
         return _open_zip(Path(folder))
-    if os.path.isfile(folder) and format_of(Path(folder)) is not None:
-        return read_scene(Path(folder))
-    if not os.path.isdir(folder):
+    path = Path(folder)
+    if not os.path.isdir(folder) and not (
+        os.path.isfile(folder) and format_of(path) is not None
+    ):
         raise _no_scenario(text, folder)
-    scenario = read_scene(_only_file(Path(folder)) or Path(folder))
-    recipe = recipe_of_export(Path(folder))
+    scenario = read_scene(_only_file(path) or path)
+    recipe = recipe_of_export(path)
     return scenario if recipe is None else made_by(scenario, recipe)
 
 
@@ -489,7 +490,7 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
     """
     if recipe.result_id != scenario.scenario_id:
         return scenario
-    # Writers name themselves as who made a file.
+    # Some formats have no place for it.
     told = recipe.base.attribution or scenario.provenance.attribution
     scenario = scenario.with_origin(attribution=told)
     if not recipe.commands:

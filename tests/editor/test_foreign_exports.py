@@ -13,6 +13,7 @@ from pd_editor.editor.scenario_store import (
     ATTRIBUTION_NAME,
     export_into,
     exported_files,
+    foreign_scenes,
     open_scenario,
     recipe_of_export,
     scenario_and_recipe,
@@ -20,6 +21,7 @@ from pd_editor.editor.scenario_store import (
 from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, name_from_text
 from pd_editor.scene.bundle import zip_folders
+from pd_editor.scene.formats.registry import unread_file, writer
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road
@@ -99,3 +101,61 @@ def test_recorded_argoverse_scenes_name_their_licence(av2_scenario_folders):
     scenario = open_scenario(av2_scenario_folders[0])
     files = exported_files(scenario, EditorSession(scenario).recipe())
     assert b"CC BY-NC-SA 4.0" in files[ATTRIBUTION_NAME]
+
+
+@pytest.mark.parametrize("kind", ["commonroad", "opendrive", "scenarionet", "gpudrive"])
+def test_the_file_of_an_export_tells_what_its_folder_tells(session, tmp_path, kind):
+    """The edits, and who made the source, were those of the folder alone.
+
+    Files named this editor, or Waymo, as who made them; each trip added a line.
+    """
+    folder = export_into(
+        tmp_path / "out", session.scenario, session.recipe(), format_name=kind
+    )
+    files = [one for one in foreign_scenes(folder) if one.is_file()]
+    by_file, by_folder = (open_scenario(one).provenance for one in (files[-1], folder))
+    assert by_file.base is not None
+    assert by_file.edited_ids == by_folder.edited_ids != frozenset()
+    (folder / "recipe.json").unlink()
+    alone = open_scenario(files[-1])
+    assert alone.provenance.attribution == session.scenario.provenance.attribution
+    again = writer(kind).write
+    assert again is not None
+    (tmp_path / "again").mkdir()
+    for name, data in again(alone).files.items():
+        (tmp_path / "again" / name).write_bytes(data)
+    (second, *_) = foreign_scenes(tmp_path / "again")
+    told = open_scenario(second).provenance.attribution
+    assert told == session.scenario.provenance.attribution
+
+
+@pytest.mark.parametrize("kind", ["commonroad", "opendrive", "scenarionet", "gpudrive"])
+def test_who_made_a_demo_is_made_up_by_no_format(tmp_path, kind):
+    scenario = open_scenario("roundabout")
+    write = writer(kind).write
+    assert write is not None
+    for name, data in write(scenario).files.items():
+        (tmp_path / name).write_bytes(data)
+    (path, *_) = foreign_scenes(tmp_path)
+    assert open_scenario(path).provenance.attribution is None
+
+
+def test_hidden_files_of_a_mac_are_no_scenes(session, tmp_path):
+    """They were a second scene of formats that are known by their ending."""
+    files = exported_files(
+        session.scenario, session.recipe(), format_name="scenarionet"
+    )
+    (name,) = (one for one in files if one.startswith("sd_"))
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr(f"a folder/{name}", files[name])
+        archive.writestr(f"__MACOSX/a folder/._{name}", b"Mac OS X")
+    scenario, _ = scenario_and_recipe({"mac.zip": content.getvalue()})
+    assert len(scenario.agents) == len(session.scenario.agents)
+
+
+def test_bytes_of_a_zip_are_no_other_kind_of_file(tmp_path):
+    """A zip that was not packed was a protocol buffer, by chance."""
+    path = tmp_path / "scenes.zip"
+    path.write_bytes(b"PK\x03\x04 xpb .tfrecord > 1.csv ")
+    assert unread_file(path) is None

@@ -39,7 +39,6 @@ from pd_editor.editor.recipe import MAX_RECIPE_BYTES, Recipe, checked_base, repl
 from pd_editor.editor.scenario_store import (
     exported_files,
     has_same_content,
-    made_by,
     open_base,
     open_scenario,
     recipe_of_export,
@@ -589,8 +588,6 @@ def take_in(
     if reference and not session.entries:
         own = recipe_of_export(Path(reference))
     if own is not None and own.result_id == scenario.scenario_id:
-        is_file = bool(reference) and Path(reference).is_file()
-        scenario = base = made_by(scenario, own) if is_file else scenario
         recipe, judge = own, None
     about = recipe.variant.tagged(tuple(tags), (), recipe.variant.note or note)
     wanted, tried = fit_name(recipe.result_id), set[str]()

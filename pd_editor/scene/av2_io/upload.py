@@ -119,7 +119,8 @@ def files_in_upload(
         label, room = _shown(name), limit
         with _opened(label, data) as archive:
             for path, member in _members(archive, label).items():
-                if wanted(_base(path)):
+                # Macs pack a hidden file beside each.
+                if wanted(_base(path)) and not _base(path).startswith("."):
                     content = _unpacked(archive, member, label, room)
                     room -= len(content)
                     yield path, content

@@ -12,7 +12,7 @@ from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.agent_kind import AgentKind
 from pd_editor.scene.formats.file_signal import WORDS
 from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, losses_of
-from pd_editor.scene.formats.xml_file import as_file
+from pd_editor.scene.formats.xml_file import EDITOR, as_file
 from pd_editor.scene.geometry.angles import unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.road_map import Crosswalk, Lane, LaneKind, LaneMark, RoadMap
@@ -122,9 +122,9 @@ def _root(scenario: Scenario) -> etree._Element:
         "commonRoad",
         timeStepSize=f"{scenario.time_axis.step_s:g}",
         commonRoadVersion="2020a",
-        author="Path Diffuser Editor",
+        author=EDITOR,
         affiliation="",
-        source=scenario.provenance.attribution or scenario.city or "unknown",
+        source=scenario.provenance.attribution or "",
         benchmarkID=scenario.scenario_id,
         date="1970-01-01",
     )

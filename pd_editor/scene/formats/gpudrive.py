@@ -56,7 +56,7 @@ _LOSSES: Final = (
     "Ids: objects are numbered; ids.csv has both.",
 )
 _KEEPS: Final = frozenset(
-    {"signals", "oncoming", "crosswalks", "paved", "now", "focal"}
+    {"signals", "oncoming", "crosswalks", "paved", "city", "now", "focal"}
 )
 
 
@@ -67,6 +67,11 @@ class _Asked(msgspec.Struct):
 class _About(msgspec.Struct):
     sdc_track_index: int | None = None
     tracks_to_predict: list[_Asked] | None = None
+    city: str = "waymo"
+    attribution: str = (
+        "Recorded by the Waymo Open Motion Dataset, under its own licence."
+    )
+    """Exports tell who recorded them, and where; other files are Waymo's."""
 
 
 class _Point(msgspec.Struct):
@@ -169,9 +174,9 @@ def _scene(path: Path, found: _File) -> FileScene:
         current_s=step_s * min(WAYMO_CURRENT_STEP, max(number - 2, 0)),
         ego_id=_id_of(objects, -1 if told is None else told),
         focal_id=_id_of(objects, asked[0].track_index if asked else -1),
-        city="waymo",
+        city=about.city,
         notes=(NO_HEADINGS,) * any(one.heading is None for one in objects),
-        attribution="Recorded by the Waymo Open Motion Dataset, under its own licence.",
+        attribution=about.attribution,
     )
 
 
@@ -227,6 +232,7 @@ def _track(row: int, one: _Object, step_s: float, turn: float) -> FileTrack | No
         position_m=position[is_valid],
         heading_rad=told * turn,
         velocity_mps=_table(one.velocity)[is_valid] if one.velocity else None,
+        longest_gap_s=1.5 * step_s,
     )
 
 
@@ -291,6 +297,8 @@ def write(scenario: Scenario) -> WrittenScene:
             for lane, stop, words in lights_of(scenario)
         },
         "metadata": {
+            "city": scenario.city,
+            "attribution": scenario.provenance.attribution or "",
             "sdc_track_index": index[ego],
             "objects_of_interest": [],
             "tracks_to_predict": (

@@ -24,7 +24,6 @@ from pd_editor.scene.formats.opendrive_writer import (
     PAVING,
     RIGHT,
     ROAD_MARKS,
-    VENDOR,
     write,
 )
 from pd_editor.scene.formats.openscenario import (
@@ -39,7 +38,7 @@ from pd_editor.scene.formats.packed_file import ending_of, head_of, stem_of
 from pd_editor.scene.formats.recorded_map import crosswalks_of
 from pd_editor.scene.formats.reference_line import Cubics, ReferenceLine
 from pd_editor.scene.formats.scene_format import SceneFormat, has_root
-from pd_editor.scene.formats.xml_file import Place, parse_xml, told_of
+from pd_editor.scene.formats.xml_file import EDITOR, Place, parse_xml, told_of
 from pd_editor.scene.geometry.map_projection import projected
 from pd_editor.scene.geometry.paved_area import valid_area
 from pd_editor.scene.geometry.polyline import onward
@@ -164,7 +163,7 @@ def _roads(root: Place) -> "dict[str, _Road]":
 
 def _is_own(root: Place) -> bool:
     """Whether it is an export of this editor, to which nothing is to be added."""
-    return bool(root.children(f"header[@vendor='{VENDOR}']"))
+    return bool(root.children(f"header[@vendor='{EDITOR}']"))
 
 
 def _distinct(

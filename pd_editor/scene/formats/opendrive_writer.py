@@ -24,7 +24,7 @@ from pd_editor.scene.formats.openscenario import (
     openscenario_file,
 )
 from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, losses_of
-from pd_editor.scene.formats.xml_file import added, as_file
+from pd_editor.scene.formats.xml_file import EDITOR, added, as_file
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, without_repeats
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
@@ -56,7 +56,6 @@ INTERSECTION: Final = "pd-editor intersection"
 JOINT_M: Final = 0.1
 JOINT: Final = "pd-editor joint"
 """Connecting roads that are shorter, or have user data of this code, only join lanes."""
-VENDOR: Final = "Path Diffuser Editor"
 End = tuple[int, int]
 """Id of a road or a lane, and 0 for its first point or 1 for its last one."""
 Links = Sequence[tuple[int, int]]
@@ -189,13 +188,8 @@ def _file(
 
     Ids of junctions, connecting roads and objects come after those of lanes.
     """
-    road_map, origin = scenario.road_map, scenario.origin_city_m
-    root = etree.Element("OpenDRIVE")
-    (west, south), (east, north) = road_map.bounds_m
-    about = {"name": scenario.scenario_id, "vendor": VENDOR}
-    bounds = {"north": north, "south": south, "east": east, "west": west}
-    header = added(root, "header", revMajor=1, revMinor=7, **about, **bounds)
-    added(header, "offset", x=origin[0], y=origin[1], z=0, hdg=0)
+    road_map, root = scenario.road_map, etree.Element("OpenDRIVE")
+    _header(root, scenario)
     lights = light_ids(scenario)
     ids = count(1 + max(road_map.lane_of) + len(lights))
     road_of = {lane: road for lane, (road, _) in places.items()}
@@ -238,6 +232,17 @@ def _file(
             added(controller, "control", signalId=lights[one.signal_id, lane], type="")
     root.extend(found)
     return as_file(root)
+
+
+def _header(root: etree._Element, scenario: Scenario) -> None:
+    (west, south), (east, north) = scenario.road_map.bounds_m
+    about = {"name": scenario.scenario_id, "vendor": EDITOR}
+    bounds = {"north": north, "south": south, "east": east, "west": west}
+    header = added(root, "header", revMajor=1, revMinor=7, **about, **bounds)
+    x, y = scenario.origin_city_m
+    added(header, "offset", x=x, y=y, z=0, hdg=0)
+    if told := scenario.provenance.attribution:
+        added(header, "userData", code="source", value=told)
 
 
 def _lights(place: etree._Element, scenario: Scenario, road: _Road) -> None:

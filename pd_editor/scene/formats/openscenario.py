@@ -26,7 +26,7 @@ from pd_editor.scene.formats.packed_file import named_by
 from pd_editor.scene.formats.parameters import insert_catalogs, set_parameters
 from pd_editor.scene.formats.recorded_map import USUAL_WIDTH_M
 from pd_editor.scene.formats.reference_line import Clothoid
-from pd_editor.scene.formats.xml_file import Place, added, as_file, parse_xml
+from pd_editor.scene.formats.xml_file import EDITOR, Place, added, as_file, parse_xml
 from pd_editor.scene.geometry.angles import left_of, unit_vector
 from pd_editor.scene.geometry.polyline import arc_length
 from pd_editor.scene.scenario import EGO_ID, Scenario
@@ -997,7 +997,7 @@ def openscenario_file(
     agents, step_s = scenario.agents, scenario.time_axis.step_s
     root = etree.Element("OpenSCENARIO")
     told = f"{scenario.scenario_id}, current at {scenario.current_step * step_s:g} s"
-    about = {"author": "Path Diffuser Editor", "date": _DATE, "description": told}
+    about = {"author": EDITOR, "date": _DATE, "description": told}
     added(root, "FileHeader", revMajor=1, revMinor=2, **about)
     added(root, "CatalogLocations")
     network = added(root, "RoadNetwork")

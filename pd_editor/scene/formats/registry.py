@@ -321,6 +321,7 @@ def unread_file(path: Path) -> str | None:
     """What a file is that no format reads alone, and how it is opened; None for others."""
     name, head = unpacked_name(path.name.lower()), head_of(path)
     for sign, told in _ALONE.items():
-        if name.endswith(sign) or re.search(rf"{sign}[\s/>]".encode(), head):
+        is_root = sign[0] == "<" and re.search(rf"{sign}[\s/>]".encode(), head)
+        if is_root or name.endswith(sign):
             return f"is {told}"
     return None

@@ -113,7 +113,6 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
     # Whole recordings name no current step, or the first one, which is so in files made here.
     is_named = now > 0 or about.get("dataset") == DATASET
     usual_s = usual_now_s(float(time_s[0]), float(time_s[-1]))
-    source = " ".join(str(about.get(name, "")) for name in ("dataset", "map")).strip()
     asked = made_of(path, "metadata", _asked, "tracks_to_predict", about)
     no_heading = any(
         one["state"].get("heading") is None for one in found["tracks"].values()
@@ -129,8 +128,16 @@ def _scene(path: Path, found: Mapping[str, Any]) -> FileScene:
         focal_id=asked,
         city=str(about.get("map") or about.get("dataset") or ""),
         notes=(*(NO_HEADINGS,) * no_heading, *_beside_notes(features)),
-        attribution=f"Recorded by {source}, under its own licence." if source else "",
+        attribution=_attribution(about),
     )
+
+
+def _attribution(about: Mapping[str, Any]) -> str:
+    """Who recorded it; exports only pass on what their source told."""
+    if about.get("dataset") == DATASET:
+        return str(about.get("attribution") or "")
+    source = " ".join(str(about.get(name, "")) for name in ("dataset", "map")).strip()
+    return f"Recorded by {source}, under its own licence." if source else ""
 
 
 def _beside_notes(features: Mapping[str, Any]) -> Iterator[str]:
@@ -342,6 +349,7 @@ def _about(
         "id": scenario.scenario_id,
         "scenario_id": scenario.scenario_id,
         "dataset": DATASET,
+        "attribution": scenario.provenance.attribution or "",
         "map": scenario.city,
         "coordinate": "right-handed",
         "metadrive_processed": False,

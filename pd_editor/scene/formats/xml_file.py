@@ -1,11 +1,15 @@
 """XML files of foreign formats: nothing is fetched, expanded or called."""
 
 from pathlib import Path
+from typing import Final
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 
 from pd_editor.base.errors import FormatError
 from pd_editor.scene.formats.packed_file import read_unpacked
+
+EDITOR: Final = "Path Diffuser Editor"
+"""Author or vendor of exports."""
 
 
 def parse_xml(path: Path, root: str | None) -> tuple["Place", bytes]:
@@ -69,7 +73,12 @@ def added(parent: etree._Element, tag: str, **attributes: object) -> etree._Elem
 
 
 def told_of(element: etree._Element, *names: str) -> str:
-    """What attributes, children and ``userData`` of some names tell; empty if nothing."""
+    """What attributes, children and ``userData`` of some names tell; empty if nothing.
+
+    Exports of this editor only tell what their source told.
+    """
+    if EDITOR in (element.get("author"), element.get("vendor")):
+        names = ("source",)
     found: list[str] = []
     for name in names:
         child, data = element.find(name), element.find(f"userData[@code='{name}']")
@@ -80,7 +89,8 @@ def told_of(element: etree._Element, *names: str) -> str:
         ):
             if text and text.strip() and text.strip() not in found:
                 found.append(f"{name}: {text.strip()}")
-    return "; ".join(found)
+    told = "; ".join(found)
+    return told.removeprefix("source: ") if names == ("source",) else told
 
 
 def as_file(root: etree._Element) -> bytes:

@@ -176,6 +176,37 @@ def test_formats_without_signals_tell_so():
         assert "signal" not in " ".join(plain)
 
 
+@pytest.mark.parametrize("name", ["scenarionet", "gpudrive", "sumo"])
+def test_short_gaps_and_the_focal_agent_of_a_scene_without_future_come_back(
+    name: str, tmp_path: Path
+):
+    """Up to three steps were filled, and another agent was the focal one."""
+    scenario = signalled()
+    agents, now = scenario.agents, scenario.current_step
+    is_valid = agents.is_valid.copy()
+    is_valid[:, now + 1 :] = False
+    other = next(
+        row
+        for row in np.flatnonzero(is_valid[:, now - 9 : now + 1].all(axis=1)).tolist()
+        if agents.ids[row] not in (EGO_ID, scenario.focal_id)
+    )
+    is_valid[other, now - 3] = False
+    agents = replace(agents, is_valid=is_valid, observed=agents.observed & is_valid)
+    name_of = agents.ids[other]
+    there_of = is_valid[other, now - 9 : now + 1]
+    scene = replace(scenario, agents=agents, focal_id=name_of)
+    found = there_and_back(scene, name, tmp_path)
+    at = found.agents.position_m[:, found.current_step] + found.origin_city_m
+    place = agents.position_m[other, now] + scenario.origin_city_m
+    row = int(np.hypot(*(at - place).T).argmin())
+    steps = slice(found.current_step - 9, found.current_step + 1)
+    if name != "sumo":
+        assert found.focal_id == found.agents.ids[row]
+        np.testing.assert_array_equal(found.agents.is_valid[row, steps], there_of)
+    else:
+        assert found.agents.is_valid[row].sum() == is_valid[other].sum()
+
+
 def test_tables_hold_every_state_once():
     scenario = open_scenario("roundabout")
     files = written(scenario, "tables").files
