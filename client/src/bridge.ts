@@ -262,14 +262,18 @@ export function isWhole(field: HTMLInputElement): boolean {
   return fiber?.memoizedProps?.decimalScale === 0;
 }
 
+const CARET_MS = 100;
 /** Set a field as if its text were typed, for React keeps what it knows. */
 export function typeInto(field: HTMLInputElement, text: string): void {
   const property = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value");
-  // A field of numbers notes at a key what is typed over.
-  field.select();
-  field.dispatchEvent(new KeyboardEvent("keydown", { bubbles: true }));
-  property?.set?.call(field, text);
-  field.dispatchEvent(new Event("input", { bubbles: true }));
+  // A field of numbers that is left would take the focus again, to place its caret.
+  Object.assign(field, { focus: () => {} });
+  setTimeout(() => Reflect.deleteProperty(field, "focus"), CARET_MS);
+  // Emptied first: it compares a text with what it knows of the caret.
+  for (const one of ["", text]) {
+    property?.set?.call(field, one);
+    field.dispatchEvent(new Event("input", { bubbles: true }));
+  }
 }
 
 /** viser moves the camera while such a key is held; it believes the key was let go at once. */

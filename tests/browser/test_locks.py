@@ -65,7 +65,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     # All trajectories are regenerated, those of locked agents are not.
     editor.open_tab("Generate")
     editor.choose_scope("All agents")
-    editor.run("Regenerate", "everybody but 1 locked")
+    editor.run("Regenerate", "all but 1 locked")
     editor.until(lambda: len(session.entries) == 2, "trajectories", 120)
     after = session.scenario
     assert agent_id not in session.entries[1].command.sample.ids
@@ -80,7 +80,7 @@ def test_a_locked_agent_is_kept_and_edits_of_it_offer_to_unlock(editor):
     for kind in ("Buses", "Motorcyclists", "Cyclists", "Pedestrians"):
         editor.fill(kind, 0)
     editor.fill("Vehicles", 3)
-    editor.run("Resample", "everybody but 1 locked")
+    editor.run("Resample", "all but 1 locked")
     editor.until(lambda: len(session.entries) == 3, "agents", 120)
     resampled = session.scenario
     assert kept_bytes(resampled, agent_id, every) == kept_bytes(after, agent_id, every)

@@ -153,6 +153,21 @@ def test_an_agent_under_the_pointer_is_lit_in_the_list(editor):
     editor.until(lambda: lit.count() == 0, "no row that is lit")
 
 
+def test_a_number_that_is_left_empty_or_refused_lets_the_focus_go(editor):
+    """Keys such as Delete were the field's, which had come to the focus again."""
+    page = editor.page
+    select(editor, editor.session.scenario.focal_id)
+    editor.open_tab("Agents")
+    field = editor.row("Speed (m/s)").locator("input").first
+    for text in ("Delete", "-"):
+        field.click()
+        page.keyboard.press("Control+a")
+        page.keyboard.press(text)
+        field.evaluate("field => field.blur()")
+        page.wait_for_timeout(300)
+        expect(field).not_to_be_focused()
+
+
 def test_several_agents_show_empty_fields_that_apply_to_all(editor):
     """(D32)"""
     session = editor.session
@@ -237,6 +252,8 @@ def test_a_number_is_taken_as_it_was_typed_or_refused(editor):
         page.keyboard.type(text)
         page.keyboard.press("Tab")
         expect(field).to_have_value(shown)
+        # The focus stays where it went.
+        expect(field).not_to_be_focused()
         if told:
             expect(page.get_by_text(told)).to_be_visible()
             editor.close_notifications()

@@ -170,5 +170,19 @@ def test_a_speed_is_pulled_by_mouse_and_keys(editor):
     page.keyboard.press("ArrowUp")
     editor.until(lambda: len(session.entries) == 2, "the pull by keys")
     assert pulled() == pytest.approx(slower + 1, abs=0.06)
+
+    def apart() -> float:
+        """Pixels between t = 0 of the curve and of the track."""
+        past, zero = (
+            page.locator(one).bounding_box()
+            for one in (".pd-speed-past", ".pd-second.pd-zero")
+        )
+        return abs(past["x"] + past["width"] - zero["x"] - zero["width"] / 2)
+
+    editor.until(lambda: apart() < 2, "the curve over its track")
+    # The picture gets the panel's place, and the window keeps its size.
+    page.get_by_role("button", name="Collapse panel area").click()
+    editor.until(lambda: curve.bounding_box()["width"] > 900, "a wide curve")
+    editor.until(lambda: apart() < 2, "the curve over its wide track", 5)
     page.get_by_role("button", name="Curve of speed").click()
     expect(curve).to_be_hidden()

@@ -137,7 +137,7 @@ define("panel", (api) => {
       viser.typeInto(field, first);
       const title = field.ariaLabel ?? field.labels?.[0]?.textContent ?? "";
       api.send({ kind: "refused", title, typed: text, kept: first, isWhole });
-    } else if (field.type !== "number") viser.typeInto(field, last);
+    } else if (text !== last && field.type !== "number") viser.typeInto(field, last);
   }
   hearFirst("beforeinput", (event) => {
     const field = numberField(event);

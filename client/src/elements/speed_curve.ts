@@ -2,7 +2,7 @@
 // pulls the curve where it was pressed; arrow keys do where the playhead is.
 import { inWords } from "../clock.ts";
 import { button, icon, make, recall, remember, svg } from "../dom.ts";
-import { define, followPress, listen, paced, root } from "../frame.ts";
+import { define, followPress, listen, onDispose, paced, root } from "../frame.ts";
 import { along, clamp, type Pixel } from "../geometry.ts";
 import type { SpeedCurveState } from "../messages.ts";
 import { clock, playheadMoved, track } from "../shared.ts";
@@ -194,7 +194,10 @@ define("speedCurve", (api) => {
 
   playheadMoved.listen(drawHead);
   track.drawn.listen(draw);
-  listen(window, "resize", draw);
+  // Also when the panel folds, or the bar comes to its width after the curve.
+  const resized = new ResizeObserver(draw);
+  if (track.box) resized.observe(track.box);
+  onDispose(() => resized.disconnect());
   return (next) => {
     if (next.agent !== state.agent) pull = null;
     state = next;

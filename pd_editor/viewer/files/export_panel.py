@@ -240,7 +240,7 @@ class ExportPanel:
         Raises:
             InputError: the typed name has no letter or digit.
         """
-        self._refuse_empty_name()
+        self.refuse_empty_name()
         self._ui.commit_gesture()
         session, chosen = self._ui.session, self._chosen()
         scenario = session.scenario
@@ -354,7 +354,8 @@ class ExportPanel:
         self._ui.session.take_name_back()
         self._describe()
 
-    def _refuse_empty_name(self) -> None:
+    def refuse_empty_name(self) -> None:
+        """Raise InputError if nothing of the typed name can be one."""
         typed = (self._typed or "").strip()
         if typed and not name_from_text(typed):
             raise InputError(
@@ -379,7 +380,7 @@ class ExportPanel:
         if not path:
             raise InputError("Type the folder to write into first.")
         out = self._workspace.folders.named(path)
-        self._refuse_empty_name()
+        self.refuse_empty_name()
         self._ui.commit_gesture()
         earlier = self._workspace.earlier_export(out)
         if earlier is None:

@@ -57,6 +57,7 @@ class LibraryActions:
 
         One of which something else is said by now is described anew.
         """
+        self._export.refuse_empty_name()
         self._ui.commit_gesture()
         if self._workspace.is_saved():
             self._ui.notify("This state is in the library already")

@@ -14,6 +14,7 @@ from pd_editor.base.plain_text import one_line
 from pd_editor.editor.commands import RemoveAllAgents
 from pd_editor.editor.commands.command import shortened
 from pd_editor.editor.commands.locks import locked_agents_error
+from pd_editor.editor.edit_findings import unrun_terms
 from pd_editor.editor.live_regeneration import LiveRegeneration, LiveRequests
 from pd_editor.generation.generators import GeneratorCatalogue
 from pd_editor.scene.agent_kind import ROAD_USER_KINDS, AgentKind
@@ -350,6 +351,8 @@ class GenerationPanel:
             ids = self._drawing.region.held(scenario, ids)
         kept = len(locked.intersection(ids))
         is_one = chosen is not None and len(ids) == 1
+        if kept and words == "everybody":
+            words = "all"  # Beside its verb there is no room for more.
         return words + (" (locked)" if is_one else f" but {kept} locked") * bool(kept)
 
     def _chosen_ids(self) -> tuple[str, ...] | None:
@@ -626,6 +629,16 @@ class GenerationPanel:
             return
         ids = None if request.samples_states else request.agent_ids
         found = guidance_problems(scenario, scenario.guidance, ids)
+        if ids is not None:
+            # What was run before, and whose agents keep their motion, is met or missed already.
+            unrun = unrun_terms(scenario, self._ui.session.commands_in_force)
+            found = [
+                one
+                for one in found
+                if one.term in unrun
+                or not one.term.guided_ids
+                or not set(ids).isdisjoint(one.term.guided_ids)
+            ]
         if not found:
             return
         impossible = {one.term for one in found if one.severity == "error"}

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (45657a630e3396a9); not to be edited. */
+/* Built by .ci/client.py from client/ (fba93f0480cb3a07); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -150,12 +150,16 @@
     while (fiber && fiber.memoizedProps?.decimalScale === void 0) fiber = fiber.return;
     return fiber?.memoizedProps?.decimalScale === 0;
   }
+  var CARET_MS = 100;
   function typeInto(field, text) {
     const property = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value");
-    field.select();
-    field.dispatchEvent(new KeyboardEvent("keydown", { bubbles: true }));
-    property?.set?.call(field, text);
-    field.dispatchEvent(new Event("input", { bubbles: true }));
+    Object.assign(field, { focus: () => {
+    } });
+    setTimeout(() => Reflect.deleteProperty(field, "focus"), CARET_MS);
+    for (const one of ["", text]) {
+      property?.set?.call(field, one);
+      field.dispatchEvent(new Event("input", { bubbles: true }));
+    }
   }
   function letKeyGo(event) {
     if (/^(Key[WASDQE]|Arrow(Up|Down|Left|Right))$/.test(event.code))
@@ -2696,7 +2700,7 @@
         typeInto(field, first);
         const title2 = field.ariaLabel ?? field.labels?.[0]?.textContent ?? "";
         api.send({ kind: "refused", title: title2, typed: text, kept: first, isWhole: isWhole2 });
-      } else if (field.type !== "number") typeInto(field, last);
+      } else if (text !== last && field.type !== "number") typeInto(field, last);
     }
     hearFirst("beforeinput", (event) => {
       const field = numberField(event);
@@ -4318,7 +4322,9 @@
     });
     playheadMoved.listen(drawHead2);
     track.drawn.listen(draw);
-    listen(window, "resize", draw);
+    const resized = new ResizeObserver(draw);
+    if (track.box) resized.observe(track.box);
+    onDispose(() => resized.disconnect());
     return (next) => {
       if (next.agent !== state.agent) pull = null;
       state = next;

@@ -660,6 +660,10 @@ def test_the_name_field_tells_what_was_written(tabs):
     tab.press("Save to library")
     assert name.value == tab.notices[-1][0].removeprefix("Saved to library: ")
     # Proposed names, too, here of a zip.
+    tab.type("Name", "東京")
+    tab.press("Save to library")
+    told = "Name: 東京 has no letter or digit; type another name, or none for the proposed one."
+    assert tab.notices[-1] == ("Not possible: Save to library", told)
     tab.type("Name", "")
     proposed = tab.session.name
     with mock.patch.object(tab.ui.client, "send_file_download") as send:

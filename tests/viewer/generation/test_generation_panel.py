@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from viser import LocalStorageHandle
 
+from pd_editor.analysis.guidance.kinds.course import GoalPoint
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.installed_files import models_folder
-from pd_editor.editor.commands import RemoveAllAgents, SetLocks
+from pd_editor.editor.commands import AddGuidance, RemoveAllAgents, SetLocks
 from pd_editor.editor.cures import Cure
 from pd_editor.generation import generators
 from pd_editor.generation import generators as registry
@@ -451,11 +452,26 @@ def test_a_selection_is_what_is_regenerated(tab, placing):
 def test_locks_of_beginnings_and_states_keep_no_trajectory(tab):
     for lock, label in (
         (Lock(kept_s=2.0), "Regenerate everybody"),
-        (Lock(), "Regenerate everybody but 1 locked"),
+        (Lock(), "Regenerate all but 1 locked"),
     ):
         command = SetLocks(agent_ids=("101",), lock=lock)
         tab.run(lambda command=command: tab.session.apply(command))
-        assert targets(tab) == [label, "Resample everybody but 1 locked"]
+        assert targets(tab) == [label, "Resample all but 1 locked"]
+
+
+def test_guidance_that_was_run_is_no_problem_of_a_later_run_without_its_agent(tab):
+    """It was said to have no effect, beside a chip that knew of nothing to be run."""
+    at = tab.session.scenario.agents.position_m[0, tab.session.scenario.current_step]
+    term = GoalPoint(agent_id="100", point_m=(float(at[0]) + 30.0, float(at[1])))
+    tab.run(lambda: tab.session.apply(AddGuidance(term=term)))
+    told = []
+    for name in ("101", "100", "101"):
+        tab.run(lambda name=name: tab.session.select((name,)))
+        before = len(tab.notices)
+        run_to_end(tab, "regenerate")
+        found = [title for title, _ in tab.notices[before:]]
+        told.append("A guidance problem" in found)
+    assert told == [True, False, False]
 
 
 def test_a_cure_makes_one_sample_and_the_others_can_still_be_chosen(tab, placing):
