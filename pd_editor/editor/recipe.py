@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, tzinfo
 from typing import Any, Final
@@ -60,6 +60,15 @@ class Recipe:
     """Warps of the result's road, those of its base first, in the city frame."""
     friction_coefficient: float | None = None
     """Friction coefficient mu that the result's agents were slowed to."""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    """Ids of edited agents in the result's files, where its format has others."""
+
+    def written_as(self, renamed: Mapping[str, str]) -> "Recipe":
+        """The recipe of files that have other ids."""
+        told = {one for _, ids, _ in self.caused_findings or () for one in ids}
+        named = self.edited_ids | told
+        kept = {n: renamed[n] for n in sorted(named) if renamed.get(n, n) != n}
+        return replace(self, renamed=kept)
 
     def judged(self, scenario: Scenario, base: Scenario) -> "Recipe":
         """The recipe with the findings of its result that edits caused, and its warps."""
@@ -123,6 +132,8 @@ class Recipe:
         if self.warps:
             head["warps"] = to_json(self.warps)
             head["friction_coefficient"] = self.friction_coefficient
+        if self.renamed:
+            head["renamed"] = dict(self.renamed)
         lines = [json.dumps(command_to_json(command)) for command in self.commands]
         text = json.dumps(head, indent=1)[:-2]
         body = ",\n".join(f"  {line}" for line in lines)
@@ -184,6 +195,7 @@ class Recipe:
             caused_findings=read("caused_findings", tuple[FindingKey, ...] | None),
             warps=read("warps", tuple[RoadWarp, ...], []),
             friction_coefficient=read("friction_coefficient", float | None),
+            renamed=read("renamed", dict[str, str], {}),
         )
 
 

@@ -492,23 +492,32 @@ def made_by(scenario: Scenario, recipe: Recipe) -> Scenario:
         return scenario
     # Some formats have no place for it.
     told = recipe.base.attribution or scenario.provenance.attribution
-    scenario = scenario.with_origin(attribution=told)
-    if not recipe.commands:
+    notes = dict.fromkeys((*scenario.provenance.notes, *recipe.notes))
+    scenario = scenario.with_origin(attribution=told, notes=tuple(notes))
+    if not recipe.commands and recipe.base.base is None:
         return scenario
     scenario = scenario.as_referred_to(recipe.base)
-    root = recipe.base.root
     labels = "; ".join(command.label for command in recipe.commands[:MAX_LABELS])
     more = len(recipe.commands) - MAX_LABELS
-    note = f"Exported from {root.scenario_id} with these edits: {labels}"
-    note += f"; and {more} more." if more > 0 else "."
+    labels += f"; and {more} more" if more > 0 else ""
+    if labels:
+        name = recipe.base.root.scenario_id
+        notes[f"Exported from {name} with these edits: {labels}."] = None
+
+    def now(agent_id: str) -> str:
+        return recipe.renamed.get(agent_id, agent_id)
+
     return scenario.with_origin(
-        notes=(*scenario.provenance.notes, *recipe.notes, note),
+        notes=tuple(notes),
         base=recipe.base,
         is_bent=recipe.is_bent,
-        edited_ids=recipe.edited_ids,
+        edited_ids=frozenset(map(now, recipe.edited_ids)),
         caused_findings=None
         if recipe.caused_findings is None
-        else frozenset(recipe.caused_findings),
+        else frozenset(
+            (kind, tuple(map(now, ids)), where)
+            for kind, ids, where in recipe.caused_findings
+        ),
         warps=recipe.warps,
         friction_coefficient=recipe.friction_coefficient,
     )
@@ -571,6 +580,7 @@ def exported_files(
             lacks = (str(error),)
     written = kind.write(scenario)
     losses = (*written.losses, *lacks)
+    recipe = recipe.written_as(written.renamed)
     files = {**written.files, RECIPE_NAME: recipe.to_text().encode()}
     if told := scenario.provenance.attribution:
         files[ATTRIBUTION_NAME] = f"{told}\n".encode()

@@ -2,12 +2,13 @@
 
 import io
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from pd_editor.base.errors import EditError, InputError
-from pd_editor.editor.commands import SetAgentSpeed
+from pd_editor.editor.commands import SetAgentSpeed, SetRoadWarp
 from pd_editor.editor.recipe import Recipe
 from pd_editor.editor.scenario_store import (
     ATTRIBUTION_NAME,
@@ -22,6 +23,8 @@ from pd_editor.editor.session import EditorSession
 from pd_editor.editor.variant import Variant, name_from_text
 from pd_editor.scene.bundle import zip_folders
 from pd_editor.scene.formats.registry import unread_file, writer
+from pd_editor.scene.perturbation.warp_scenario import pose_of_anchor
+from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from tests.scene.formats.test_commonroad import text as commonroad_text
 from tests.scene.formats.test_opendrive import lane, road, section
 from tests.scene.formats.test_opendrive import write as write_road
@@ -159,3 +162,54 @@ def test_bytes_of_a_zip_are_no_other_kind_of_file(tmp_path):
     path = tmp_path / "scenes.zip"
     path.write_bytes(b"PK\x03\x04 xpb .tfrecord > 1.csv ")
     assert unread_file(path) is None
+
+
+@pytest.mark.parametrize("kind", ["av2", "commonroad", "opendrive"])
+def test_a_copy_of_an_export_is_no_recording(tmp_path, kind):
+    """A bent road that was converted was as recorded."""
+    first = EditorSession(open_scenario("roundabout"))
+    term = WarpTerm(kind="smooth-turn", power=6.0, length_m=40.0)
+    anchor = pose_of_anchor(first.scenario, "focal")
+    first.apply(SetRoadWarp(warp=RoadWarp(anchor=anchor, terms=(term,))))
+    made = open_scenario(
+        export_into(tmp_path, first.scenario, first.recipe(), base=first.base)
+    )
+    assert made.provenance.is_bent
+    copied = EditorSession(made)
+    copied.describe(Variant(name="copy"))
+    again = open_scenario(
+        export_into(
+            tmp_path,
+            made,
+            copied.recipe(),
+            base=made,
+            format_name=kind,
+        )
+    ).provenance
+    assert again.is_bent
+    assert again.warps
+    assert again.edited_ids == made.provenance.edited_ids
+    assert again.caused_findings is not None
+    assert again.base is not None
+    assert again.base.root.scenario_id == "roundabout"
+    assert set(made.provenance.notes) <= set(again.notes)
+
+
+@pytest.mark.parametrize("kind", ["commonroad", "gpudrive", "opendrive", "sumo"])
+def test_edited_agents_are_known_under_the_ids_of_the_files(tmp_path, kind):
+    """Whoever had their former ids in the files was taken for edited."""
+    scenario = open_scenario("roundabout")
+    agents = scenario.agents
+    row = len(agents) - 1
+    ids = tuple("an agent" if n == row else one for n, one in enumerate(agents.ids))
+    scene = EditorSession(replace(scenario, agents=replace(agents, ids=ids)))
+    scene.apply(SetAgentSpeed(agent_ids=("an agent",), speed_mps=2.0))
+    folder = export_into(
+        tmp_path, scene.scenario, scene.recipe(), base=scene.base, format_name=kind
+    )
+    found = open_scenario(folder)
+    (name,) = found.provenance.edited_ids
+    now = found.current_step
+    at = found.agents.position_m[found.agents.row_of[name], now] + found.origin_city_m
+    expected = agents.position_m[row, scenario.current_step] + scenario.origin_city_m
+    assert at == pytest.approx(expected, abs=0.01)

@@ -78,6 +78,7 @@ def write(scenario: Scenario) -> WrittenScene:
             rows.append((name, next_id))
             _obstacle(root, scenario, row, place, steps, next_id)
             next_id += 1
+    renamed = {name: str(number) for name, number in reversed(rows)}
     losses: list[str] = list(_LOSSES)
     if ego is None:
         losses.append(
@@ -91,6 +92,7 @@ def write(scenario: Scenario) -> WrittenScene:
         )
         rows.append((name, next_id))
         _problem(root, scenario, ego, place, next_id)
+        renamed[name] = EGO_ID
     split = len(rows) - len(agents)
     if scenario.signals:
         losses.append("Signals after the last step: their states begin again.")
@@ -104,6 +106,7 @@ def write(scenario: Scenario) -> WrittenScene:
         losses=losses_of(
             scenario, *losses, keeps=_KEEPS if ego is None else _KEEPS | {"now"}
         ),
+        renamed=renamed,
     )
 
 

@@ -39,7 +39,7 @@ from pd_editor.scene.formats.scene_format import (
     WrittenScene,
     losses_of,
 )
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
 WAYMO_STEPS: Final = 91
@@ -314,6 +314,7 @@ def write(scenario: Scenario) -> WrittenScene:
             IDS_NAME: csv_file([("agent", "object"), *index.items()]),
         },
         losses=losses_of(scenario, *_LOSSES, *ego_losses(ego), keeps=_KEEPS),
+        renamed={name: str(row) for name, row in index.items()} | {ego: EGO_ID},
     )
 
 

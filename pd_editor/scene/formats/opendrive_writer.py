@@ -28,7 +28,7 @@ from pd_editor.scene.formats.xml_file import EDITOR, added, as_file
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
 from pd_editor.scene.geometry.polyline import arc_length, without_repeats
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, Scenario
 
 ROAD_MARKS: Final = {
     LaneMark.SOLID_WHITE: ("solid", "white"),
@@ -158,7 +158,11 @@ def write(scenario: Scenario) -> WrittenScene:
     askew = f"{len(untold)} of {count} neighbours end askew or go the other way: {only}"
     unsaid = ("States of signals.",) if scenario.signals and not names else ()
     told = (*[askew] * bool(untold), own, *_LOSSES, *unsaid)
-    return WrittenScene(files=files, losses=losses_of(scenario, *told, keeps=_KEEPS))
+    return WrittenScene(
+        files=files,
+        losses=losses_of(scenario, *told, keeps=_KEEPS),
+        renamed={one: names[one] for one in names if one != EGO_ID},
+    )
 
 
 def _untold(

@@ -41,7 +41,7 @@ from pd_editor.scene.formats.scene_format import (
 )
 from pd_editor.scene.geometry.polyline import at_height_zero
 from pd_editor.scene.road_map import LaneKind, LaneMark, RoadMap
-from pd_editor.scene.scenario import Scenario
+from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.time_axis import TimeAxis
 
 DATASET: Final = "pd-editor"
@@ -337,6 +337,7 @@ def write(scenario: Scenario) -> WrittenScene:
             ),
             keeps=_KEEPS,
         ),
+        renamed={ego: EGO_ID},
     )
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +21,8 @@ class WrittenScene:
     """Contents by file name, without folders."""
     losses: tuple[str, ...] = ()
     """One sentence for each part of the scene that the format cannot say."""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    """Ids that agents have when the files are opened again, where these are others."""
 
 
 def parts_of(scenario: Scenario) -> dict[str, tuple[str, bool]]:

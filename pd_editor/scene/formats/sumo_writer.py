@@ -193,7 +193,8 @@ def write(scenario: Scenario) -> WrittenScene:
     encoded = {name: text.encode() for name, text in files.items()}
     encoded[IDS_NAME] = csv_file([("ours", "sumo"), *table])
     told = losses_of(scenario, *losses, keeps=_KEEPS)
-    return WrittenScene(files=encoded, losses=told)
+    renamed = {one: _as_id(one) for one in scenario.agents.ids}
+    return WrittenScene(files=encoded, losses=told, renamed=renamed)
 
 
 class _Network:
