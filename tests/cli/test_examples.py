@@ -168,6 +168,10 @@ def test_a_notebook_runs_and_shows_scenes(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
+    # Not installed with the editor.
+    (tmp_path / "pandas.py").write_text("raise ImportError")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pandas", raising=False)
     cells = json.loads(path.read_text())["cells"]
     code = [one for one in cells if one["cell_type"] == "code"]
     assert not any(one["outputs"] for one in code), "kept without its outputs"
