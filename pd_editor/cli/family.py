@@ -14,7 +14,7 @@ from pd_editor.base.regular_file import write_whole
 from pd_editor.cli.many_scenes import Scenes, all_scenes
 from pd_editor.cli.options import Number, ResultOptions, shown, taking
 from pd_editor.cli.output import Outcome, ProgressLine, refuse_existing
-from pd_editor.cli.replay import RecipeOptions, open_base, read_recipe
+from pd_editor.cli.replay import RecipeOptions, generator_of, open_base, read_recipe
 from pd_editor.editor.family import (
     Member,
     MemberPlan,
@@ -28,7 +28,8 @@ from pd_editor.editor.library.index_table import index_row
 from pd_editor.editor.recipe import Recipe, replay
 from pd_editor.editor.scenario_store import check_free, export_into
 from pd_editor.editor.varied_numbers import VariedNumber, varied_numbers, varied_values
-from pd_editor.generation.generators import DEFAULT_GENERATOR, make_generator
+from pd_editor.experiments.work_engine.work_engine import WorkFailure, failure_of
+from pd_editor.generation.generators import DEFAULT_GENERATOR
 from pd_editor.scene.formats.player import player_page
 from pd_editor.scene.generation import ScenarioGenerator
 from pd_editor.scene.scenario import Scenario
@@ -80,14 +81,14 @@ def family(options: FamilyOptions) -> Outcome:
     for plan in plans:
         check_free(options.out, plan.name, opened, overwrite=options.overwrite)
     made: list[tuple[Path, Member]] = []
-    failures: list[str] = []
+    failures: dict[str, WorkFailure] = {}
     line = ProgressLine()
     interrupt = None
     try:
         each = _made(options, recipe, opened, plans, adds)
-        for number, one in enumerate(each, start=1):
-            if isinstance(one, str):
-                failures.append(one)
+        for number, (plan, one) in enumerate(each, start=1):
+            if isinstance(one, WorkFailure):
+                failures[plan.in_words] = one
             else:
                 made.append(one)
             line.show(f"{number} of {count} variants")
@@ -96,7 +97,10 @@ def family(options: FamilyOptions) -> Outcome:
         interrupt = error
     line.clear()
     if not made:
-        raise interrupt or ExportError(failures[0])
+        if interrupt is not None:
+            raise interrupt
+        name, failure = next(iter(failures.items()))
+        raise ExportError(f"{name}: {failure.reason}")
     scenes = tuple(
         replace(one.scenario, scenario_id=one.recipe.result_id) for _, one in made
     )
@@ -111,8 +115,8 @@ def family(options: FamilyOptions) -> Outcome:
         remarks=(
             f"{len(made)} of {count} variants, {num_whole} without problems.",
             *left_out_in_words(one.left_out for _, one in made),
-            *failures,
         ),
+        failures=failures,
     )
 
 
@@ -122,11 +126,11 @@ def _made(
     opened: Scenario,
     plans: Sequence[MemberPlan],
     adds: bool,
-) -> Iterator[tuple[Path, Member] | str]:
+) -> Iterator[tuple[MemberPlan, tuple[Path, Member] | WorkFailure]]:
     """Each variant and its folder, or why there is none."""
 
     def make(said: str) -> ScenarioGenerator:
-        return make_generator(options.model or said or DEFAULT_GENERATOR)
+        return generator_of(said or DEFAULT_GENERATOR, options.model)
 
     for plan in plans:
         try:
@@ -138,9 +142,9 @@ def _made(
                 base=one.base,
                 overwrite=options.overwrite,
             )
-            yield folder, one
+            yield plan, (folder, one)
         except PdEditorError as error:
-            yield f"{plan.in_words} failed: {error}"
+            yield plan, failure_of(error)
 
 
 def _table(

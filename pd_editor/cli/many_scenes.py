@@ -43,7 +43,7 @@ from pd_editor.experiments.work_engine.work_engine import (
     run_items,
 )
 from pd_editor.scene.base_reference import MapWindow
-from pd_editor.scene.formats.registry import is_foreign_scene
+from pd_editor.scene.formats.registry import has_foreign_ending, is_foreign_scene
 from pd_editor.scene.scene_cut import densest_windows, window_of
 
 Fields = ParamSpec("Fields")
@@ -150,7 +150,7 @@ def over_scenes(
 
         @functools.wraps(command)
         def run(asked: Many) -> Outcome:
-            out = Path(os.path.abspath(str(asked.out)))
+            choice, out = asked.choice, Path(os.path.abspath(str(asked.out)))
             found = all_scenes(asked.scenario, out, files)
             if not found:
                 raise InputError(f"Missing {noun}; see pd-editor {name} --help.")
@@ -167,7 +167,7 @@ def over_scenes(
                     (one,) = items.values()
                     made = command(str(one.scenario), one)
                 else:
-                    made = _run_all(name, items, asked, this_run)
+                    made = _run_all(name, items, asked, choice, this_run)
             return finish(made, asked)
 
         taken = taking(options)(run)
@@ -181,7 +181,10 @@ def all_scenes(
     references: Scenes, out: Path, files: str = SCENE_FILES
 ) -> tuple[str, ...]:
     """Scenes of patterns, of all demos and of folders, each once, without results."""
-    named = (_scenes_of(str(one), files, out) for one in several(references))
+    asked = tuple(map(str, several(references)))
+    # The shell expands out/* to the tables beside the scenes, too.
+    scenes = [one for one in asked if not _is_beside_scenes(one)] or asked
+    named = (_scenes_of(one, files, out) for one in scenes)
     return tuple(dict.fromkeys(chain.from_iterable(named)))
 
 
@@ -210,9 +213,10 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
         matches = sorted(glob.glob(path))
     else:
         return [reference]
-    inside = [
+    found = [
         scene
         for match in map(Path, matches)
+        if not _is_beside_scenes(str(match))
         for scene in (
             [
                 *sorted(
@@ -225,16 +229,32 @@ def _scenes_of(reference: str, files: str, out: Path) -> list[str]:
             if match.is_dir()
             else [match]
         )
-        if not Path(os.path.abspath(scene)).is_relative_to(out)
     ]
-    if not inside:
+    outside = [
+        one for one in found if not Path(os.path.abspath(one)).is_relative_to(out)
+    ]
+    if found and not outside:
+        raise InputError(
+            f"{reference}: all scenes there are in {out}, which gets the results; "
+            "expected another folder for these."
+        )
+    if not found:
         what = (
             "scene of a format that is read"
             if takes_foreign
             else f"folder with {files}"
         )
         raise InputError(f"{reference}: no {what} is there or below it.")
-    return list(map(str, inside))
+    return list(map(str, outside))
+
+
+def _is_beside_scenes(path: str) -> bool:
+    """Whether a file is a table, page or index that commands write beside scenes."""
+    return (
+        path.endswith((".csv", ".html", ".md", ".index.parquet"))
+        and not has_foreign_ending(path)
+        and os.path.isfile(path)
+    )
 
 
 def _windows(scenes: Sequence[str], asked: Any) -> dict[str, Any]:
@@ -253,7 +273,11 @@ def _windows(scenes: Sequence[str], asked: Any) -> dict[str, Any]:
 
 
 def _run_all(
-    command: str, items: Mapping[str, Many], asked: Many, this_run: str
+    command: str,
+    items: Mapping[str, Many],
+    asked: Many,
+    choice: EngineChoice,
+    this_run: str,
 ) -> Outcome:
     """Call a command on every scene, or part of one."""
     scenes = list(items)
@@ -263,7 +287,7 @@ def _run_all(
             "their edits."
         )
     done: dict[str, Outcome] = {}
-    with engine_of(asked.choice) as engine:
+    with engine_of(choice) as engine:
         failures = run_items(
             engine,
             functools.partial(_outcome, command, this_run),

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 import tyro
 
-from pd_editor.base.errors import InputError, RecipeError
+from pd_editor.base.errors import GenerationError, InputError, RecipeError
 from pd_editor.base.regular_file import check_path, read_regular
 from pd_editor.cli.many_scenes import ManyOptions, Scenes, over_scenes
 from pd_editor.cli.options import Switch, shown
@@ -22,6 +22,7 @@ from pd_editor.editor.recipe import replay as replay_recipe
 from pd_editor.editor.scenario_store import RECIPE_NAME, export_into
 from pd_editor.editor.scenario_store import open_base as open_base_of
 from pd_editor.generation.generators import make_generator
+from pd_editor.scene.generation import ScenarioGenerator
 from pd_editor.scene.scenario import Scenario
 
 _NAME_IT: Final = "make it again from its folder with 'pd-editor replay --base DIR'"
@@ -63,7 +64,7 @@ def replay(recipe: str, options: ReplayOptions) -> Outcome:
     remarks: tuple[str, ...] = ()
     if options.regenerate:
         scenario, parsed, entries = regenerated(
-            parsed, opened, lambda name: make_generator(options.model or name)
+            parsed, opened, lambda name: generator_of(name, options.model)
         )
         remarks = tuple(map(_verdict, entries))
     else:
@@ -82,6 +83,10 @@ def read_recipe(path: Path) -> tuple[Recipe, Path]:
     """Read a recipe; returns it and its file."""
     check_path(path, RecipeError)
     file = path / RECIPE_NAME if os.path.isdir(path) else path
+    if not os.path.exists(file):
+        raise RecipeError(
+            f"{file}: is not there; expected a file recipe.json, or an exported folder."
+        )
     text = read_regular(file, max_bytes=MAX_RECIPE_BYTES, error=RecipeError)
     try:
         return Recipe.from_text(text), file
@@ -107,6 +112,22 @@ def open_base(recipe: Recipe, where: Path, base: str | Path | None) -> Scenario:
     except InputError as error:
         raise RecipeError(
             f"{where}: its scenario cannot be opened; if it was moved, {_NAME_IT} ({error})"
+        ) from error
+
+
+def generator_of(said: str, given: str) -> ScenarioGenerator:
+    """The generator that is given, else that of a recipe.
+
+    Raises:
+        GenerationError: it cannot be made.
+    """
+    if given:
+        return make_generator(given)
+    try:
+        return make_generator(said)
+    except GenerationError as error:
+        raise GenerationError(
+            f"{error} If the recipe's model was moved, or is your own, name it by --model."
         ) from error
 
 

@@ -372,13 +372,18 @@ def _regenerated(
     number: int,
     before_edit: Scenario | None = None,
 ) -> ReplaceTraffic:
-    if generator.name != command.generator:
-        raise RecipeError(
-            f"Entry {number} was sampled by {command.generator}, not by {generator.name}."
-        )
     request = command.request.request(scenario, command.seed)
     request = replace(request, before_edit=before_edit)
+    others = RecipeError(
+        f"Entry {number} was sampled by {command.generator}, not by {generator.name}."
+    )
+    # The folder of a model may have been renamed: its weights tell which it is.
+    is_named_so = generator.name == command.generator
+    if not is_named_so and not command.model_sha256:
+        raise others
     traffic = run_to_end(generator.generate(request))
+    if not is_named_so and traffic.model_sha256 != command.model_sha256:
+        raise others
     return traffic_command(
         request,
         traffic,

@@ -78,6 +78,31 @@ def test_results_below_the_scenes_are_no_scenes(tmp_path: Path):
     assert second.folders == first.folders
 
 
+def test_tables_and_pages_beside_scenes_are_no_scenes(shell: Shell, tmp_path: Path):
+    """Of a pattern, also one that the shell expands; they made the call fail."""
+    out = tmp_path / "out"
+    pd_editor.warp("merge", **BEND, out=out)
+    for name in ("scenes.index.parquet", "a-family.csv", "a-family.html", "report.md"):
+        (out / name).write_text("")
+    scenes = tuple(one for one in all_scenes(out, tmp_path / "new"))
+    assert len(scenes) == 1
+    assert all_scenes(f"{out}/*", tmp_path / "new") == scenes
+    assert all_scenes(tuple(out.iterdir()), tmp_path / "new") == scenes
+    recipes = (tmp_path / "new", "recipe.json")
+    assert all_scenes(tuple(out.iterdir()), *recipes) == scenes
+    # Alone it is meant.
+    told = shell.refused("warp", out / "report.md", *WARP, "--out", tmp_path / "new")
+    assert "is no file of a known format" in told
+    told = shell.refused("warp", out, *WARP, "--out", out)
+    assert told.startswith(f"{out}: all scenes there are in {out}, which gets")
+
+
+def test_the_engine_of_one_scene_is_checked_too(shell: Shell, tmp_path: Path):
+    command = ("warp", "merge", *WARP, "--out", tmp_path / "out")
+    assert "expected 1 to 256" in shell.refused(*command, "--workers", 0)
+    assert "is for --engine ray" in shell.refused(*command, "--address", "auto")
+
+
 def test_links_to_scenes_are_followed_but_not_in_circles(tmp_path: Path):
     """``index`` and ``evaluate`` saw linked scenes, other commands did not."""
     kept, chosen = tmp_path / "kept", tmp_path / "chosen"

@@ -1,14 +1,17 @@
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pd_editor.base.installed_files import models_folder
 from pd_editor.cli.generate import generate
 from pd_editor.cli.warp import warp
 from pd_editor.editor.commands import DeleteAgents
 from pd_editor.editor.scenario_store import export_into, open_scenario
 from pd_editor.editor.session import EditorSession
+from pd_editor.generation.generators import SHIPPED_MODEL
 from tests.cli.shell import JUNCTION, Shell, files_of
 
 
@@ -124,7 +127,7 @@ def test_what_is_no_recipe_is_refused(
 
 def test_a_missing_recipe_is_refused(shell: Shell, tmp_path: Path):
     refused = shell.refused("replay", tmp_path / "none.json", "--out", tmp_path)
-    assert refused.endswith("none.json: cannot be read (No such file or directory).")
+    assert "none.json: is not there; expected a file recipe.json, or an" in refused
 
 
 def test_a_recipe_without_traffic_cannot_be_drawn_again(shell: Shell, tmp_path: Path):
@@ -139,8 +142,25 @@ def test_a_model_of_ones_own_regenerates_its_recipe(shell: Shell, tmp_path: Path
     assert shell.run("generate", JUNCTION, "--model", plugin, "--out", out).code == 0
     (made,) = out.iterdir()
     again = ("replay", made, "--regenerate", "--out", tmp_path / "again")
-    assert "There is no generator 'drift'" in shell.refused(*again)
+    refused = shell.refused(*again)
+    assert "There is no generator 'drift'" in refused
+    assert "name it by --model" in refused
     result = shell.run(*again, "--model", plugin)
     assert result.code == 0, result.err
     assert "equal" in result.out
     assert "NOT" not in result.out
+
+
+def test_a_renamed_model_regenerates_its_recipe(shell: Shell, tmp_path: Path):
+    """Its weights tell that it is the same; its name alone was compared."""
+    mine = shutil.copytree(models_folder() / SHIPPED_MODEL, tmp_path / "mine")
+    out = tmp_path / "out"
+    assert shell.run("generate", JUNCTION, "--model", mine, "--out", out).code == 0
+    (made,) = out.iterdir()
+    again = ("replay", made, "--regenerate", "--out", tmp_path / "again", "--model")
+    result = shell.run(*again, mine.rename(tmp_path / "moved"))
+    assert result.code == 0, result.err
+    assert "generated again, equal" in result.out
+    for other in ("path-diffuser-without-warps", "lane-follower"):
+        told = shell.refused(*again, other, "--overwrite")
+        assert told == f"Entry 1 was sampled by mine, not by {other}."
