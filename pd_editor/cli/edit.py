@@ -1,6 +1,7 @@
 """``pd-editor edit``: start the browser editor."""
 
 import contextlib
+import os
 import socket
 import sys
 from dataclasses import dataclass, field
@@ -62,6 +63,9 @@ def edit(options: EditOptions) -> None:
     if options.token and options.no_token:
         raise InputError("--token and --no-token exclude each other.")
     _check_address(options.host, options.port)
+    for folder in (options.library, options.state):
+        if folder is not None and os.path.exists(folder) and not os.path.isdir(folder):
+            raise InputError(f"{folder}: is a file; expected a folder.")
     sys.stdout.write("Starting...\n")
     sys.stdout.flush()
     # Imported late, so that the first output appears at once.

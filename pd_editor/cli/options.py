@@ -124,14 +124,18 @@ def command_line(command: str, options: Any) -> str:
             words += [given] * (value != one.default)
         elif value not in (None, "", ()):
             if isinstance(value, Mapping):
-                value = tuple(
-                    f"{name}={getattr(each, 'name', each)}"
-                    for name, each in value.items()
-                )
+                value = tuple(f"{id_}={_word(each)}" for id_, each in value.items())
             values = value if isinstance(value, tuple | list) else (value,)
             words += [f"--{option}"] * (one.kind is one.KEYWORD_ONLY)
-            words += (str(getattr(each, "name", each)) for each in values)
+            words += map(_word, values)
     return shlex.join(words)
+
+
+def _word(value: object) -> str:
+    """A value as the shell takes it; of an object of Python that it is one."""
+    if isinstance(value, str | Path | int | float):
+        return str(value)
+    return f"<{getattr(value, 'name', value)}, an object of Python>"
 
 
 @dataclass(frozen=True, kw_only=True)

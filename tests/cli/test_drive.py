@@ -251,7 +251,10 @@ def test_objects_and_classes_are_policies_in_python(tmp_path: Path):
     options = {"seconds": 1, "model": "lane-follower", "out": tmp_path}
     made = pd_editor.drive(JUNCTION, policies=space["Coasts"](), **options)
     assert [one.policy for one in made.records] == ["coasts"]
-    assert "--policies coasts" in (tmp_path / "report.md").read_text()
+    # The line to repeat it names no policy that the shell does not have.
+    told = (tmp_path / "report.md").read_text()
+    assert "--policies '<coasts, an object of Python>'" in told
+    assert f"--out {tmp_path}" in told
     both = pd_editor.drive(JUNCTION, policies=[space["Coasts"], "idm"], **options)
     assert [one.policy for one in both.records] == ["coasts", "idm"]
     assert both.failures == {}

@@ -104,6 +104,8 @@ def test_other_machines_are_warned_of_and_need_a_token(
         ("--token --no-token", "--token and --no-token exclude each other."),
         ("nowhere", "nowhere: is neither a scenario folder nor a demo"),
         ("--data nowhere", "nowhere: there is no such dataset folder"),
+        (f"--library {__file__}", "test_edit.py: is a file; expected a folder."),
+        (f"--state {__file__}", "test_edit.py: is a file; expected a folder."),
         ("--models nowhere", "nowhere: not a trained model"),
     ],
 )

@@ -210,6 +210,11 @@ def test_weights_of_several_trainings_are_averaged(
     shipped = models_folder() / SHIPPED_MODEL
     told = shell.refused("model", "--out", tmp_path / "no", "--traj", longer, shipped)
     assert "differs" in told
+    other = shutil.copytree(runs / "traj", tmp_path / "other")
+    config = other / "model" / "config.json"
+    config.write_text(config.read_text().replace('"seed": 0', '"seed": 7'))
+    told = shell.refused("model", "--out", tmp_path / "no", "--traj", longer, other)
+    assert "began with the random weights of seed 7" in told
     assert not (tmp_path / "no").exists()
 
 

@@ -326,7 +326,8 @@ def averaged_stage(
         sources: Where each comes from, for messages.
 
     Raises:
-        ModelError: the networks or their trajectory bases differ.
+        ModelError: the networks or their trajectory bases differ, or they began with
+            random weights of several seeds.
 
     Source: Wortsman et al., Model soups, 2022.
     """
@@ -343,6 +344,17 @@ def averaged_stage(
             raise ModelError(
                 f"{source}: its {first.kind.name} network or trajectory basis differs from "
                 f"that of {sources[0]}; expected trainings that began with one model."
+            )
+        seeds = [
+            one.about.get("seed")
+            for one in (first, stage)
+            if one.about.get("start") == ""
+        ]
+        if len(set(seeds)) > 1:
+            raise ModelError(
+                f"{source}: began with the random weights of seed {seeds[1]}, {sources[0]} "
+                f"with those of seed {seeds[0]}; expected trainings that began with one "
+                "model (pd-editor train --from)."
             )
     with torch.no_grad():
         for name, one in weights.items():
