@@ -23,13 +23,16 @@ class WorkFolder:
         self.path = Path(path)
 
     def check_free(self) -> None:
-        """Raise if the folder is not empty.
+        """Raise if the folder holds more than a run of which no item was finished.
 
         Raises:
             FolderInUseError: the folder holds files.
             ExportError: it is no folder.
         """
-        if self._holds_files():
+        names = self._names()
+        if names == {SETTINGS_NAME, FINISHED_NAME}:
+            names = self._names(FINISHED_NAME)
+        if names:
             raise FolderInUseError(
                 f"{self.path}: already holds files; choose a new folder, or resume "
                 "the earlier run (--resume)."
@@ -49,9 +52,10 @@ class WorkFolder:
         """Write values as JSON; see ``write``."""
         return self.write(name, (json.dumps(values, indent=2) + "\n").encode())
 
-    def _holds_files(self) -> bool:
+    def _names(self, inside: str = "") -> set[str]:
+        folder = self.path / inside
         try:
-            return os.path.lexists(self.path) and bool(os.listdir(self.path))
+            return set(os.listdir(folder)) if os.path.lexists(folder) else set()
         except (OSError, ValueError) as error:
             raise unwritable(self.path, error) from error
 
@@ -74,7 +78,7 @@ class ResumableFolder(WorkFolder):
         wanted = json.loads(json.dumps(settings))
         if not resume:
             self.check_free()
-        elif self._holds_files():
+        elif self._names():
             self._check_earlier(wanted, work)
         try:
             (self.path / FINISHED_NAME).mkdir(parents=True, exist_ok=True)

@@ -40,6 +40,14 @@ def test_other_settings_are_refused(tmp_path, change):
         opened(tmp_path, SETTINGS | change, resume=True)
 
 
+def test_a_run_that_finished_nothing_leaves_its_folder_free(tmp_path):
+    """One that was refused after its start had to be told another folder."""
+    opened(tmp_path, resume=False)
+    opened(tmp_path, SETTINGS | {"seed": 1}, resume=False).write("finished/a", b"1")
+    with pytest.raises(ExportError, match="already holds files"):
+        opened(tmp_path, resume=False)
+
+
 def test_places_that_cannot_be_used(tmp_path):
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file", tmp_path / "file" / "below", tmp_path / "a\0b"):
