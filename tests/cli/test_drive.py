@@ -192,7 +192,7 @@ def test_further_agents_are_driven(shell: Shell, tmp_path: Path):
     (command,) = json.loads((made.folder / "recipe.json").read_text())["commands"]
     assert command["policies"][other] == "constant-velocity"
     report = (tmp_path / "python" / "report.md").read_text()
-    assert f"--also {other}=constant-velocity" in report
+    assert f"'{other}=<constant-velocity, an object of Python>'" in report
     assert "Two policies have one name" in shell.refused(
         "drive",
         JUNCTION,
