@@ -208,10 +208,15 @@ export const FOLD = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root
 export const DIALOG = ".mantine-Modal-content";
 export const BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
 
-/** Take away that a file has come: what became of it is told, or seen. */
-export function hideUploaded(): void {
-  for (const notice of document.querySelectorAll<HTMLElement>(".mantine-Notification-root")) {
-    if (!notice.textContent?.endsWith("File uploaded successfully.")) continue;
+/** Take away what is told again, as by a server that came back, and that a file has come:
+ * what became of it is told, or seen. */
+export function hideNeedless(): void {
+  const told = new Set<string>();
+  for (const notice of [...document.querySelectorAll<HTMLElement>(".mantine-Notification-root")].reverse()) {
+    const text = notice.textContent ?? "";
+    const isNew = !told.has(text) && !text.endsWith("File uploaded successfully.");
+    told.add(text);
+    if (isNew || notice.style.display) continue;
     notice.style.display = "none";
     notice.querySelector<HTMLElement>(".mantine-Notification-closeButton")?.click();
   }

@@ -395,6 +395,7 @@ export interface StripCard {
   readonly lines: readonly (CardLine)[];
   readonly hint: string;
   readonly canDrop: boolean;
+  readonly isKept: boolean;
   readonly forkOf: number | null;
 }
 

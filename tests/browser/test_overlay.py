@@ -59,6 +59,18 @@ def test_the_theme_is_the_browsers_until_one_is_chosen_and_kept(browser, open_ed
         editor.until(lambda: not editor.workspace.is_dark, "the theme that was kept")
 
 
+def test_what_is_told_twice_stands_there_once(open_editor):
+    """A server that came back told again what the one before had told."""
+    editor = open_editor()
+    for title in ("Unfinished work found", "Something else", "Unfinished work found"):
+        editor.tab().ui.notify(title, stays=True)
+    expect(editor.page.get_by_text("Something else")).to_be_visible()
+    told = editor.page.get_by_text("Unfinished work found")
+    expect(told.filter(visible=True)).to_have_count(1)
+    editor.page.wait_for_timeout(500)
+    expect(told.filter(visible=True)).to_have_count(1)
+
+
 def test_all_commands_can_be_searched_from_a_text_field(open_editor):
     """Ctrl+K did nothing there, and what was typed next went into the field."""
     editor = open_editor()

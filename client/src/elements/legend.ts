@@ -26,7 +26,12 @@ define("legend", (api) => {
     return isFolded;
   }
   fold((recall(KEPT) ?? innerHeight < LOW_PX) === true);
-  listen(window, "resize", () => innerHeight < LOW_PX && fold(true));
+  let wasLow = innerHeight < LOW_PX;
+  listen(window, "resize", () => {
+    const isLow = innerHeight < LOW_PX;
+    if (isLow !== wasLow) fold(isLow || recall(KEPT) === true);
+    wasLow = isLow;
+  });
 
   return ({ entries }) => {
     const lines = [...entries.map((entry) => ({ ...entry, isArc: false })), ...ARCS];

@@ -204,7 +204,7 @@ define("panel", (api) => {
   let naming: ReturnType<typeof setTimeout> | undefined;
   const observer = new MutationObserver(() => {
     tell();
-    viser.hideUploaded();
+    viser.hideNeedless();
     naming ??= setTimeout(() => {
       naming = undefined;
       viser.nameControls();

@@ -121,7 +121,7 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     select.value = String(value);
   }
 
-  function cardOf({ index, name: words, mark, isAdopted, lines, hint, canDrop, forkOf }: StripCard) {
+  function cardOf({ index, name: words, mark, isAdopted, lines, hint, canDrop, isKept, forkOf }: StripCard) {
     const box = make("div", "pd-sample-box");
     const card = make("div", "pd-sample", {
       role: "option",
@@ -148,11 +148,14 @@ const stripOf = (element: string, label: string) => (api: Api) => {
     });
     const tell = (kind: StripEvent["kind"]) => () => api.send({ kind, value: index });
     const more = (kind: StripEvent["kind"], sign: string, label: string, title: string, act = tell(kind)) =>
-      button(`pd-sample-keep pd-sample-${kind}`, sign, act, { tabindex: "-1", "aria-label": label, title });
+      button(`pd-sample-act pd-sample-${kind}`, sign, act, { tabindex: "-1", "aria-label": label, title });
     box.append(
       card,
-      more("keep", "\u2606", `Use and save to the library: ${words}`, "Use it and save it to the library"),
+      isKept
+        ? more("keep", "\u2605", `In the library: ${words}`, "In the library")
+        : more("keep", "\u2606", `Use and save to the library: ${words}`, "Use it and save it to the library"),
     );
+    box.classList.toggle("pd-is-kept", isKept);
     if (!isAdopted)
       box.append(more("pair", "\u25eb", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
     if (element === "branches" && forkOf !== null) {

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (fba93f0480cb3a07); not to be edited. */
+/* Built by .ci/client.py from client/ (27ce32f53387769f); not to be edited. */
 "use strict";
 (() => {
   // src/clock.ts

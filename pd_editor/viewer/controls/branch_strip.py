@@ -68,6 +68,7 @@ class BranchStrip:
         """Scenarios of the branches whose pictures were asked for."""
         ui.overlay.on("branches", self._heard)
         ui.model.shown.subscribe(self.show)
+        ui.model.library_changed.subscribe(self.show)
         samples.opened.subscribe(self.close)
         self.show()
 
@@ -137,6 +138,7 @@ class BranchStrip:
 
     def _card(self, branch: Branch, there: Mapping[int, Branch]) -> StripCard:
         state, number = self._ui.session.state, branch.number
+        library = self._ui.workspace.library
         undone = state.num_entries - state.position
         is_adopted = self._is_in_force(number)
         edits = number_of(len(branch.entries), "edit")
@@ -165,6 +167,10 @@ class BranchStrip:
             lines=(*told, CardLine(text=edits)),
             hint="\n".join(hints),
             can_drop=number not in (0, state.tip),
+            is_kept=any(
+                kept is branch.scenario and library.marked(mark)
+                for kept, mark in self._ui.session.exports
+            ),
             fork_of=left,
         )
 

@@ -64,7 +64,7 @@ class LibraryActions:
             return
         is_update = self._workspace.saved_card() is not None
         card = self._workspace.save()
-        self._start.look()
+        self._changed()
         self._export.written()
         self._ui.notify(
             f"{'Updated in the library' if is_update else 'Saved to library'}: {card.name}",

@@ -496,6 +496,8 @@ class StripCard(Message, frozen=True):
     lines: tuple[CardLine, ...]
     hint: str
     can_drop: bool = False
+    is_kept: bool = False
+    """Whether it is in the library."""
     fork_of: int | None = None
     """Index of the card that it branches off from."""
 

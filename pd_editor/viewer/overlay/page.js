@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (fba93f0480cb3a07); not to be edited. */
+/* Built by .ci/client.py from client/ (27ce32f53387769f); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -108,9 +108,13 @@
   var FOLD = ".mantine-Paper-root[data-with-border] > .mantine-Paper-root";
   var DIALOG = ".mantine-Modal-content";
   var BESIDE_DIALOG = ".mantine-Modal-inner, .mantine-Modal-overlay";
-  function hideUploaded() {
-    for (const notice of document.querySelectorAll(".mantine-Notification-root")) {
-      if (!notice.textContent?.endsWith("File uploaded successfully.")) continue;
+  function hideNeedless() {
+    const told = /* @__PURE__ */ new Set();
+    for (const notice of [...document.querySelectorAll(".mantine-Notification-root")].reverse()) {
+      const text = notice.textContent ?? "";
+      const isNew = !told.has(text) && !text.endsWith("File uploaded successfully.");
+      told.add(text);
+      if (isNew || notice.style.display) continue;
       notice.style.display = "none";
       notice.querySelector(".mantine-Notification-closeButton")?.click();
     }
@@ -2184,7 +2188,12 @@
       return isFolded;
     }
     fold((recall(KEPT2) ?? innerHeight < LOW_PX) === true);
-    listen(window, "resize", () => innerHeight < LOW_PX && fold(true));
+    let wasLow = innerHeight < LOW_PX;
+    listen(window, "resize", () => {
+      const isLow = innerHeight < LOW_PX;
+      if (isLow !== wasLow) fold(isLow || recall(KEPT2) === true);
+      wasLow = isLow;
+    });
     return ({ entries }) => {
       const lines = [...entries.map((entry) => ({ ...entry, isArc: false })), ...ARCS];
       list.replaceChildren(
@@ -2758,7 +2767,7 @@
     let naming;
     const observer = new MutationObserver(() => {
       tell();
-      hideUploaded();
+      hideNeedless();
       naming ??= setTimeout(() => {
         naming = void 0;
         nameControls();
@@ -3528,7 +3537,7 @@
       fill(select, choices, () => choices.map((one) => option(one.value, one.text)));
       select.value = String(value);
     }
-    function cardOf({ index, name: words, mark, isAdopted, lines, hint: hint2, canDrop, forkOf }) {
+    function cardOf({ index, name: words, mark, isAdopted, lines, hint: hint2, canDrop, isKept, forkOf }) {
       const box = make("div", "pd-sample-box");
       const card = make("div", "pd-sample", {
         role: "option",
@@ -3554,11 +3563,12 @@
         api.send({ kind: "adopt", value: index });
       });
       const tell = (kind) => () => api.send({ kind, value: index });
-      const more = (kind, sign, label2, title2, act = tell(kind)) => button(`pd-sample-keep pd-sample-${kind}`, sign, act, { tabindex: "-1", "aria-label": label2, title: title2 });
+      const more = (kind, sign, label2, title2, act = tell(kind)) => button(`pd-sample-act pd-sample-${kind}`, sign, act, { tabindex: "-1", "aria-label": label2, title: title2 });
       box.append(
         card,
-        more("keep", "☆", `Use and save to the library: ${words}`, "Use it and save it to the library")
+        isKept ? more("keep", "★", `In the library: ${words}`, "In the library") : more("keep", "☆", `Use and save to the library: ${words}`, "Use it and save it to the library")
       );
+      box.classList.toggle("pd-is-kept", isKept);
       if (!isAdopted)
         box.append(more("pair", "◫", `Compare with the one in use: ${words}`, "Side by side with the one in use"));
       if (element === "branches" && forkOf !== null) {

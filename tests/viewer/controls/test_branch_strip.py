@@ -54,6 +54,16 @@ def test_each_branch_has_a_card_with_a_picture_and_its_problems(tab: FakeTab):
         assert pictures(tab)[str(one["index"])].startswith("data:image/svg+xml")
 
 
+def test_a_branch_that_is_in_the_library_has_its_star(tab: FakeTab):
+    """Nothing told which of several was saved."""
+    two_branches(tab)
+    assert not any(one["isKept"] for one in opened(tab))
+    tab.press("Save to library")
+    assert [one["isKept"] for one in cards(tab)] == [False, False, True]
+    tab.choose("library", tab.session.name, "reject")
+    assert not any(one["isKept"] for one in cards(tab))
+
+
 def test_pointing_previews_a_click_switches_and_undo_stays_within(tab: FakeTab):
     two_branches(tab)
     opened(tab)
