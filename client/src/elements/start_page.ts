@@ -154,7 +154,7 @@ define("startPage", (api) => {
     frame.append(make("img", "", { alt: "", draggable: "false" }));
     if (shown.isOpen) frame.append(make("span", "pd-start-mark", {}, "In use"));
     const act = (kind: "save" | "reject" | "tick", path: string, label: string, isOn = false) => {
-      const made = button("pd-start-act", "", () => tell({ kind, value: shown.key }), {
+      const made = button(`pd-start-act pd-start-${kind}`, "", () => tell({ kind, value: shown.key }), {
         tabindex: "-1",
         "aria-label": `${label}: ${shown.title}`,
         "aria-pressed": String(isOn),

@@ -298,7 +298,8 @@ class ScenarioPanel:
         several = zip_of_several(files)
         if several is not None:
             self._workspace.uploaded_zip = several
-            self._start.open("zip")
+            # What was looked for elsewhere would hide what is in it.
+            self._start.open("zip", line="")
         return several is not None
 
     def _close_dialog(self) -> None:

@@ -232,6 +232,8 @@ class TickedList(SceneList[Item]):
         ticked = len(self.ticked)
         acts = f"{ticked} ticked" if ticked else "buttons are for all of them"
         doing = f"{self.batch.told}; " if self.batch else ""
+        if not self.items:
+            return f"{doing}nothing found"
         return f"{doing}{number_of(len(self.items), 'scenario')}; {acts}"
 
     def tick(self, item: Item) -> None:

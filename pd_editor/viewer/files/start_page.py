@@ -119,8 +119,8 @@ class StartPage:
         else:
             self.open(self._workspace.start.source)
 
-    def open(self, source: Source) -> None:
-        """Open it with a source."""
+    def open(self, source: Source, **changed: str) -> None:
+        """Open it with a source, and what else is shown otherwise."""
         self._ui.commit_gesture()
         if self._notice is not None:
             self._notice.remove()
@@ -128,7 +128,7 @@ class StartPage:
         playback = self._workspace.playback
         self._plays_again = playback.is_playing
         playback.pause()
-        self._change(is_open=True, source=source)
+        self._change(is_open=True, source=source, **changed)
 
     def close(self) -> None:
         """Show the scene, which plays if it did, or if nobody has seen it yet."""

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (27ce32f53387769f); not to be edited. */
+/* Built by .ci/client.py from client/ (b639318741cf26d1); not to be edited. */
 "use strict";
 (() => {
   // src/bridge.ts
@@ -3245,7 +3245,7 @@
       frame.append(make("img", "", { alt: "", draggable: "false" }));
       if (shown.isOpen) frame.append(make("span", "pd-start-mark", {}, "In use"));
       const act = (kind, path, label, isOn = false) => {
-        const made = button("pd-start-act", "", () => tell({ kind, value: shown.key }), {
+        const made = button(`pd-start-act pd-start-${kind}`, "", () => tell({ kind, value: shown.key }), {
           tabindex: "-1",
           "aria-label": `${label}: ${shown.title}`,
           "aria-pressed": String(isOn),

@@ -1,4 +1,4 @@
-/* Built by .ci/client.py from client/ (27ce32f53387769f); not to be edited. */
+/* Built by .ci/client.py from client/ (b639318741cf26d1); not to be edited. */
 "use strict";
 (() => {
   // src/address.ts

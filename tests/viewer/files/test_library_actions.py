@@ -380,6 +380,12 @@ def test_a_zip_of_several_is_a_source_of_the_start_page(tabs):
     assert [one["isOpen"] for one in tab.tiles("zip").values()] == [False, True]
     find(tab, second)
     assert list(tab.tiles("zip")) == [second]
+    # What was looked for hides nothing of a zip that comes.
+    tab.hear("startPage", kind="source", value="zip")
+    tab.hear("startPage", kind="line", value="elsewhere")
+    assert tab.shown("startPage")["told"] == "kept.zip: nothing found."
+    tab.upload("Upload files", "kept.zip", content)
+    assert list(tab.tiles("zip")) == [first, second]
 
 
 def test_scenes_of_a_zip_are_ticked_saved_and_downloaded_without_being_opened(tabs):
