@@ -48,7 +48,7 @@ _LOSSES: Final[tuple[str, ...]] = (
     "Velocities to the side: a state has one speed along its heading.",
 )
 _KEEPS: Final = frozenset(
-    {"signals", "links", "neighbors", "lane kinds", "junctions"}
+    {"signals", "shared signals", "links", "neighbors", "lane kinds", "junctions"}
     | {"marks", "crosswalks"}
 )
 

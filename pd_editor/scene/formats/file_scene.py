@@ -352,7 +352,7 @@ class FileScene:
 
     def _agents(self, axis: TimeAxis) -> AgentTracks:
         times = self._now_s() + axis.times_s()
-        tables = [_at_times(one, times) for one in self.tracks]
+        tables = [states_at(one, times) for one in self.tracks]
         shown = [n for n, table in enumerate(tables) if table[3].any()]
         tracks, tables = [self.tracks[n] for n in shown], [tables[n] for n in shown]
         kinds = tuple(one.kind for one in tracks)
@@ -457,7 +457,7 @@ def _as_id(name: str) -> str:
     return kept or "scene"
 
 
-def _at_times(
+def states_at(
     track: FileTrack, times_s: Float[np.ndarray, "T"]
 ) -> tuple[
     Float[np.ndarray, "T 2"],

@@ -2,18 +2,24 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from pd_editor.base.errors import FormatError
 from pd_editor.base.plain_text import csv_file
 from pd_editor.scene.agent_kind import DEFAULT_HEIGHT_M, AgentKind
-from pd_editor.scene.formats.file_scene import NO_HEADINGS, FileScene, FileTrack
-from pd_editor.scene.formats.file_signal import FileSignal
+from pd_editor.scene.formats.file_scene import (
+    NO_HEADINGS,
+    FileScene,
+    FileTrack,
+    states_at,
+)
+from pd_editor.scene.formats.file_signal import ON_GRID_S, FileSignal
 from pd_editor.scene.formats.packed_file import (
     ending_of,
     head_of,
@@ -112,7 +118,8 @@ class _File(msgspec.Struct):
     objects: list[_Object]
     roads: list[_Road]
     metadata: _About | None = None
-    tl_states: dict[str, _Light] | None = None
+    tl_states: dict[str, _Light] | list[_Light] | None = None
+    """Lists, as makers of maps write, are empty: nobody knows whose lights these are."""
     scenario_id: Any = None
 
 
@@ -160,7 +167,7 @@ def _scene(path: Path, found: _File) -> FileScene:
     ]
     areas = ((10**6 + row, kind, line) for row, kind, line in roads)
     numbers = lane_numbers(lanes)
-    states = found.tl_states or {}
+    states = found.tl_states if isinstance(found.tl_states, dict) else {}
     signals = [
         _signal(key, one, numbers.get(row_of.get(key, "")), step_s)
         for key, one in states.items()
@@ -268,16 +275,13 @@ def write(scenario: Scenario) -> WrittenScene:
     Raises:
         ExportError: there is neither ego nor focal agent at the current step.
     """
-    agents, ego = scenario.agents, ego_of(scenario)
-    steps = scenario.current_step + np.arange(WAYMO_STEPS) - WAYMO_CURRENT_STEP
-    known = (steps >= 0) & (steps < agents.num_steps)
-    column = np.clip(steps, 0, agents.num_steps - 1)
-    is_valid = agents.is_valid[:, column] & known
-    rows = np.flatnonzero(is_valid.any(axis=1)).tolist()
+    ego = ego_of(scenario)
+    scenario, known = _at_waymos_steps(scenario)
+    agents = scenario.agents
+    rows = np.flatnonzero(agents.is_valid.any(axis=1)).tolist()
     place = agents.position_m + scenario.origin_city_m
     objects = [
-        _object(scenario, row, number, place[row], column, is_valid[row])
-        for number, row in enumerate(rows)
+        _object(scenario, row, number, place[row]) for number, row in enumerate(rows)
     ]
     index, focal = {agents.ids[row]: n for n, row in enumerate(rows)}, scenario.focal_id
     rank = {lane: number for number, lane in enumerate(scenario.road_map.lane_of)}
@@ -288,11 +292,11 @@ def write(scenario: Scenario) -> WrittenScene:
         "roads": _roads(scenario),
         "tl_states": {
             str(rank[lane]): {
-                "state": [words[step] for step in column[known]],
-                "x": [float(stop[0])] * int(known.sum()),
-                "y": [float(stop[1])] * int(known.sum()),
-                "z": [0.0] * int(known.sum()),
-                "time_index": np.flatnonzero(known).tolist(),
+                "state": [words[step] for step in known],
+                "x": [float(stop[0])] * len(known),
+                "y": [float(stop[1])] * len(known),
+                "z": [0.0] * len(known),
+                "time_index": known,
             }
             for lane, stop, words in lights_of(scenario)
         },
@@ -318,26 +322,61 @@ def write(scenario: Scenario) -> WrittenScene:
     )
 
 
+def _at_waymos_steps(scenario: Scenario) -> tuple[Scenario, list[int]]:
+    """The scene at Waymo's steps, and which of these it has; between its own it is mixed."""
+    agents, axis = scenario.agents, scenario.time_axis
+    new = TimeAxis(num_steps=WAYMO_STEPS, current_step=WAYMO_CURRENT_STEP)
+    at = axis.current_step + new.times_s() / axis.step_s + ON_GRID_S
+    known = (at >= 0) & (at < axis.num_steps)
+    column = np.clip(at, 0, axis.num_steps - 1).astype(int)
+    found = [
+        states_at(
+            FileTrack(
+                track_id=name,
+                kind=agents.kinds[row],
+                size_m=None,
+                time_s=axis.times_s()[there],
+                position_m=agents.position_m[row, there],
+                heading_rad=agents.heading_rad[row, there],
+                velocity_mps=agents.velocity_mps[row, there],
+                longest_gap_s=1.5 * axis.step_s,
+            ),
+            new.times_s(),
+        )
+        for row, name in enumerate(agents.ids)
+        if (there := agents.is_valid[row]).any()
+    ]
+    rows = np.flatnonzero(agents.is_valid.any(axis=1))
+    position, heading, velocity, is_valid = map(np.stack, zip(*found, strict=True))
+    agents = replace(
+        agents.taken(rows),
+        position_m=position,
+        heading_rad=heading,
+        velocity_mps=velocity,
+        is_valid=is_valid,
+        observed=is_valid & new.is_past,
+    )
+    signals = tuple(replace(one, states=one.states[column]) for one in scenario.signals)
+    sampled = replace(scenario, agents=agents, time_axis=new, signals=signals)
+    return sampled, np.flatnonzero(known).tolist()
+
+
 def _object(
-    scenario: Scenario,
-    row: int,
-    number: int,
-    place: Float[np.ndarray, "T 2"],
-    column: Int[np.ndarray, "S"],
-    there: Bool[np.ndarray, "S"],
+    scenario: Scenario, row: int, number: int, place: Float[np.ndarray, "T 2"]
 ) -> dict[str, Any]:
-    """An agent at some steps, at which it may not be there."""
+    """An agent, which may not be there at some steps."""
     agents = scenario.agents
-    x, y = place[column[np.flatnonzero(there)[-1]]].tolist()
+    there = agents.is_valid[row]
+    x, y = place[np.flatnonzero(there)[-1]].tolist()
     kind = TYPES.get(agents.kinds[row], "other").lower()
-    heading = np.where(there, agents.heading_rad[row, column], UNKNOWN_M)
+    heading = np.where(there, agents.heading_rad[row], UNKNOWN_M)
     return {
-        "position": _points(place[column], there),
+        "position": _points(place, there),
         "width": float(agents.size_m[row, 1]),
         "length": float(agents.size_m[row, 0]),
         "height": DEFAULT_HEIGHT_M[agents.kinds[row]],
         "heading": heading.tolist(),
-        "velocity": _points(agents.velocity_mps[row, column], there, False),
+        "velocity": _points(agents.velocity_mps[row], there, False),
         "valid": there.tolist(),
         "goalPosition": {"x": x, "y": y, "z": 0.0},
         "type": kind if kind in ("vehicle", "pedestrian", "cyclist") else "other",

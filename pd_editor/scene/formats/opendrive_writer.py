@@ -121,8 +121,8 @@ _LOSSES: Final[tuple[str, ...]] = (
     "Velocities: they follow from the places and times of a trajectory.",
 )
 _KEEPS: Final = frozenset(
-    {"signals", "links", "neighbors", "oncoming", "lane kinds", "junctions", "marks"}
-    | {"heights", "crosswalks", "paved"}
+    {"signals", "signal names", "shared signals", "links", "neighbors", "oncoming"}
+    | {"lane kinds", "junctions", "marks", "heights", "crosswalks", "paved"}
 )
 
 

@@ -33,13 +33,21 @@ def parts_of(scenario: Scenario) -> dict[str, tuple[str, bool]]:
     beside = [n for one in lanes for n in (one.left_neighbor, one.right_neighbor)]
     rises = any(line[:, 2].any() for line in road_map.polylines)
     static = set(agents.kinds) - ROAD_USER_KINDS - {AgentKind.UNKNOWN}
+    parts = (scenario, road_map, *lanes, *road_map.crosswalks, *road_map.drivable_areas)
+    more = any(one.source_fields for one in parts)
     areas, makes_up = road_map.drivable_areas, agents.has_made_up_past.any()
     return {
         "signals": ("traffic signals and their states", bool(scenario.signals)),
+        "signal names": ("names of signals", bool(scenario.signals)),
+        "shared signals": (
+            "which lanes share a signal",
+            any(len(one.lane_ids) > 1 for one in scenario.signals),
+        ),
         "links": ("which lanes follow which", bool(links)),
         "outside": ("links to lanes outside the map", bool(set(links) - set(known))),
         "neighbors": ("neighbours of lanes", any(beside)),
         "oncoming": ("neighbours that lead the other way", bool(road_map.oncoming)),
+        "fields": ("further fields of its source", more),
         "lane kinds": ("kinds of lanes", {n.kind for n in lanes} != {"VEHICLE"}),
         "junctions": ("what is an intersection", any(n.is_intersection for n in lanes)),
         "marks": ("lane markings", bool(lanes)),

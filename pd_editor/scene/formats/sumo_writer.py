@@ -138,8 +138,8 @@ _LOSSES: Final = (
     "floating-car data have the recorded motion.",
 )
 _KEEPS: Final = frozenset(
-    {"signals", "links", "neighbors", "lane kinds", "junctions", "crosswalks"}
-    | {"paved", "static kinds"}
+    {"signals", "shared signals", "links", "neighbors", "lane kinds", "junctions"}
+    | {"crosswalks", "paved", "static kinds"}
 )
 
 
@@ -505,7 +505,7 @@ def _motion(scenario: Scenario, types: list[tuple[str, str]]) -> Iterator[str]:
     speed = (agents.velocity_mps * ahead).sum(axis=-1)
     aside = (agents.velocity_mps * left_of(ahead)).sum(axis=-1)
     for step in range(agents.num_steps):
-        yield f'<timestep time="{step * axis.step_s:.2f}">'
+        yield f'<timestep time="{step * axis.step_s:g}">'
         for row in np.flatnonzero(agents.is_valid[:, step]).tolist():
             x, y = place[row, step]
             yield (

@@ -14,8 +14,8 @@ from pd_editor.scene.scenario import Scenario
 
 _SIDES: Final = (("center", "centerline"), ("left", "left"), ("right", "right"))
 _KEEPS: Final = frozenset(
-    {"oncoming", "lane kinds", "junctions", "heights", "paved"}
-    | {"now", "static kinds", "made up"}
+    {"signal names", "shared signals", "oncoming", "lane kinds", "junctions"}
+    | {"heights", "paved", "now", "static kinds", "made up"}
 )
 
 

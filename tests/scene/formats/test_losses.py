@@ -58,6 +58,7 @@ def full_scene() -> Scenario:
         agents=agents,
         road_map=replace(road_map, lanes=tuple(lanes)),
         time_axis=replace(scenario.time_axis, current_step=55),
+        source_fields={"weather": "dry"},
     )
 
 
@@ -80,6 +81,9 @@ def facts(scenario: Scenario) -> dict[str, Any]:
             for one in scenario.signals
             for _ in one.lane_ids
         ),
+        "signal names": sorted(one.signal_id for one in scenario.signals),
+        "shared signals": sorted(len(one.lane_ids) for one in scenario.signals),
+        "fields": scenario.source_fields,
         "links": sum(n in known for n in links),
         "neighbors": sum(n in known for n in beside) - len(road_map.oncoming),
         "oncoming": len(road_map.oncoming),

@@ -367,6 +367,16 @@ def test_roads_alone_are_written_without_agents_and_told_losses(tmp_path: Path):
     assert any(" neighbours" in loss for loss in write(scenario).losses)
 
 
+def test_lights_of_one_signal_stay_one_without_agents(tmp_path: Path):
+    """They were one for each lane: nobody read the controllers of the roads."""
+    scenario = with_signals(open_scenario("signalised-junction"))
+    bare = replace(scenario.without_agents(scenario.agents.ids), focal_id="")
+    found = open_scenario(written(bare, tmp_path))
+    assert [(one.signal_id, len(one.lane_ids)) for one in found.signals] == [
+        (one.signal_id, len(one.lane_ids)) for one in bare.signals
+    ]
+
+
 def test_lanes_without_length_are_refused():
     scene = two_agents_that_pass()
     lane = replace(scene.road_map.lanes[0], centerline=np.zeros((2, 3)))

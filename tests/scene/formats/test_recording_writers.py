@@ -22,6 +22,8 @@ from pd_editor.scene.perturbation.warp_scenario import warp_scenario
 from pd_editor.scene.road_warp import RoadWarp, WarpTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import Signal, states_at
+from pd_editor.scene.time_axis import TimeAxis
+from tests.builders import scenario_with, straight_drivers
 from tests.scene.formats.agreement import Worst
 
 
@@ -205,6 +207,32 @@ def test_short_gaps_and_the_focal_agent_of_a_scene_without_future_come_back(
         np.testing.assert_array_equal(found.agents.is_valid[row, steps], there_of)
     else:
         assert found.agents.is_valid[row].sum() == is_valid[other].sum()
+
+
+@pytest.mark.parametrize("step_s", [0.04, 0.05, 0.2])
+def test_gpudrive_gets_scenes_of_other_rates_at_its_own(step_s: float, tmp_path: Path):
+    """All agents drove twice as fast, or half."""
+    axis = TimeAxis(step_s=step_s).lasting(110)
+    states = [(0.0, 0.0, 0.0, 10.0), (-30.0, 3.5, 0.0, 5.0)]
+    scene = scenario_with(straight_drivers(states, time_axis=axis))
+    scene = replace(scene, time_axis=axis)
+    found = there_and_back(scene, "gpudrive", tmp_path)
+    agents = found.agents
+    for row, speed in enumerate((10.0, 5.0)):
+        there = np.flatnonzero(agents.is_valid[row])
+        way = np.ptp(agents.position_m[row, there, 0])
+        assert len(there) == 11 + min(80, round(60 * step_s * 10))
+        assert way == pytest.approx(speed * 0.1 * (len(there) - 1), abs=1e-6)
+
+
+def test_gpudrive_files_of_made_up_maps_open(tmp_path: Path):
+    """Their lights are an empty list."""
+    files = written(open_scenario("roundabout"), "gpudrive").files
+    content = json.loads(files["roundabout.json"])
+    content["tl_states"] = []
+    content["metadata"]["sdc_track_index"] = -1
+    (tmp_path / "map.json").write_text(json.dumps(content))
+    assert not open_scenario(tmp_path / "map.json").signals
 
 
 def test_tables_hold_every_state_once():
