@@ -573,19 +573,20 @@ class _Network:
                     for key, at in road.obeying(one).items():
                         if key in self.number:
                             here[self.number[key]] = at
+        # Others join all lights of a junction, which have many states.
         groups = {
-            one.get("signalId"): (control.get("name") or control.get("id"), ())
+            one.get("signalId"): (control.get("name"), ())
             for control in self._root.children("controller")
             for one in control.children("control")
+            if _is_own(self._root)
         }
-        phases_of = groups | motion.phases
         taken: set[int] = set()
         places: defaultdict[Any, dict[int, Any]] = defaultdict(dict)
         for name, stops in heads.items():
             own = {n: lines.get(n, at) for n, at in stops.items() if n not in taken}
             taken |= own.keys()
             if own or not stops:
-                places[phases_of.get(name, (name, ()))] |= own
+                places[motion.phases.get(name) or groups.get(name, (name, ()))] |= own
         found = [
             cyclic_signal(name, stops, phases, 0.0)
             for (name, phases), stops in places.items()

@@ -155,7 +155,8 @@ def _now(name: str, about: Mapping[str, Any]) -> int:
 
 
 def _asked(name: str, about: Mapping[str, Any]) -> str:
-    return str(next(iter(about.get(name) or ()), ""))
+    first = next(iter(about.get(name) or ()), "")
+    return str(first.get("track_id", "") if isinstance(first, dict) else first)
 
 
 def _times_s(name: str, found: Mapping[str, Any]) -> np.ndarray:

@@ -637,6 +637,15 @@ def test_traffic_lights_stand_at_the_stop_lines_of_their_lanes(tmp_path: Path):
     assert "2 signs and other signals are left out" in notes
 
 
+def test_lights_of_a_controller_of_others_are_apart(tmp_path: Path):
+    """netconvert has one for all lights of a junction, which are not green at once."""
+    signs = sign("7", 50, "1000001") + sign("8", 50, "1000001", way="-")
+    text = road(section(lane(1), lane(-1)), more=f"<signals>{signs}</signals>")
+    both = '<control signalId="7"/><control signalId="8"/>'
+    scene = opened(tmp_path, f'{text}<controller id="1" name="all">{both}</controller>')
+    assert {one.signal_id for one in scene.signals} == {"7", "8"}
+
+
 def test_a_stop_line_without_a_light_is_told(tmp_path: Path):
     signs = f"<signals>{sign('5', 45, '294')}</signals>"
     scene = opened(tmp_path, road(section(lane(-1)), more=signs))

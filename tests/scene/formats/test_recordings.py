@@ -541,3 +541,15 @@ def test_gpudrive_scenes_of_other_writers_open(tmp_path: Path, what: str):
     gap = (scene.agents.position_m - usual.agents.position_m) * there
     assert np.abs(gap).max() < 1e-6
     assert scene.agents.has_known_size.any() == (what != "no sizes")
+
+
+@pytest.mark.parametrize(
+    "asked", [{"9": {}}, ["9"], [{"track_index": 1, "track_id": "9"}]]
+)
+def test_tracks_to_predict_are_told_in_several_ways(tmp_path: Path, asked: object):
+    """Of a list of dicts the ego was the focal agent."""
+    found = description()
+    found["metadata"]["tracks_to_predict"] = asked
+    path = tmp_path / "one.pkl"
+    path.write_bytes(pickle.dumps(found))
+    assert open_scenario(path).focal_id == "9"
