@@ -302,7 +302,9 @@ class GenerationPanel:
         if not said:
             said, tone = self._before_run(), "warn"
         if not said:
-            said, tone = self.live_switch.silence(scenario), ""
+            # What reacts to an edit, in its preview, would count as what it sets.
+            committed = self._ui.session.committed_scenario
+            said, tone = self.live_switch.silence(committed), ""
         regenerate = RunVerb(
             label="Regenerate",
             target=self._target(
@@ -350,10 +352,18 @@ class GenerationPanel:
         if is_region and chosen is None and self._drawing.region is not None:
             ids = self._drawing.region.held(scenario, ids)
         kept = len(locked.intersection(ids))
-        is_one = chosen is not None and len(ids) == 1
+        # Beside the verb there is no room for more.
+        if kept and chosen is not None:
+            if len(ids) == 1:
+                return f"{words} (locked)"
+            return (
+                f"{kept} locked"
+                if kept == len(ids)
+                else f"{len(ids) - kept} of {words}"
+            )
         if kept and words == "everybody":
-            words = "all"  # Beside its verb there is no room for more.
-        return words + (" (locked)" if is_one else f" but {kept} locked") * bool(kept)
+            words = "all"
+        return words + f" but {kept} locked" * bool(kept)
 
     def _chosen_ids(self) -> tuple[str, ...] | None:
         """The selection, else the guided agents, if the bar says so; None for all."""

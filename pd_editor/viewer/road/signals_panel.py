@@ -57,7 +57,8 @@ class SignalsPanel:
         set_property(self._remove, "disabled", not scenario.signals)
         if scenario.signals:
             self._text.show(
-                "", "With nothing selected, click a stop line to give its lane green."
+                "",
+                "With nothing selected, click a stop line to give its lane green for the whole time.",
             )
         elif has_some:
             self._text.show("", "No signals: who waits is the model's choice.")

@@ -371,7 +371,7 @@ class Workspace:
         offered, self.continuation = self.continuation, None
         if offered is None:
             return
-        exported = self.session.base
+        exported, card = self.session.base, self._opened_card()
         base = open_base(offered.recipe.base, offered.source)
         session = EditorSession.from_recipe(
             offered.recipe, base, journal=self.shelf.new_journal()
@@ -380,7 +380,10 @@ class Workspace:
         self._exchange(session)
         if is_same or exported.provenance.file_format:
             # What other formats cannot say differs.
-            self.session.mark_exported(ExportMark(name=offered.recipe.result_id))
+            # One of the library is its entry.
+            saved_at = None if card is None else card.saved_at
+            name = offered.recipe.result_id
+            self.session.mark_exported(ExportMark(name=name, saved_at=saved_at))
         else:
             self.tell(
                 "The result differs from the export",

@@ -587,6 +587,26 @@ def test_what_was_opened_from_the_library_is_no_second_time_saved(tabs):
     assert other.tab.workspace.library.card("kept").row.tags == ("merge",)
 
 
+def test_edits_of_the_library_that_are_continued_are_no_second_time_saved(tabs):
+    """Saving them made a copy, although they were the entry's."""
+    tab, other = tabs
+    drive(tab, 3.0)
+    star(tab, name="kept")
+    other.choose("library", "kept", "open")
+    until(lambda: other.session.scenario.scenario_id == "kept")
+    other.run(other.tab.workspace.continue_export)
+    assert len(other.session.entries) == 1
+    other.press("Save to library")
+    assert other.notices[-1] == IS_KEPT
+    other.type("Note", "slow")
+    other.press("Save to library")
+    assert other.notices[-1][0] == "Updated in the library: kept"
+    assert listed(other) == ["kept"]
+    drive(other, 6.0)
+    other.press("Save to library")
+    assert sorted(listed(other)) == ["kept", "kept-2"]
+
+
 def test_what_is_put_back_gets_a_free_name_where_its_own_is_taken(tabs):
     """Another one had to be renamed by hand first."""
     tab, other = tabs

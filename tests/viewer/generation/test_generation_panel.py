@@ -459,6 +459,20 @@ def test_locks_of_beginnings_and_states_keep_no_trajectory(tab):
         assert targets(tab) == [label, "Resample all but 1 locked"]
 
 
+def test_of_a_selection_those_are_counted_that_are_not_locked(tab):
+    """The verb was cut to "R..." before "2 agents but 2 locked"."""
+    for names, label in (
+        ((), "Regenerate 2 agents"),
+        (("101",), "Regenerate 1 of 2 agents"),
+        (("100", "101"), "Regenerate 2 locked"),
+    ):
+        if names:
+            command = SetLocks(agent_ids=names, lock=Lock())
+            tab.run(lambda command=command: tab.session.apply(command))
+        tab.run(lambda: tab.session.select(("100", "101")))
+        assert targets(tab)[0] == label
+
+
 def test_guidance_that_was_run_is_no_problem_of_a_later_run_without_its_agent(tab):
     """It was said to have no effect, beside a chip that knew of nothing to be run."""
     at = tab.session.scenario.agents.position_m[0, tab.session.scenario.current_step]

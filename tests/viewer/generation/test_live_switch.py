@@ -129,6 +129,20 @@ def test_a_gesture_becomes_one_entry_with_the_reaction(tab: FakeTab):
     assert tab.session.scenario is before
 
 
+def test_who_reacts_is_not_said_to_be_locked(tab: FakeTab):
+    """While the only one was dragged, its own reaction was taken for what the edit sets."""
+    generate(tab)
+    first, second = tab.session.scenario.agents.ids
+    lock = SetLocks(agent_ids=(second,), lock=TRAJECTORY_LOCK)
+    tab.run(lambda: tab.ui.apply(lock))
+    before = tab.session.scenario
+    move(tab, first, 1.0)
+    until(lambda: retimed_ids(before, tab.session.scenario))
+    tab.run(tab.elements.generation.show)
+    assert "Nothing reacts" not in tab.shown("run")["text"]
+    tab.run(tab.ui.end_gesture)
+
+
 def test_while_the_reaction_is_awaited_another_edit_commits_what_is_shown(
     tab: FakeTab, drift: DriftGenerator
 ):
