@@ -16,7 +16,6 @@ from pd_editor.analysis.metrics.lanes import OFF_LANE_M, nearest_edge
 from pd_editor.analysis.metrics.scene_metrics import agent_values, sample_values
 from pd_editor.analysis.metrics.traffic_view import TrafficView, recorded_traffic
 from pd_editor.analysis.metrics.values import METRICS, MetricValues
-from pd_editor.base.regular_file import unwritable
 from pd_editor.editor.scenario_store import scene_part
 from pd_editor.experiments.evaluation.evaluation_task import (
     DRIVING,
@@ -350,17 +349,16 @@ class RowsFolder(ResumableFolder):
         )
         reasons = {key: failure.reason for key, failure in failed.items()}
         finished: dict[str, SceneRows] = {}
-        try:
-            with pq.ParquetWriter(self.rows_path, self.schema) as writer:
-                for key in items:
-                    rows = None if key in reasons else self.load(key)
-                    if rows is None:
-                        reasons.setdefault(key, "Its finished file cannot be read.")
-                        continue
-                    writer.write_table(rows.table)
-                    finished[key] = replace(rows, table=self.schema.empty_table())
-        except OSError as error:
-            raise unwritable(self.rows_path, error) from error
+        sink = pa.BufferOutputStream()
+        with pq.ParquetWriter(sink, self.schema) as writer:
+            for key in items:
+                rows = None if key in reasons else self.load(key)
+                if rows is None:
+                    reasons.setdefault(key, "Its finished file cannot be read.")
+                    continue
+                writer.write_table(rows.table)
+                finished[key] = replace(rows, table=self.schema.empty_table())
+        self.write(self.rows_path.name, sink.getvalue().to_pybytes())
         return RunResults(
             rows_path=self.rows_path,
             finished=finished,

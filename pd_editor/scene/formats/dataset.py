@@ -333,7 +333,9 @@ def _scenario_folders(folder: Path, depth: int) -> Iterator[_Found | Path]:
     if is_scene or (scenes and (depth == MAX_DEPTH or not folders)):
         return
     if depth == MAX_DEPTH or not folders:
-        yield folder
+        # What else holds files, such as records beside scenes, is no broken scenario.
+        if not files or any(map(is_map_name, files)):
+            yield folder
     else:
         for name in folders:
             yield from _scenario_folders(folder / name, depth + 1)

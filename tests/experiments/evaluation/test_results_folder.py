@@ -1,11 +1,16 @@
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
+import pytest
+
+from pd_editor.experiments.evaluation.method import TrialItem
 from pd_editor.experiments.evaluation.scene_rows import (
     ROW_SCHEMA,
     RowsFolder,
     SceneRows,
 )
+from tests.experiments.synthesis.serial_engine import SerialEngine
 
 EMPTY = SceneRows(table=ROW_SCHEMA.empty_table(), model_sha256={"m": "1"})
 
@@ -37,3 +42,19 @@ def test_a_damaged_file_counts_as_not_finished(tmp_path):
     path.write_bytes(path.read_bytes()[:-9])
     assert folder.load("a/none") is None
     assert folder.finished({"a/none": 0}) == frozenset()
+
+
+def test_all_rows_are_written_in_one_step(tmp_path, monkeypatch):
+    """A kill, or a full disk, left the beginning of the file under its name."""
+    folder = opened(tmp_path)
+    folder.rows_path.write_bytes(b"of before")
+
+    def interrupted(key: str, *, with_rows: bool = True) -> None:
+        if with_rows:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(folder, "load", interrupted)
+    item = Mock(spec=TrialItem)
+    with pytest.raises(KeyboardInterrupt):
+        folder.run(lambda _: EMPTY, {"a/none": item}, SerialEngine())
+    assert folder.rows_path.read_bytes() == b"of before"

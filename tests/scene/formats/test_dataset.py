@@ -125,6 +125,9 @@ def test_incomplete_and_damaged_folders_are_counted(root: Path) -> None:
     (root / "train" / "a2" / "scenario_a2.parquet").write_bytes(b"damaged")
     (root / "val" / "empty").mkdir()
     (root / "readme.txt").write_text("")
+    # What the program itself writes beside scenes is no broken scene.
+    (root / "finished").mkdir()
+    (root / "finished" / "network-1.json").write_text("{}")
     index = DatasetIndex(root)
     assert ids(index.filter()) == [f"a{number}" for number in range(3, 10)]
     assert index.num_skipped == 4

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
+from pd_editor.base.plain_text import number_of
 from pd_editor.experiments.evaluation.evaluation import (
     EvaluationPlan,
     EvaluationSplits,
@@ -234,8 +235,8 @@ def _words(plan: EvaluationPlan, record: RunRecord, found: Findings) -> tuple[st
         )
     if record.num_skipped_folders:
         words.append(
-            f"{record.num_skipped_folders} folders lack a file or cannot be read, and "
-            "were left out."
+            "Left out, for a file is missing or cannot be read: "
+            f"{number_of(record.num_skipped_folders, 'folder')}."
         )
     lost = [
         f"{method} has {num} of {most} scenes"

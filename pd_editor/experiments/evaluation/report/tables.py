@@ -101,14 +101,15 @@ def difference_tables(summary: Summary) -> list[ReportTable]:
         for m, method in enumerate(summary.methods):
             if method == GROUND_TRUTH or not summary.num_agents[m, w, g]:
                 continue
-            differences = [
-                (summary.statistics[name].difference, unit_of(name))
-                for name in COMPARED
-            ]
+            found = [(summary.statistics[name], unit_of(name)) for name in COMPARED]
             yield (
                 method,
-                str(summary.statistics[COMPARED[0]].num_pairs[m, w, g]),
-                *(one.cell((m, w, g), unit, signed=True) for one, unit in differences),
+                # Not all have all metrics: pedestrians have no lane.
+                str(max(one.num_pairs[m, w, g] for one, _ in found)),
+                *(
+                    one.difference.cell((m, w, g), unit, signed=True)
+                    for one, unit in found
+                ),
             )
 
     header = ("method", "pairs", *map(named, COMPARED))

@@ -4,6 +4,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pd_editor.analysis.metrics.values import METRICS
@@ -18,7 +19,13 @@ from pd_editor.experiments.evaluation.evaluation import (
     splits_of,
 )
 from pd_editor.experiments.evaluation.report.sections import Findings, report_of
-from pd_editor.experiments.evaluation.report.tables import SHOWN, figures_of, named
+from pd_editor.experiments.evaluation.report.tables import (
+    COMPARED,
+    SHOWN,
+    difference_tables,
+    figures_of,
+    named,
+)
 from pd_editor.experiments.evaluation.scene_rows import METRIC_COLUMNS
 from pd_editor.experiments.evaluation.summary import Summary, summarise
 from tests.experiments.evaluation.small_dataset import OneByOne, plan_for, write_dataset
@@ -134,13 +141,24 @@ def test_failures_and_left_out_scenes_are_said(found):
     text = report.markdown()
     for words in (
         "2 scenes have no logged future",
-        "4 folders lack a file",
+        "cannot be read: 4 folders.",
         "40 times sideways, 1 times the whole scene",
         "s\\|1",
         "And 11 more.",
     ):
         assert words in text
     assert "Broken &lt;map&gt;." in report.html()
+
+
+def test_what_has_a_difference_has_pairs(found):
+    """Pedestrians, which have no lane, had 0 pairs beside their differences."""
+    summary = found[2].summary
+    off_lane = summary.statistics[COMPARED[0]]
+    none = replace(off_lane, num_pairs=np.zeros_like(off_lane.num_pairs))
+    statistics = {**summary.statistics, COMPARED[0]: none}
+    tables = difference_tables(replace(summary, statistics=statistics))
+    assert tables
+    assert all(int(row[1]) > 0 for table in tables for row in table.rows)
 
 
 def test_the_page_is_whole_and_needs_nothing_else(found):
