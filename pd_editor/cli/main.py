@@ -217,7 +217,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand and print its result.
 
     Returns:
-        The exit code: 0 done, 2 the user's input was wrong (message on stderr). A bug
+        The exit code: 0 done, 2 the user's input was wrong (message on stderr), 130
+        interrupted. A bug
         raises, and so exits with 1 and a traceback.
     """
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -267,6 +268,8 @@ def _answered(words: list[str]) -> int:
         if not failure.is_users:
             sys.stderr.write(failure.traceback)
         sys.stderr.write(f"pd-editor: {place}{failure.reason}\n")
+    if getattr(outcome, "is_stopped", False):
+        return 130
     is_bug = any(not failure.is_users for failure in failures.values())
     return 1 if is_bug else 2 * bool(failures)
 

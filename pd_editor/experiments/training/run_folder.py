@@ -1,6 +1,7 @@
 """Folder of a training run (configuration, log, checkpoint and model), and its result."""
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,9 +137,11 @@ class Training:
 
     def __str__(self) -> str:
         """The model's folder, then remarks."""
+        loss = self.held_out_loss
+        held_out = "" if math.isnan(loss) else f"; held-out loss {loss:.4f}"
         remarks = [
             f"{self.steps} steps in {self.minutes:.1f} minutes on {self.num_scenes} "
-            f"scenes; held-out loss {self.held_out_loss:.4f}."
+            f"scenes{held_out}."
         ]
         if self.num_left_out:
             remarks.append(f"{self.num_left_out} scenarios or files were left out.")
