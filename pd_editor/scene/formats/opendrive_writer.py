@@ -26,7 +26,7 @@ from pd_editor.scene.formats.openscenario import (
 from pd_editor.scene.formats.scene_format import IDS_NAME, WrittenScene, losses_of
 from pd_editor.scene.formats.xml_file import EDITOR, added, as_file
 from pd_editor.scene.geometry.angles import heading_of, left_of, unit_vector, wrap_angle
-from pd_editor.scene.geometry.polyline import arc_length, without_repeats
+from pd_editor.scene.geometry.polyline import arc_length, midline, without_repeats
 from pd_editor.scene.road_map import Lane, LaneKind, LaneMark, RoadMap
 from pd_editor.scene.scenario import EGO_ID, Scenario
 
@@ -346,7 +346,7 @@ def _roads(road_map: RoadMap) -> dict[int, _Road]:
 
 
 def _groups(
-    road_map: RoadMap, lines: Mapping[int, Float[np.ndarray, "_ 3"]]
+    road_map: RoadMap, lines: Mapping[int, Float[np.ndarray, "_ 2"]]
 ) -> Iterator[tuple[int, ...]]:
     """Ids of lanes, from left to right, that may be one road."""
     for ids in road_map.lane_groups:
@@ -359,7 +359,7 @@ def _groups(
         yield tuple(group)
 
 
-def _end_alike(lines: Sequence[Float[np.ndarray, "_ 3"]]) -> bool:
+def _end_alike(lines: Sequence[Float[np.ndarray, "_ 2"]]) -> bool:
     """Whether lanes end on a line that is not too much askew, at both ends."""
     for end in (0, 1):
         across = _across(lines, end)
@@ -387,16 +387,16 @@ def _direction(step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
 
 def _fitted(
     road_map: RoadMap,
-    lines: Mapping[int, Float[np.ndarray, "_ 3"]],
+    lines: Mapping[int, Float[np.ndarray, "_ 2"]],
     lane_ids: tuple[int, ...],
     headings: Sequence[float | None],
 ) -> _Road | None:
     """A road of lanes; None if it would move any of them."""
-    centers = [lines[one][:, :2] for one in lane_ids]
+    centers = [lines[one] for one in lane_ids]
     lanes = [road_map.lane_of[one] for one in lane_ids]
     middle, is_single = lines[lane_ids[len(lanes) // 2]], len(lanes) == 1
     for away_m, *most in _SHAPES if is_single else _SHAPES[:-1]:
-        line = shapely.simplify(shapely.LineString(middle[:, :2]), away_m)
+        line = shapely.simplify(shapely.LineString(middle), away_m)
         line = _turned(shapely.get_coordinates(line), headings, *most)
         pieces = _pieces(line, 4 * away_m)
         s, place = _stations(pieces)
@@ -418,8 +418,11 @@ def _fitted(
             and max(gaps) < _MOST_GAP_M
         )
         if is_right or (is_single and away_m == _SAME_LINE_M):
-            way = arc_length(middle[:, :2])
-            height = np.interp(s * way[-1] / s[-1], way, middle[:, 2])
+            # Center lines of Argoverse 2 are at height 0, whatever their boundaries are.
+            bounds = lanes[len(lanes) // 2]
+            between = midline(bounds.left, bounds.right)
+            way = arc_length(between[:, :2])
+            height = np.interp(s * way[-1] / s[-1], way, between[:, 2])
             return _Road(lane_ids, pieces, s, border, height)
     return None
 
@@ -461,14 +464,14 @@ def _borders(
     return border + sign * share.mean(axis=1, keepdims=True)
 
 
-def _center(lane: Lane) -> Float[np.ndarray, "N 3"]:
+def _center(lane: Lane) -> Float[np.ndarray, "N 2"]:
     line = without_repeats(lane.centerline[:, :2])
     if len(line) < 2:
         raise ExportError(
             f"Lane {lane.lane_id} has no length; a road of OpenDRIVE needs one."
         )
-    kept = shapely.simplify(shapely.LineString(lane.centerline), _SAME_LINE_M)
-    return shapely.get_coordinates(kept, include_z=True)
+    kept = shapely.simplify(shapely.LineString(lane.centerline_m), _SAME_LINE_M)
+    return shapely.get_coordinates(kept)
 
 
 def _turned(

@@ -30,7 +30,12 @@ from pd_editor.scene.road_map import Lane, RoadMap
 from pd_editor.scene.road_warp import DEFAULT_LENGTH_M, WARP_KINDS, RoadWarp, WarpTerm
 from pd_editor.scene.scenario import EGO_ID, Scenario
 from pd_editor.scene.signals import Signal
-from tests.builders import straight_lane, two_agents_that_pass
+from tests.builders import (
+    scenario_with,
+    straight_drivers,
+    straight_lane,
+    two_agents_that_pass,
+)
 from tests.oracles.environment import Oracle
 from tests.scene.formats.agreement import Worst
 
@@ -365,6 +370,24 @@ def test_roads_alone_are_written_without_agents_and_told_losses(tmp_path: Path):
     assert [Path(name).suffix for name in files] == [".xodr", ".csv"]
     assert write(bare).files == files
     assert any(" neighbours" in loss for loss in write(scenario).losses)
+
+
+def test_heights_are_those_of_the_boundaries(tmp_path: Path):
+    """Argoverse 2 has center lines at height 0: all roads were there, and nobody was told."""
+    scene = scenario_with(straight_drivers([(0.0, 0.0, 0.0, 5.0)]))
+    lanes = tuple(
+        replace(
+            one,
+            left=one.left + np.outer(one.left[:, 0], [0.0, 0.0, 0.02]),
+            right=one.right + np.outer(one.right[:, 0], [0.0, 0.0, 0.02]),
+        )
+        for one in scene.road_map.lanes
+    )
+    scene = replace(scene, road_map=replace(scene.road_map, lanes=lanes))
+    found = open_scenario(written(scene, tmp_path))
+    for one in found.road_map.lanes:
+        place = one.left[:, 0] + (found.origin_city_m - scene.origin_city_m)[0]
+        np.testing.assert_allclose(one.left[:, 2], 0.02 * place, atol=0.02)
 
 
 def test_lights_of_one_signal_stay_one_without_agents(tmp_path: Path):
