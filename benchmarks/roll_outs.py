@@ -197,6 +197,7 @@ def misses(scenario: Scenario, terms: tuple[GoalPoint, ...]) -> list[float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--split", default="val")
+    parser.add_argument("--data", type=Path, nargs="+", help="scenes, not of a split")
     parser.add_argument("--scenes", type=int, default=12)
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--signals", action="store_true", help="sample phases")
@@ -204,13 +205,13 @@ def main() -> None:
     parser.add_argument("--goals-at", type=float, default=15.0, help="s")
     options = parser.parse_args()
     options.goals_at = min(options.goals_at, options.seconds)
-    root = Path(os.environ["PD_EDITOR_AV2"]) / options.split
+    split = Path(os.environ["PD_EDITOR_AV2"]) / options.split
     generator = make_generator(options.model)
     parts: list[list[dict[str, float]]] = [[] for _ in range(THIRDS + 1)]
     joints, times, windows, answered, logged = [], [], [], 0, 0
     missed: list[list[float]] = [[], []]
     obeyed = np.zeros(4, int)
-    for folder in sorted(root.glob("*/"))[: options.scenes]:
+    for folder in options.data or sorted(split.glob("*/"))[: options.scenes]:
         scenario = open_scenario(folder)
         if options.signals and junctions(scenario.road_map):
             scenario = SampleSignals(seed=0).apply(scenario)

@@ -133,7 +133,7 @@ def trajectory_options(
         samples_unguided=request.reports_cost,
         num_tries=max(_num_tries(request), 1),
         seed=request.scene_seed,
-        drift=request.drift.place if request.drift else 0.0,
+        drift=request.drift.place if request.drift else None,
     )
 
 

@@ -64,7 +64,7 @@ TRAJECTORIES: Final = StageKind(
         "guidance": TrajectoryGuidance,
         "terms": TermGuidance,
     },
-    earlier_sampling={"sampler": {"waiting_mps": 0.0}},
+    earlier_sampling={"sampler": {"waiting_mps": 0.0, "noise_mean_per_mps": 0.0}},
     former_sampling={
         "sampler": {"eta": 0.0, "standing_noise": 1.0},
         "guidance": {"standing_first_level": 0.35},

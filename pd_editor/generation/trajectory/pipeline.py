@@ -71,8 +71,8 @@ class TrajectoryOptions:
     num_tries: int = 1
     """Trajectories sampled per sample, from which the least colliding ones are selected."""
     seed: int = 0
-    drift: float = 0.0
-    """Place of the noise on its way from one seed to the next ones."""
+    drift: float | None = None
+    """Place, in a roll-out, of the noise on its way from one seed to the next ones."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,10 +176,12 @@ class TrajectorySampling:
         self, numbers: Sequence[int], known: KnownNoise | None, num_tries: int = 1
     ) -> TrajectoryNoise:
         """Random numbers of samples."""
+        drift, sampler = self.options.drift, self.options.sampler
         return TrajectoryNoise(
             samples=numbers,
             seed=self.options.seed,
-            drift=self.options.drift,
+            drift=drift or 0.0,
+            mean_per_mps=0.0 if drift is None else sampler.noise_mean_per_mps,
             num_tries=num_tries,
             known=known,
             rows=self.task.kept_rows,

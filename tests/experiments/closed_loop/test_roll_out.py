@@ -36,7 +36,12 @@ from pd_editor.scene.policy import Controls, Plan
 from pd_editor.scene.road_map import RoadMap
 from pd_editor.scene.thresholds import MOVED_M
 from pd_editor.scene.traffic_sample import TrafficSample
-from tests.builders import LANE_WIDTH_M, scenario_with, straight_drivers
+from tests.builders import (
+    LANE_WIDTH_M,
+    scenario_with,
+    straight_drivers,
+    straight_lane,
+)
 
 JUNCTION = "signalised-junction"
 
@@ -488,6 +493,28 @@ def test_who_waits_on_free_road_starts():
 
     in_roll_out = share(replace(asked, drift=NoiseDrift(ids=ids, place=0.0)))
     assert in_roll_out > 1.2 * share(asked)
+
+
+def test_traffic_of_a_motorway_keeps_its_speed():
+    """Windows slowed it down one after the other, to the speeds of a city."""
+    starts = np.arange(-100.0, 600.0, 50.0).tolist()
+    road = RoadMap(
+        lanes=tuple(
+            straight_lane(
+                3 * part + side,
+                (x, side * LANE_WIDTH_M),
+                (x + 50.0, side * LANE_WIDTH_M),
+                successors=(3 * part + 3 + side,) * (x < starts[-1]),
+            )
+            for part, x in enumerate(starts)
+            for side in range(3)
+        )
+    )
+    places = [(35.0 * n - 80.0, n % 3 * LANE_WIDTH_M, 0.0, 20.0) for n in range(8)]
+    scene = scenario_with(straight_drivers(places), road)
+    found = rolled(scene, model="path-diffuser", duration_s=15.0, keeps_density=False)
+    agents, last = found.scenario.agents, scene.current_step + 150
+    assert agents.speed_mps()[agents.is_valid[:, last], last].mean() > 18.5
 
 
 def test_locked_tracks_are_replayed(junction):
