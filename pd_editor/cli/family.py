@@ -73,11 +73,11 @@ def family(options: FamilyOptions) -> Outcome:
     on = all_scenes(options.on, out)
     numbers = varied_numbers(recipe, texts, adds=adds) if texts or not on else ()
     values = list(members(numbers, options.num if numbers else 1, options.seed))
-    whole = Path(options.out) / f"{recipe.result_id}-family"
-    table, page = (whole.with_name(f"{whole.name}.{one}") for one in ("csv", "html"))
+    name = family_name(recipe, numbers)
+    page = Path(options.out) / f"{name}-family.html"
+    table = page.with_name(f"{name}-family.csv")
     refuse_existing(table, overwrite=options.overwrite)
-    plans = planned(family_name(recipe, numbers), values, on)
-    count = len(plans)
+    plans = planned(name, values, on)
     for plan in plans:
         check_free(options.out, plan.name, opened, overwrite=options.overwrite)
     made: list[tuple[Path, Member]] = []
@@ -91,7 +91,7 @@ def family(options: FamilyOptions) -> Outcome:
                 failures[plan.in_words] = one
             else:
                 made.append(one)
-            line.show(f"{number} of {count} variants")
+            line.show(f"{number} of {len(plans)} variants")
     except KeyboardInterrupt as error:
         # What is made by then is told all the same.
         interrupt = error
@@ -113,7 +113,7 @@ def family(options: FamilyOptions) -> Outcome:
         folders=(*(folder for folder, _ in made), table, page),
         scenarios=scenes,
         remarks=(
-            f"{len(made)} of {count} variants, {num_whole} without problems.",
+            f"{len(made)} of {len(plans)} variants, {num_whole} without problems.",
             *left_out_in_words(one.left_out for _, one in made),
         ),
         failures=failures,
