@@ -18,6 +18,7 @@ from pd_editor.base.errors import InputError, PdEditorError
 from pd_editor.base.installed_files import demo_names
 from pd_editor.base.plain_text import number_of, one_line
 from pd_editor.base.regular_file import state_folder
+from pd_editor.cli.edit import check_address
 from pd_editor.cli.options import OptionalFolder
 from pd_editor.experiments.work_engine.work_engine import WorkFailure, failure_of
 
@@ -126,10 +127,10 @@ def _disk(state: Path | None) -> str:
 
 
 def _port(port: int) -> str:
+    check_address("127.0.0.1", port)
     with socket.socket() as probe:
-        if probe.connect_ex(("127.0.0.1", port)) == 0:
-            return f"{port} is taken; the editor takes the next free one"
-    return f"{port} is free"
+        is_taken = probe.connect_ex(("127.0.0.1", port)) == 0
+    return f"{port} is {'taken; the editor takes the next free one' if is_taken else 'free'}"
 
 
 def _browser() -> str:

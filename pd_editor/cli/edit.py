@@ -62,7 +62,7 @@ def edit(options: EditOptions) -> None:
     """Start the browser editor, print its address, and serve until interrupted."""
     if options.token and options.no_token:
         raise InputError("--token and --no-token exclude each other.")
-    _check_address(options.host, options.port)
+    check_address(options.host, options.port)
     for folder in (options.library, options.state):
         if folder is not None and os.path.exists(folder) and not os.path.isdir(folder):
             raise InputError(f"{folder}: is a file; expected a folder.")
@@ -110,7 +110,7 @@ def _tell_address(app: "ViewerApp", options: EditOptions) -> None:
         )
 
 
-def _check_address(host: str, port: int) -> None:
+def check_address(host: str, port: int) -> None:
     """Raise for an address that this machine cannot listen on."""
     if not 1 <= port <= 65535:
         raise InputError(f"Port {port} is outside 1..65535.")

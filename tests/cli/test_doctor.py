@@ -51,3 +51,9 @@ def test_each_fault_is_a_sentence_and_the_rest_is_looked_at(
     assert "no-such-package is missing" in faults[0]
     assert "cannot be written to" in faults[1]
     assert "no-such-demo" in faults[2]
+
+
+def test_a_port_that_is_none_is_told_in_a_sentence(capsys):
+    """It was a traceback."""
+    assert main(["doctor", "--port", "99999"]) == 2
+    assert "Port 99999 is outside 1..65535." in capsys.readouterr().err
