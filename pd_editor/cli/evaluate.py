@@ -205,13 +205,14 @@ def evaluate(options: EvaluateOptions) -> Evaluation:
         **options.scope(),
     )
     choice, found = options.choice, options.found(plan.data, plan.limit)
+    splits = splits_of(plan, found)
     with choice.engine() as runner:
         folder = plan.folder(Path(options.out), resume=options.resume)
         record = run_evaluation(
             plan, found, folder, runner, on_progress=work_shown("scenes on roads")
         )
     command = command_line("evaluate", replace(options, resume=False))
-    return _reported(plan, splits_of(plan, found), folder, record, command)
+    return _reported(plan, splits, folder, record, command)
 
 
 def _reported(

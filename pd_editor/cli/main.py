@@ -244,6 +244,12 @@ def _answered(words: list[str]) -> int:
         sys.stdout.write(f"pd-editor {version('pd-editor')}\n")
         return 0
     try:
+        # Shells leave the home folder to the command in --out=~/here.
+        told = [re.match(r"(--[\w-]+=)(~(?:/.*)?)$", one, re.DOTALL) for one in words]
+        words = [
+            one if path is None else path[1] + os.path.expanduser(path[2])
+            for one, path in zip(words, told, strict=True)
+        ]
         outcome = _run(_without_formats(words))
     except PdEditorError as error:
         sys.stderr.write(f"pd-editor: {error}\n")

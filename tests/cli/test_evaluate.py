@@ -196,6 +196,7 @@ def test_scenes_without_a_future(shell: Shell, data: Path, tmp_path: Path):
         ("--data nowhere", "no such dataset folder"),
         ("--data .", "no Argoverse 2 scenario"),
         ("--out taken", "cannot be written"),
+        ("--development trian", "No scene is of the development split trian; the"),
     ],
 )
 def test_bad_input_is_refused_and_leaves_nothing(

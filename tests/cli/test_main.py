@@ -257,3 +257,14 @@ def test_no_path_is_a_bug(shell: Shell, odd_paths, tmp_path, monkeypatch, line: 
         result = shell.run(*words)
         assert result.code == 2, (what, result)
         assert result.err.count("\n") == 1, (what, result.err)
+
+
+def test_a_home_folder_after_an_equals_sign_is_that_of_the_user(
+    shell: Shell, tmp_path, monkeypatch
+):
+    """Shells expand it in front of a word only; a folder named ~ was made."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    shell.run("export", "roundabout", "--out=~/made")
+    assert (tmp_path / "home" / "made" / "roundabout").is_dir()
+    assert not (tmp_path / "~").exists()

@@ -150,8 +150,18 @@ class EvaluationSplits:
 
 
 def splits_of(plan: EvaluationPlan, found: FoundScenes) -> EvaluationSplits:
-    """Divide the splits of the scenes into held-out and development splits."""
+    """Divide the splits of the scenes into held-out and development splits.
+
+    Raises:
+        InputError: none of the asked splits is there, so that all would be held out.
+    """
     names = tuple(dict.fromkeys(scene.split for scene in found.scenes))
+    asked = plan.development
+    if asked not in ((), EvaluationPlan.development) and not set(asked) & set(names):
+        raise InputError(
+            f"No scene is of the development split {' or '.join(asked)}; the splits are "
+            f"{', '.join(names)}."
+        )
     return EvaluationSplits(
         held_out=tuple(name for name in names if name not in plan.development),
         development=tuple(name for name in names if name in plan.development),
