@@ -60,6 +60,7 @@ def test_a_first_day_begins_with_pictures_and_keys(open_editor):
     expect(page.locator("[aria-current=true]", has_text="roundabout")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_a_reload_keeps_the_page_and_escape_leaves_it(open_editor):
     editor = open_editor(reference=None)
     page = editor.page

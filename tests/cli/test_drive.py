@@ -3,6 +3,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import pd_editor
 from pd_editor.cli.output import read_plans
@@ -59,6 +60,7 @@ def test_policies_drive_and_are_scored(shell: Shell, tmp_path: Path, monkeypatch
         np.testing.assert_allclose(line[:6], track[at : at + 6], atol=0.02)
 
 
+@pytest.mark.slow
 def test_films_of_drives_show_the_plans(shell: Shell, tmp_path: Path):
     options = ("--seconds", 1, "--model", "lane-follower", "--out", tmp_path)
     drive = ("drive", JUNCTION, "--policies", "constant-velocity", *options)

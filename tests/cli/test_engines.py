@@ -63,6 +63,7 @@ def results_of(command: str, out: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_results_on_ray_are_those_of_processes(
     shell: Shell, ray: FakeRay, data: Path, tmp_path: Path, command: str
@@ -100,6 +101,7 @@ def driven(shell: Shell, out: Path, *options: object) -> dict[str, bytes]:
     return {name: data for name, data in files.items() if "report." not in name}
 
 
+@pytest.mark.slow
 def test_drives_on_ray_are_those_of_processes(
     shell: Shell, ray: FakeRay, tmp_path: Path
 ):

@@ -284,6 +284,7 @@ class Hangs(DriftGenerator):
 """
 
 
+@pytest.mark.slow
 def test_a_generator_of_ones_own_is_judged_and_one_that_hangs_fails_alone(
     shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

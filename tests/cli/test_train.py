@@ -387,6 +387,7 @@ def test_a_run_starts_from_a_model_and_keeps_its_basis(
     assert resumed.steps == 2
 
 
+@pytest.mark.slow
 def test_one_command_makes_a_model_of_ones_own_recordings(
     runs: Path, cache: Path, tmp_path: Path, av2_scenario_folders: list[Path]
 ):

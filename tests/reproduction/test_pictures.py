@@ -1,3 +1,5 @@
+import pytest
+
 from pd_editor.base.errors import GenerationError
 from pd_editor.base.installed_files import demo_folder
 from pd_editor.scene.av2_io.read import read_scenario
@@ -20,6 +22,7 @@ def trained(system: str, *stages: str) -> Trained:
     return Trained(system=system, seed=0, method=system, stages=stages)
 
 
+@pytest.mark.slow
 def test_each_figure_is_drawn_in_both_formats_or_says_why_not():
     book = PictureBook(
         scenario=read_scenario(demo_folder("roundabout")),

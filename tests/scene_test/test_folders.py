@@ -58,6 +58,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return one, other
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_the_auc_is_that_of_the_product_on_real_scenes(av2_root: Path, tmp_path: Path):
     names = sorted(one.name for one in (av2_root / "val").iterdir())[:4]

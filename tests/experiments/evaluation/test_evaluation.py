@@ -39,6 +39,7 @@ def run(plan, out: Path, engine=None, *, resume=False):
     return record, (out / ROWS_NAME).read_bytes()
 
 
+@pytest.mark.slow
 def test_rows_do_not_depend_on_the_workers(root, tmp_path):
     plan = plan_for(root, *NAMES, warps=WARPS)
     record, rows = run(plan, tmp_path / "here")

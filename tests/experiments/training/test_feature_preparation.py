@@ -105,6 +105,7 @@ def test_features_are_prepared_and_read(shards, av2_copy, basis, tmp_path, monke
         assert np.allclose(one, two, rtol=2e-3, atol=2e-3), field.name
 
 
+@pytest.mark.slow
 def test_a_stopped_preparation_goes_on(shards, basis, tmp_path, monkeypatch):
     monkeypatch.setattr(scenario_dataset, "PART_SIZE", 2)
     whole = prepare_features([shards], tmp_path / "a", basis, workers=1)
@@ -178,6 +179,7 @@ def test_what_is_no_root_is_refused(tmp_path, basis):
         open_roots([tmp_path])
 
 
+@pytest.mark.slow
 def test_a_root_of_damaged_scenarios_only_is_refused(av2_copy, basis, tmp_path):
     (damaged,) = [
         path.parent for path in av2_copy.glob("*/*.json") if path.read_text() == "{}"
@@ -190,6 +192,7 @@ def test_a_root_of_damaged_scenarios_only_is_refused(av2_copy, basis, tmp_path):
         fit_basis([root], workers=1)
 
 
+@pytest.mark.slow
 def test_simulated_scenes_in_which_too_many_crawl_are_left_out(
     shards, av2_copy, basis, tmp_path
 ):

@@ -32,6 +32,7 @@ def prepared(shards, tmp_path_factory):
     return prepared_data([shards], tmp_path_factory.mktemp("cache"), workers=1)
 
 
+@pytest.mark.slow
 def test_a_second_run_finds_what_the_first_has_prepared(shards, tmp_path):
     first = prepared_data([shards], tmp_path, workers=1)
     calls = []
@@ -43,6 +44,7 @@ def test_a_second_run_finds_what_the_first_has_prepared(shards, tmp_path):
     assert second.num_left_out == 0
 
 
+@pytest.mark.slow
 def test_other_data_has_another_place(shards, tmp_path):
     first = prepared_data([shards], tmp_path, workers=1)
     second = prepared_data([shards, shards], tmp_path, workers=1)
@@ -89,6 +91,7 @@ def test_every_scene_is_trained_on_or_held_out(prepared):
     assert batch.num_scenes == 3
 
 
+@pytest.mark.slow
 def test_a_root_with_too_few_scenes_is_refused(tmp_path):
     recording = drive()
     windows = choose_windows(recording, seed=3, num_windows=2)

@@ -236,6 +236,7 @@ def test_a_map_alone_is_drawn_where_it_has_a_road():
     assert np.hypot(*middle_of(empty, "")) == pytest.approx(300, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", LOOKS)
 def test_a_scene_without_agents_or_road_is_drawn(ending: str):
     scenario = short(steps=2)
