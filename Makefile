@@ -26,7 +26,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/pyright --threads 2 --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/ratchet.py
 	$(BIN)/python .ci/client.py
