@@ -218,8 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Returns:
         The exit code: 0 done, 2 the user's input was wrong (message on stderr), 130
-        interrupted. A bug
-        raises, and so exits with 1 and a traceback.
+        interrupted. A bug raises, and so exits with 1 and a traceback.
     """
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     out, err = _Steady(sys.stdout), _Steady(sys.stderr)
